@@ -1,0 +1,161 @@
+# mechkit: one non-recursive Makefile. `make help` lists the targets.
+#
+# Variants live beside each other in build/<variant>/: release (default), debug, asan (with UBSan),
+# tsan, cov. `make VARIANT=asan tests` builds one; the check-* targets pick theirs.
+
+VERSION := $(shell cat VERSION)
+VARIANT ?= release
+BUILD   ?= build
+B       := $(BUILD)/$(VARIANT)
+
+CC        ?= cc
+CXX       ?= c++
+AR        ?= ar
+PKGCONFIG ?= pkg-config
+PYTHON    ?= python3
+CLANG_FORMAT ?= clang-format
+CLANG_TIDY   ?= clang-tidy
+
+PREFIX     ?= /usr/local
+BINDIR     ?= $(PREFIX)/bin
+LIBDIR     ?= $(PREFIX)/lib
+INCLUDEDIR ?= $(PREFIX)/include
+DATADIR    ?= $(PREFIX)/share
+MANDIR     ?= $(DATADIR)/man
+
+# --- flags --------------------------------------------------------------------------------------
+# Warnings are errors with WERROR=1 (CI). Sign conversions are left out: counts and sizes meet in
+# every index, and the noise hides what matters.
+WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wundef -Wvla -Wformat=2 -Wcast-qual \
+          -Wpointer-arith -Wwrite-strings -Wdouble-promotion -Wconversion -Wno-sign-conversion
+CWARN  := -Wstrict-prototypes -Wmissing-prototypes
+ifeq ($(WERROR),1)
+WARN   += -Werror
+endif
+
+OPT_release := -O2 -g
+OPT_debug   := -O0 -g3
+OPT_asan    := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+OPT_tsan    := -O1 -g -fsanitize=thread
+OPT_cov     := -O0 -g --coverage
+OPT := $(OPT_$(VARIANT))
+ifeq ($(OPT),)
+$(error unknown VARIANT '$(VARIANT)': release, debug, asan, tsan or cov)
+endif
+
+# Libraries come from pkg-config; SUNDIALS 6 ships no .pc file, so it is named by hand
+# (libsundials_core exists from 7.0 on).
+PKGS := eigen3 libcjson inih zlib
+ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
+PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isystem /g')
+PKG_LIBS   := $(shell $(PKGCONFIG) --libs $(PKGS) 2>/dev/null)
+SUN_CORE   := $(shell printf 'int main(void){return 0;}' | $(CC) -x c - -o /dev/null -lsundials_core 2>/dev/null && echo -lsundials_core)
+endif
+SUN_LIBS   := -lsundials_cvode -lsundials_arkode -lsundials_nvecserial \
+              -lsundials_sunmatrixdense -lsundials_sunlinsoldense $(SUN_CORE)
+
+CPPFLAGS_ALL := -Iinclude -Isrc -D_GNU_SOURCE -DMK_VERSION='"$(VERSION)"' $(PKG_CFLAGS) $(CPPFLAGS)
+CFLAGS_ALL   := -std=c11 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CWARN) $(CFLAGS)
+CXXFLAGS_ALL := -std=c++17 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CXXFLAGS)
+LDLIBS_ALL   := $(SUN_LIBS) $(PKG_LIBS) -lm $(LDLIBS)
+
+# --- sources ------------------------------------------------------------------------------------
+LIB_DIRS := base model sim ctrl driver ident explain
+LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
+LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
+APP_C    := $(wildcard src/console/*.c)
+TEST_C   := $(wildcard tests/*.c tests/support/*.c)
+
+# The fast path is one source compiled once per instruction set and chosen when the program runs.
+ISA_SRC   := src/sim/fast_kernel.cc
+ARCH      := $(shell uname -m)
+ifeq ($(ARCH),x86_64)
+ISAS      := generic avx2 avx512
+endif
+ISAS      ?= generic
+ISA_FLAGS_generic :=
+ISA_FLAGS_avx2    := -mavx2 -mfma
+ISA_FLAGS_avx512  := -mavx512f -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512
+ISA_OBJ   := $(if $(wildcard $(ISA_SRC)),$(ISAS:%=$(B)/src/sim/fast_kernel.%.o))
+
+LIB_OBJ  := $(LIB_C:%.c=$(B)/%.o) $(LIB_CXX:%.cpp=$(B)/%.o) $(ISA_OBJ)
+APP_OBJ  := $(APP_C:%.c=$(B)/%.o)
+TEST_OBJ := $(TEST_C:%.c=$(B)/%.o)
+LIB      := $(B)/libmechkit.a
+APP      := $(B)/mechkit
+TESTS    := $(B)/mechkit-tests
+
+.PHONY: all
+all: $(BUILD)/mechkit ## build build/mechkit (default)
+
+$(BUILD)/mechkit: $(APP)
+	@ln -sf $(VARIANT)/mechkit $@
+
+$(LIB): $(LIB_OBJ)
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(APP): $(APP_OBJ) $(LIB)
+	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
+CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
+CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
+
+.PHONY: tests
+tests: $(TESTS) $(APP)
+$(TESTS): $(TEST_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
+	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(LDLIBS_ALL)
+
+$(B)/%.o: %.c
+	@mkdir -p $(@D)
+	$(CC) $(CPPFLAGS_ALL) $(CFLAGS_ALL) -MMD -MP -c -o $@ $<
+$(B)/%.o: %.cpp
+	@mkdir -p $(@D)
+	$(CXX) $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) -MMD -MP -c -o $@ $<
+$(B)/src/sim/fast_kernel.%.o: $(ISA_SRC)
+	@mkdir -p $(@D)
+	$(CXX) -x c++ $(CPPFLAGS_ALL) -DMK_ISA=$* $(CXXFLAGS_ALL) $(ISA_FLAGS_$*) -MMD -MP -c -o $@ $<
+
+# Check's macros convert freely; conversions are not errors in tests.
+$(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic
+$(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
+	-DMK_SOURCE_DIR='"$(CURDIR)"'
+
+-include $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d)
+
+# --- targets ------------------------------------------------------------------------------------
+.PHONY: deps
+deps: ## install missing packages (Debian, Ubuntu), or name them
+	@tools/deps.sh
+
+.PHONY: check check-asan check-tsan
+check: ## install what is missing, build, run the tests
+	@tools/deps.sh
+	@$(MAKE) --no-print-directory VARIANT=$(VARIANT) run-tests
+check-asan: ## the tests under AddressSanitizer and UndefinedBehaviorSanitizer
+	@$(MAKE) --no-print-directory VARIANT=asan run-tests
+check-tsan: ## the tests with threads under ThreadSanitizer
+	@$(MAKE) --no-print-directory VARIANT=tsan run-tests
+.PHONY: run-tests
+run-tests: tests
+	@tools/run-tests.sh $(TESTS) $(VARIANT)
+
+.PHONY: format format-check
+FORMAT_FILES := $(shell find include src tests tools -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
+format: ## format all sources
+	$(CLANG_FORMAT) -i $(FORMAT_FILES)
+format-check: ## fail when a source is not formatted
+	$(CLANG_FORMAT) --dry-run -Werror $(FORMAT_FILES)
+
+.PHONY: tidy
+tidy: ## clang-tidy over all sources
+	$(CLANG_TIDY) --quiet $(LIB_C) $(APP_C) -- -std=c11 $(CPPFLAGS_ALL)
+	$(CLANG_TIDY) --quiet $(LIB_CXX) -- -std=c++17 $(CPPFLAGS_ALL)
+
+.PHONY: clean
+clean: ## remove build/
+	rm -rf $(BUILD)
+
+.PHONY: help
+help: ## this list
+	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

@@ -1,0 +1,130 @@
+/* The control loop: one tick = exchange with the board, estimate speeds, check safety, step the
+ * controller, publish the sample. In real time the ticks run in a thread of their own (SCHED_FIFO
+ * and locked memory when permitted) on absolute deadlines; on a simulated clock the same ticks run
+ * in the caller's thread as fast as they go. The tick allocates, locks and prints nothing; samples
+ * leave through a ring to the writer, which is a thread in real time and the caller in simulated
+ * time.
+ *
+ * States:  idle --start--> running --halt--> idle
+ *                             |--fault--> faulted --acknowledge--> idle
+ * In every state but running the command is zero.
+ *
+ * All functions are for one host thread; none is RT.
+ */
+#ifndef MECHKIT_LOOP_H
+#define MECHKIT_LOOP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "mechkit/board.h"
+#include "mechkit/ctrl.h"
+#include "mechkit/log.h"
+#include "mechkit/safety.h"
+#include "mechkit/velocity.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MK_LOOP_RATE_MIN_HZ 100.0
+#define MK_LOOP_RATE_MAX_HZ 2000.0
+#define MK_LOOP_RATE_HZ 500.0
+
+enum mk_sample_flag {                   /* column `flags` of the log */
+                      MK_FLAG_LATE = 1, /* woke more than half a period after its deadline */
+                      MK_FLAG_OVERRUN =
+                          2, /* the deadline of the next sample had already passed: skipped ones */
+                      MK_FLAG_LOST = 4,       /* the exchange failed: no reading in this row */
+                      MK_FLAG_GAP = 8,        /* the board's sequence number jumped */
+                      MK_FLAG_SATURATED = 16, /* the wish was beyond u_max */
+                      MK_FLAG_PARAMS = 32,    /* new parameters took effect at this sample */
+                      MK_FLAG_FAULT = 64      /* a fault is latched */
+};
+
+struct mk_sample { /* one row of the log */
+    uint64_t tick;
+    double t;
+    double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS];
+    int32_t count[MK_MAX_JOINTS]; /* unwrapped */
+    double u, ref;
+    double late_us;
+    enum mk_phase phase;
+    uint32_t flags;
+};
+
+enum mk_loop_state { MK_LOOP_IDLE, MK_LOOP_RUNNING, MK_LOOP_FAULTED };
+
+struct mk_loop_config {
+    double rate_hz;
+    struct mk_velocity_config velocity; /* dt, count filled in by the loop */
+    struct mk_safety_limits limits;
+    unsigned watchdog_ms; /* default 20 */
+    int priority;         /* SCHED_FIFO priority, default 80; 0: do not ask */
+    size_t ring_samples;  /* default 8192 */
+};
+void mk_loop_config_default(const struct mk_model *model, struct mk_loop_config *out);
+
+struct mk_loop_stats {
+    uint64_t ticks, late, overruns, lost, gaps, dropped; /* dropped: ring full; 0 in a good run */
+    double late_p50_us, late_p99_us, late_p999_us, late_max_us;
+    double busy_mean_us, busy_max_us; /* time a tick takes */
+    bool realtime;                    /* SCHED_FIFO was granted */
+    bool memory_locked;
+    char note[160]; /* why not, and what to do; "" when all was granted */
+};
+
+struct mk_loop_snapshot {
+    enum mk_loop_state state;
+    struct mk_sample sample; /* the newest */
+    enum mk_fault fault;
+    double fault_t;
+    int fault_joint;
+    uint64_t ticks, late, overruns, lost;
+    double balanced_since; /* s; NAN when not balancing now */
+    double caught_t;       /* s; first time of BALANCE in this run, NAN: never */
+};
+
+struct mk_loop;
+
+/* Keeps board and ctrl (not owned). MK_ERR_RANGE (rate), MK_ERR_NOMEM. */
+MK_NODISCARD enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
+                                           const struct mk_loop_config *config,
+                                           struct mk_loop **out, struct mk_error *err);
+/* Halts first. NULL allowed. */
+void mk_loop_destroy(struct mk_loop *loop);
+
+/* Checks that the links hang (fault NOT_HANGING), opens the log (NULL: none), starts the ticks.
+ * MK_ERR_STATE when running or faulted, MK_ERR_FAULT when a check fails. */
+MK_NODISCARD enum mk_status mk_loop_start(struct mk_loop *loop, const char *log_path,
+                                          const struct mk_log_meta *meta, size_t meta_count,
+                                          struct mk_error *err);
+/* Motor off, ticks ended, log complete and closed. MK_OK also when idle. MK_ERR_NOSPACE or
+ * MK_ERR_IO when the log could not be completed (the motor is off all the same). */
+MK_NODISCARD enum mk_status mk_loop_halt(struct mk_loop *loop, struct mk_error *err);
+
+/* Lets the run go on for `seconds` of its own time, or until `until` (may be NULL) returns true for
+ * a snapshot. Returns MK_OK (condition met, or time over without one), MK_ERR_TIMEOUT (time over,
+ * condition not met), MK_ERR_FAULT (a fault ended the run), MK_ERR_INTR (*cancel became true;
+ * may be NULL). */
+MK_NODISCARD enum mk_status mk_loop_wait(struct mk_loop *loop, double seconds,
+                                         bool (*until)(const struct mk_loop_snapshot *, void *),
+                                         void *user, const volatile int *cancel,
+                                         struct mk_error *err);
+
+/* Hands all parameters to the loop; they take effect together between two samples. At once when not
+ * running. MK_ERR_RANGE names the parameter. MK_ERR_BUSY: the last ones are not taken yet. */
+MK_NODISCARD enum mk_status mk_loop_set_params(struct mk_loop *loop, const double *value, int count,
+                                               struct mk_error *err);
+
+void mk_loop_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);
+void mk_loop_stats(const struct mk_loop *loop, struct mk_loop_stats *out);
+/* Operator's stop: zero torque, fault E-STOP. Async-signal-safe. */
+void mk_loop_estop(struct mk_loop *loop);
+/* Clears a latched fault. */
+void mk_loop_acknowledge(struct mk_loop *loop);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

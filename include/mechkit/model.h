@@ -1,0 +1,232 @@
+/* Models: a plant (equations of motion), its base parameters, and a list of effects.
+ *
+ * Plants and effects are tables; docs/theory.md has the equations, docs/adding.md how to add one.
+ * A struct mk_model is plain memory: copy it by assignment, put it on the stack, compare it, pass
+ * it to other threads. Nothing in it is owned. The evaluation functions are pure: RT-safe,
+ * re-entrant.
+ *
+ * Units: angles rad, times s. Torques, and so the parameters, are in command units (torque divided
+ * by u_to_torque) unless the rig's u_to_torque is 1, in which case they are SI.
+ *
+ * State x: q[0..n-1], v[0..n-1] = dq/dt, then the states of the effects in order, n =
+ * plant->joints.
+ */
+#ifndef MECHKIT_MODEL_H
+#define MECHKIT_MODEL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "mechkit/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MK_MAX_JOINTS 2
+#define MK_MAX_INPUTS 2
+#define MK_MAX_PARAMETERS 8
+#define MK_MAX_EFFECTS 12
+#define MK_MAX_EFFECT_PARAMETERS 4
+#define MK_MAX_STATES 24
+#define MK_MAX_EVENTS 24
+#define MK_FRICTION_STEEPNESS 15.0 /* k in S_k(v) = tanh(k v), s/rad; report (2.3), errata 2.4 */
+
+/* --- plants --------------------------------------------------------------------------------- */
+
+enum mk_plant_kind {
+    MK_PLANT_INERTIA_WHEEL,
+    MK_PLANT_PENDULUM,
+    MK_PLANT_PENDUBOT,
+    MK_PLANT_REACTION_WHEEL,
+    MK_PLANT_FURUTA,
+    MK_PLANT_COUNT
+};
+
+struct mk_parameter_info {
+    const char *name; /* "p1", or an effect's "width" */
+    const char *unit; /* SI text; "" for none. Command units divide torques by u_to_torque. */
+    const char *help; /* one line: what it is physically */
+    double min, max;  /* physical range, inclusive; +-INFINITY where open */
+    double initial;   /* a usual value (effects: where a search starts; plants: the report's) */
+};
+
+struct mk_equilibrium {
+    const char *name;        /* "hanging", "mid", "top" */
+    double q[MK_MAX_JOINTS]; /* rad */
+};
+
+/* One row of the table of plants. */
+struct mk_plant_info {
+    enum mk_plant_kind kind;
+    const char *name;                   /* as in [rig] kind */
+    const char *help;                   /* one line */
+    const char *source;                 /* equation in the report, errata */
+    int joints;                         /* 1 or 2 */
+    int motor_joint;                    /* 0-based joint that the motor drives */
+    bool joint_is_wheel[MK_MAX_JOINTS]; /* turns without end; its angle has no meaning by itself */
+    double rest[MK_MAX_JOINTS];         /* hanging rest: what the counters are zeroed at, rad */
+    int parameter_count;
+    struct mk_parameter_info parameter[MK_MAX_PARAMETERS];
+    int equilibrium_count;
+    struct mk_equilibrium equilibrium[3];
+};
+
+/* The row of a plant by kind (NULL out of range) or by name (NULL when unknown). Static. */
+const struct mk_plant_info *mk_plant(enum mk_plant_kind kind);
+const struct mk_plant_info *mk_plant_by_name(const char *name);
+
+/* --- effects -------------------------------------------------------------------------------- */
+
+enum mk_effect_joint {
+    MK_EFFECT_JOINT_NONE,    /* acts on the rig: no joint in the file, `joint` is 0 */
+    MK_EFFECT_JOINT_ANY,     /* `joint` 1..plant joints */
+    MK_EFFECT_JOINT_OPTIONAL /* 1..joints, or left out for "all" */
+};
+
+/* What of a model an effect touches; a set of flags. */
+enum mk_effect_stage {
+    MK_STAGE_COMMAND = 1,      /* between the command and the motor's torque */
+    MK_STAGE_TORQUE = 2,       /* adds torque at a joint */
+    MK_STAGE_INERTIA = 4,      /* changes the mass matrix */
+    MK_STAGE_STATE = 8,        /* owns states */
+    MK_STAGE_EVENT = 16,       /* has surfaces where its law switches */
+    MK_STAGE_MEASUREMENT = 32, /* between the true angles and the readings */
+    MK_STAGE_FRAME = 64,       /* moves or tilts the base */
+    MK_STAGE_COMMAND_DELAY = 128,
+    MK_STAGE_SENSOR_DELAY = 256
+};
+
+/* One row of the table of effects (the vocabulary of docs/effects.md). */
+struct mk_effect_info {
+    const char *name;
+    const char *help;   /* the law in one line */
+    const char *source; /* reference */
+    enum mk_effect_joint joint_rule;
+    unsigned stages; /* enum mk_effect_stage */
+    unsigned plants; /* bit (1u << enum mk_plant_kind): where it makes sense */
+    int state_count;
+    int event_count;
+    int parameter_count;
+    struct mk_parameter_info parameter[MK_MAX_EFFECT_PARAMETERS];
+};
+
+int mk_effect_count(void);
+const struct mk_effect_info *mk_effect(int index); /* NULL out of range; static */
+const struct mk_effect_info *mk_effect_by_name(const char *name);
+
+/* One effect in a model. */
+struct mk_effect_use {
+    int index; /* into the table: mk_effect(index) */
+    int joint; /* 1-based as in the file; 0: none, or all */
+    double value[MK_MAX_EFFECT_PARAMETERS];
+};
+
+/* --- a model -------------------------------------------------------------------------------- */
+
+struct mk_model {
+    enum mk_plant_kind plant;
+    double g;                       /* m/s^2, default 9.81 */
+    double u_max;                   /* limit of the command, default 10; > 0 */
+    double u_to_torque;             /* N m per unit of command, default 0.00494; > 0 */
+    int encoder_cpr[MK_MAX_JOINTS]; /* counts per revolution, default 4000; > 0 */
+    double parameter[MK_MAX_PARAMETERS];
+    double parameter_stderr[MK_MAX_PARAMETERS]; /* 0: unknown */
+    int effect_count;
+    struct mk_effect_use effect[MK_MAX_EFFECTS];
+    double rtol, atol; /* integration tolerances, defaults 1e-8, 1e-10 */
+};
+
+/* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */
+void mk_model_default(enum mk_plant_kind kind, struct mk_model *out);
+
+/* Reads a model file (docs/formats.md, "Model"). Errors name file, line and key: MK_ERR_NOTFOUND,
+ * MK_ERR_IO, MK_ERR_PARSE (syntax, unknown section, key, kind or effect, missing parameter, a key
+ * twice), MK_ERR_RANGE (value outside its physical range, or parameters that make no mass matrix).
+ */
+MK_NODISCARD enum mk_status mk_model_read(const char *path, struct mk_model *out,
+                                          struct mk_error *err);
+/* Writes it, atomically; reads back equal. `comment` (may be NULL, may have several lines) goes on
+ * top as # lines. MK_ERR_IO, MK_ERR_NOSPACE, MK_ERR_PERM. */
+MK_NODISCARD enum mk_status mk_model_write(const char *path, const struct mk_model *model,
+                                           const char *comment, struct mk_error *err);
+
+/* Checks ranges and that the mass matrix is positive definite everywhere. MK_ERR_RANGE. */
+MK_NODISCARD enum mk_status mk_model_check(const struct mk_model *model, struct mk_error *err);
+
+/* Appends an effect with its initial values. `joint` 1-based, 0 for none. MK_ERR_NOTFOUND (name),
+ * MK_ERR_INVALID (joint or plant do not fit), MK_ERR_RANGE (too many). */
+MK_NODISCARD enum mk_status mk_model_add_effect(struct mk_model *model, const char *name, int joint,
+                                                struct mk_error *err);
+
+/* Index of parameter `name` of the plant / of an effect; -1 when there is none. */
+int mk_plant_parameter_index(const struct mk_plant_info *plant, const char *name);
+int mk_effect_parameter_index(const struct mk_effect_info *effect, const char *name);
+
+/* --- evaluation (all RT-safe) --------------------------------------------------------------- */
+
+int mk_model_joints(const struct mk_model *model);
+int mk_model_state_count(const struct mk_model *model); /* 2 * joints + states of effects */
+int mk_model_event_count(const struct mk_model *model);
+bool mk_model_is_smooth(const struct mk_model *model);       /* no effect has states or events */
+double mk_model_command_delay(const struct mk_model *model); /* s; 0 without such an effect */
+
+/* State at true joint angles q and speeds v (joints values each) with every effect at rest. */
+void mk_model_initial_state(const struct mk_model *model, const double *q, const double *v,
+                            double *x);
+
+/* dx/dt at time t under command u. u[0] is the motor's command, limited to +-u_max; u[1] a known
+ * torque on joint 2 of a rig with two motors (0 otherwise). Delays are not applied here: the
+ * simulation shifts u. */
+void mk_model_rhs(const struct mk_model *model, double t, const double *x, const double *u,
+                  double *dx);
+
+/* Values of the switching functions: an event is a sign change. */
+void mk_model_events(const struct mk_model *model, double t, const double *x, const double *u,
+                     double *g);
+
+/* Angles as the encoders would read them, before quantisation (encoder effects applied; sensor
+ * delays are the simulation's). */
+void mk_model_measure(const struct mk_model *model, double t, const double *x, double *y);
+/* True joint angles for a reading: the inverse of mk_model_measure for effects without state. */
+void mk_model_unmeasure(const struct mk_model *model, double t, const double *y, double *q);
+
+/* The textbook plant alone (no effects) ------------------------------------------------------- */
+
+/* Generalised forces D a + C v + G + friction that a motion (q, v, a) needs: n values; row j is the
+ * equation of joint j in Lagrangian form, whose right-hand side is the motor's command at the motor
+ * joint and 0 elsewhere. Equal to Phi p. */
+void mk_plant_inverse_dynamics(const struct mk_model *model, const double *q, const double *v,
+                               const double *a, double *tau);
+/* Regressor Phi, row-major joints x parameter_count: inverse dynamics = Phi p. */
+void mk_plant_regressor(const struct mk_model *model, const double *q, const double *v,
+                        const double *a, double *phi);
+/* Mass matrix (row-major n x n) and h = C v + G + friction (n). */
+void mk_plant_mass(const struct mk_model *model, const double *q, const double *v, double *mass,
+                   double *h);
+/* Accelerations under generalised forces tau (n). */
+void mk_plant_acceleration(const struct mk_model *model, const double *q, const double *v,
+                           const double *tau, double *a);
+/* Kinetic and potential energy (in torque units x rad); potential 0 as in docs/theory.md. */
+double mk_plant_kinetic(const struct mk_model *model, const double *q, const double *v);
+double mk_plant_potential(const struct mk_model *model, const double *q);
+/* Friction torque of the motor joint at speed v: what the plant's own two friction parameters say.
+ */
+double mk_plant_friction(const struct mk_model *model, double v);
+
+/* Linearisation of the plant (without its friction unless `friction`) at (q, v = 0) under the
+ * motor command that holds it there: A row-major 2n x 2n, B 2n, state order [q1 .. qn v1 .. vn]. */
+void mk_plant_linearise(const struct mk_model *model, const double *q, bool friction, double *a_out,
+                        double *b_out);
+
+/* Jacobians of the whole model, effects included, by automatic differentiation of the same source:
+ * dfdx row-major ns x ns, dfdu row-major ns x 2, dfdp row-major ns x np (base parameters, then the
+ * effects' in order). Any output may be NULL. */
+void mk_model_jacobian(const struct mk_model *model, double t, const double *x, const double *u,
+                       double *dfdx, double *dfdu, double *dfdp);
+int mk_model_parameter_count(const struct mk_model *model); /* base + effects */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,84 @@
+/* Safety limits and faults of a run. A fault zeroes the motor, is latched with its cause and time,
+ * and survives until it is acknowledged. Caller's memory; everything RT-safe. */
+#ifndef MECHKIT_SAFETY_H
+#define MECHKIT_SAFETY_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "mechkit/model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MK_FAULT_LIST(X)                                                                           \
+    X(NONE, "none", "no fault")                                                                    \
+    X(TRAVEL, "travel", "a joint left its travel limits")                                          \
+    X(SPEED, "speed", "a joint turned faster than its limit")                                      \
+    X(JUMP, "encoder-jump", "an encoder jumped further than a joint can move in a sample")         \
+    X(STUCK, "encoder-stuck", "an encoder stands still although the motor drives hard")            \
+    X(RUNAWAY, "runaway", "the motor joint runs away against the sign of the command")             \
+    X(COMMAND, "command", "the controller returned a command that is not a number")                \
+    X(OVERRUN, "overrun", "too many samples came late")                                            \
+    X(LINK, "link", "too many exchanges with the board failed")                                    \
+    X(UNPLUGGED, "unplugged", "the board is gone")                                                 \
+    X(WATCHDOG, "watchdog", "the board's watchdog fired")                                          \
+    X(BOARD, "board", "the board reports a fault")                                                 \
+    X(LOG, "log", "the log cannot be written")                                                     \
+    X(NOT_HANGING, "not-hanging", "the links do not hang straight down")                           \
+    X(ESTOP, "e-stop", "stopped by the operator")
+
+enum mk_fault {
+#define MK_FAULT_ENUM(name, text, help) MK_FAULT_##name,
+    MK_FAULT_LIST(MK_FAULT_ENUM)
+#undef MK_FAULT_ENUM
+        MK_FAULT_COUNT
+};
+const char *mk_fault_name(enum mk_fault fault); /* "encoder-jump" */
+const char *mk_fault_text(enum mk_fault fault);
+
+struct mk_safety_limits {
+    double q_min[MK_MAX_JOINTS], q_max[MK_MAX_JOINTS]; /* rad; +-INFINITY: none */
+    double v_max[MK_MAX_JOINTS];                       /* rad/s */
+    double jump_rad[MK_MAX_JOINTS];                    /* largest believable change in one sample */
+    double stuck_s;                                    /* no count for so long .. */
+    double stuck_u;   /* .. at |u| above this: stuck; motor joint only */
+    double runaway_s; /* motor joint accelerating against u for so long, from rest */
+    int late_limit;   /* consecutive late samples that latch OVERRUN */
+    int lost_limit;   /* consecutive failed exchanges that latch LINK */
+    double
+        rest_tolerance[MK_MAX_JOINTS]; /* pre-start: how far from hanging, rad (not for wheels) */
+};
+/* Limits that fit a rig at sample time dt. */
+void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety_limits *out);
+
+struct mk_safety {
+    struct mk_safety_limits limits;
+    int joints, motor_joint;
+    enum mk_fault fault; /* latched */
+    double fault_t;      /* s since start */
+    int fault_joint;     /* 1-based; 0: none */
+    double last_q[MK_MAX_JOINTS];
+    double stuck_for, runaway_for, run_from;
+    int late, lost;
+    bool primed;
+};
+
+void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
+                    const struct mk_safety_limits *limits);
+/* Acknowledges: clears the fault and the history. */
+void mk_safety_clear(struct mk_safety *s);
+/* Latches `fault` unless one is latched already; returns the latched one. */
+enum mk_fault mk_safety_latch(struct mk_safety *s, enum mk_fault fault, double t, int joint);
+/* Looks at one good sample: angles, speeds, command in force. Returns the latched fault. */
+enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const double *q,
+                              const double *v, double u);
+/* Before start: NOT_HANGING when a joint is away from rest; sets fault_joint. */
+enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const double *rest,
+                                   const bool *is_wheel);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,13 @@
+/* The list of test suites: one line a file tests/test_NAME.c, which defines suite_NAME(). */
+#ifndef MECHKIT_TESTS_SUITES_H
+#define MECHKIT_TESTS_SUITES_H
+
+#include <check.h>
+
+#define MK_SUITES(X) X(status)
+
+#define MK_SUITE_DECL(name) Suite *suite_##name(void);
+MK_SUITES(MK_SUITE_DECL)
+#undef MK_SUITE_DECL
+
+#endif
