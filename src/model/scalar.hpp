@@ -1,0 +1,81 @@
+// The scalar a law is evaluated over: double here; Pack<W> (SIMD lanes) in simd.hpp and Dual<N>
+// (derivatives) in dual.hpp overload the same few functions. Laws are written over `class S` and
+// use arithmetic and the functions below only, so that one source gives values, derivatives and
+// batches.
+//
+// Everything lives in a namespace per instruction set: the fast kernel is compiled several times
+// with different flags, and the linker must never mix the results.
+#ifndef MECHKIT_MODEL_SCALAR_HPP
+#define MECHKIT_MODEL_SCALAR_HPP
+
+#include <math.h>
+
+#ifdef MK_ISA
+#define MK_CONCAT2(a, b) a##b
+#define MK_CONCAT(a, b) MK_CONCAT2(a, b)
+#define MK_KERNEL_NS MK_CONCAT(isa_, MK_ISA)
+#else
+#define MK_KERNEL_NS plain
+#endif
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+inline void sincos(double x, double &s, double &c)
+{
+    ::sincos(x, &s, &c);
+}
+inline double sin(double x)
+{
+    return ::sin(x);
+}
+inline double cos(double x)
+{
+    return ::cos(x);
+}
+inline double tanh(double x)
+{
+    return ::tanh(x);
+}
+inline double exp(double x)
+{
+    return ::exp(x);
+}
+inline double sqrt(double x)
+{
+    return ::sqrt(x);
+}
+inline double fabs(double x)
+{
+    return ::fabs(x);
+}
+inline double value_of(double x)
+{
+    return x;
+} // the number itself, without derivatives
+
+// a where x > 0, else b; both are evaluated.
+inline double if_positive(double x, double a, double b)
+{
+    return x > 0.0 ? a : b;
+}
+
+template <class S>
+inline S clamp(const S &x, const S &low, const S &high)
+{
+    S upper = if_positive(x - high, high, x);
+    return if_positive(low - upper, low, upper);
+}
+
+// Smooth sign S_k(v) = tanh(k v); report (2.3) with the speed as argument (errata 2.4).
+template <class S>
+inline S smooth_sign(const S &v)
+{
+    return tanh(15.0 * v);
+}
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+#endif
