@@ -1,0 +1,167 @@
+#include "mechkit/ctrl.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctrl/ctrl_priv.h"
+
+/* One row a setup: the order is the one of lists shown to people. */
+static const struct mk_ctrl_ops *const setups[] = {
+    &mk_ctrl_pi_speed,
+    &mk_ctrl_open_loop,
+};
+
+const struct mk_ctrl_ops *mk_ctrl_setup(int index)
+{
+    int count = (int)(sizeof setups / sizeof setups[0]);
+    return index >= 0 && index < count ? setups[index] : NULL;
+}
+
+const struct mk_ctrl_ops *mk_ctrl_setup_by_name(const char *name)
+{
+    const struct mk_ctrl_ops *ops;
+    for (int i = 0; (ops = mk_ctrl_setup(i)) != NULL; i++)
+        if (strcmp(ops->name, name) == 0)
+            return ops;
+    return NULL;
+}
+
+const char *mk_phase_name(enum mk_phase phase)
+{
+    switch (phase) {
+    case MK_PHASE_IDLE:
+        return "idle";
+    case MK_PHASE_SWINGUP:
+        return "swing-up";
+    case MK_PHASE_BALANCE:
+        return "balance";
+    case MK_PHASE_TRACK:
+        return "track";
+    }
+    return "?";
+}
+
+int mk_ctrl_param_index(const struct mk_ctrl_ops *ops, const char *name)
+{
+    for (int i = 0; i < ops->param_count; i++)
+        if (strcmp(ops->param[i].name, name) == 0)
+            return i;
+    return -1;
+}
+
+int mk_ctrl_gain_count(const struct mk_ctrl_ops *ops)
+{
+    int count = 0;
+    for (int i = 0; i < ops->param_count; i++)
+        count += ops->param[i].gain;
+    return count;
+}
+
+enum mk_status mk_ctrl_check(const struct mk_ctrl_ops *ops, int index, double value,
+                             struct mk_error *err)
+{
+    if (index < 0 || index >= ops->param_count)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "setup %s has no parameter number %d", ops->name,
+                            index);
+    const struct mk_ctrl_param *p = &ops->param[index];
+    if (!(value >= p->min && value <= p->max)) /* also refuses NaN */
+        return mk_error_set(err, MK_ERR_RANGE, "%s: %s = %g is outside %g .. %g%s%s", ops->name,
+                            p->name, value, p->min, p->max, p->unit[0] ? " " : "", p->unit);
+    return MK_OK;
+}
+
+/* "pendubot, furuta" */
+static void list_plants(unsigned plants, char *buf, size_t size)
+{
+    size_t used = 0;
+    buf[0] = '\0';
+    for (int k = 0; k < MK_PLANT_COUNT; k++) {
+        if (!(plants & (1u << k)) || used >= size)
+            continue;
+        used += (size_t)snprintf(buf + used, size - used, "%s%s", used ? ", " : "",
+                                 mk_plant((enum mk_plant_kind)k)->name);
+    }
+}
+
+static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
+                                double dt, struct mk_error *err)
+{
+    enum mk_status st = mk_model_check(believed, err);
+    if (st != MK_OK)
+        return st;
+    if (!(ops->plants & (1u << believed->plant))) {
+        char rigs[128];
+        list_plants(ops->plants, rigs, sizeof rigs);
+        return mk_error_set(err, MK_ERR_INVALID, "setup %s is for %s, not for %s", ops->name, rigs,
+                            mk_plant(believed->plant)->name);
+    }
+    if (!(dt > 0.0 && dt <= 0.1))
+        return mk_error_set(err, MK_ERR_RANGE, "sample time %g s is outside 0 .. 0.1 s", dt);
+    return MK_OK;
+}
+
+/* Every value is known and in its range, also those that were designed. */
+static enum mk_status check_values(const struct mk_ctrl *ctrl, struct mk_error *err)
+{
+    for (int i = 0; i < ctrl->ops->param_count; i++) {
+        enum mk_status st = mk_ctrl_check(ctrl->ops, i, ctrl->value[i], err);
+        if (st != MK_OK)
+            return mk_error_set(err, MK_ERR_NUMERIC,
+                                "setup %s: no usable %s can be designed for this model (%g)",
+                                ctrl->ops->name, ctrl->ops->param[i].name, ctrl->value[i]);
+    }
+    return MK_OK;
+}
+
+enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
+                              double dt, const struct mk_signal *signal, struct mk_ctrl **out,
+                              struct mk_error *err)
+{
+    *out = NULL;
+    enum mk_status st = check_fit(ops, believed, dt, err);
+    if (st != MK_OK)
+        return st;
+
+    struct mk_ctrl *ctrl = calloc(1, sizeof *ctrl);
+    if (!ctrl)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for setup %s", ops->name);
+    ctrl->ops = ops;
+    ctrl->model = *believed;
+    ctrl->dt = dt;
+    ctrl->ref = signal;
+    for (int i = 0; i < ops->param_count; i++)
+        ctrl->value[i] = ops->param[i].initial;
+    ctrl->priv = calloc(1, ops->private_size ? ops->private_size : 1);
+    if (!ctrl->priv) {
+        st = mk_error_set(err, MK_ERR_NOMEM, "no memory for setup %s", ops->name);
+        goto fail;
+    }
+    if (ops->create && (st = ops->create(ctrl, err)) != MK_OK)
+        goto fail;
+    if ((st = check_values(ctrl, err)) != MK_OK) {
+        if (ops->destroy)
+            ops->destroy(ctrl);
+        goto fail;
+    }
+    if (ops->changed)
+        ops->changed(ctrl);
+    ops->reset(ctrl);
+    *out = ctrl;
+    return MK_OK;
+
+fail:
+    free(ctrl->priv);
+    free(ctrl);
+    return st;
+}
+
+void mk_ctrl_destroy(struct mk_ctrl *ctrl)
+{
+    if (!ctrl)
+        return;
+    if (ctrl->ops->destroy)
+        ctrl->ops->destroy(ctrl);
+    free(ctrl->priv);
+    free(ctrl);
+}
