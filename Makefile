@@ -59,6 +59,12 @@ CFLAGS_ALL   := -std=c11 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CWA
 CXXFLAGS_ALL := -std=c++17 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CXXFLAGS)
 LDLIBS_ALL   := $(SUN_LIBS) $(PKG_LIBS) -lm $(LDLIBS)
 
+# `make V=1` shows whole commands.
+ifneq ($(V),1)
+Q = @printf '  %-4s %s\n'
+say = $(Q) $(1) $@;
+endif
+
 # --- sources ------------------------------------------------------------------------------------
 LIB_DIRS := base model sim ctrl driver ident explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
@@ -93,10 +99,10 @@ $(BUILD)/mechkit: $(APP)
 
 $(LIB): $(LIB_OBJ)
 	@rm -f $@
-	$(AR) rcs $@ $^
+	$(call say,AR)$(AR) rcs $@ $^
 
 $(APP): $(APP_OBJ) $(LIB)
-	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
 CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
@@ -104,17 +110,17 @@ CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
 .PHONY: tests
 tests: $(TESTS) $(APP)
 $(TESTS): $(TEST_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(LDLIBS_ALL)
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CPPFLAGS_ALL) $(CFLAGS_ALL) -MMD -MP -c -o $@ $<
+	$(call say,CC)$(CC) $(CPPFLAGS_ALL) $(CFLAGS_ALL) -MMD -MP -c -o $@ $<
 $(B)/%.o: %.cpp
 	@mkdir -p $(@D)
-	$(CXX) $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) -MMD -MP -c -o $@ $<
+	$(call say,CXX)$(CXX) $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) -MMD -MP -c -o $@ $<
 $(B)/src/sim/fast_kernel.%.o: $(ISA_SRC)
 	@mkdir -p $(@D)
-	$(CXX) -x c++ $(CPPFLAGS_ALL) -DMK_ISA=$* $(CXXFLAGS_ALL) $(ISA_FLAGS_$*) -MMD -MP -c -o $@ $<
+	$(call say,CXX)$(CXX) -x c++ $(CPPFLAGS_ALL) -DMK_ISA=$* $(CXXFLAGS_ALL) $(ISA_FLAGS_$*) -MMD -MP -c -o $@ $<
 
 # Check's macros convert freely; conversions are not errors in tests.
 $(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic

@@ -1,0 +1,109 @@
+// The effect framework: what an effect may touch, and the table that makes effects callable over
+// any scalar. An effect is a struct in a file of its family (effects_*.hpp) with
+//     static constexpr mk_effect_info info          its row: name, law, parameters, stages
+// and, for each stage flag set in info.stages, the template function of that stage:
+//     FRAME        frame(f, e)         moves or tilts the base, says what the motor's shaft does
+//     COMMAND      command(f, e)       changes f.command[0] (limited already), or f.motor_gain
+//     TORQUE       torque(f, e)        adds to f.tau[j], the right-hand side of joint j's equation
+//     INERTIA      inertia(f, e)       adds to the mass matrix
+//     STATE        derivative(f, e, dz), init(f, e, z)
+//     EVENT        events(f, e, g)     surfaces where the law switches
+//     MEASUREMENT  measure(f, e, y)    changes readings
+// Delays have a stage flag and a parameter; the simulation applies them. docs/adding.md shows how
+// to add one.
+#ifndef MECHKIT_MODEL_EFFECT_HPP
+#define MECHKIT_MODEL_EFFECT_HPP
+
+#include "mechkit/model.h"
+#include "model/plants.hpp"
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+// A model with its numbers as scalars S and its effects resolved.
+template <class S>
+struct Compiled {
+    enum mk_plant_kind plant;
+    int joints, motor, parameter_count, state_count, event_count, effect_count;
+    double g, u_max;
+    S p[MK_MAX_PARAMETERS];
+    struct Effect {
+        int index, joint; // joint 0-based, -1: none
+        int state, event; // offsets
+        S p[MK_MAX_EFFECT_PARAMETERS];
+    } effect[MK_MAX_EFFECTS];
+};
+
+// One evaluation, as it passes through the stages.
+template <class S>
+struct Frame {
+    const Compiled<S> *c;
+    S t;
+    Motion<S> m;
+    S command[MK_MAX_INPUTS]; // in force at the rig, after delay
+    S motor_speed;            // of the motor's shaft: the motor joint's, unless there is play
+    S coulomb_scale;          // factor on the plant's own Coulomb friction
+    S motor_torque;           // command minus friction of the motor joint
+    bool motor_detached;      // an effect passes the motor's torque on by itself
+    S tau[2];                 // right-hand sides
+    S m11, m12, m22;          // mass matrix
+    S a[2];                   // accelerations, known from the derivative stage on
+    S base_acceleration;      // of a rocking base, about joint 1's axis
+};
+
+template <class S>
+struct EffectArgs {
+    int j;      // joint, 0-based
+    const S *p; // parameters
+    const S *z; // states
+};
+
+template <class S>
+struct EffectOps {
+    void (*frame)(Frame<S> &, const EffectArgs<S> &);
+    void (*command)(Frame<S> &, const EffectArgs<S> &);
+    void (*torque)(Frame<S> &, const EffectArgs<S> &);
+    void (*inertia)(Frame<S> &, const EffectArgs<S> &);
+    void (*derivative)(Frame<S> &, const EffectArgs<S> &, S *dz);
+    void (*init)(Frame<S> &, const EffectArgs<S> &, S *z);
+    void (*events)(Frame<S> &, const EffectArgs<S> &, S *g);
+    void (*measure)(Frame<S> &, const EffectArgs<S> &, S *y);
+};
+
+template <class E, class S>
+constexpr EffectOps<S> effect_ops_of()
+{
+    EffectOps<S> ops = {};
+    if constexpr ((E::info.stages & MK_STAGE_FRAME) != 0)
+        ops.frame = &E::template frame<S>;
+    if constexpr ((E::info.stages & MK_STAGE_COMMAND) != 0)
+        ops.command = &E::template command<S>;
+    if constexpr ((E::info.stages & MK_STAGE_TORQUE) != 0)
+        ops.torque = &E::template torque<S>;
+    if constexpr ((E::info.stages & MK_STAGE_INERTIA) != 0)
+        ops.inertia = &E::template inertia<S>;
+    if constexpr ((E::info.stages & MK_STAGE_STATE) != 0) {
+        ops.derivative = &E::template derivative<S>;
+        ops.init = &E::template init<S>;
+    }
+    if constexpr ((E::info.stages & MK_STAGE_EVENT) != 0)
+        ops.events = &E::template events<S>;
+    if constexpr ((E::info.stages & MK_STAGE_MEASUREMENT) != 0)
+        ops.measure = &E::template measure<S>;
+    return ops;
+}
+
+// Short-hands for the rows.
+constexpr unsigned on_plant(enum mk_plant_kind kind)
+{
+    return 1u << kind;
+}
+constexpr unsigned ALL_PLANTS = (1u << MK_PLANT_COUNT) - 1u;
+constexpr double INF = HUGE_VAL;
+constexpr double TWO_PI = 6.283185307179586476925286766559;
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+#endif

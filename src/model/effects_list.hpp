@@ -1,0 +1,39 @@
+// The table of effects: one row each. The order is the order in which they act within a stage.
+#ifndef MECHKIT_MODEL_EFFECTS_LIST_HPP
+#define MECHKIT_MODEL_EFFECTS_LIST_HPP
+
+#include "model/effects_actuator.hpp"
+#include "model/effects_friction.hpp"
+#include "model/effects_play.hpp"
+#include "model/effects_position.hpp"
+#include "model/effects_sensor.hpp"
+
+#define MK_EFFECT_TABLE(X)                                                                         \
+    X(Viscous)                                                                                     \
+    X(Coulomb)                                                                                     \
+    X(Stribeck)                                                                                    \
+    X(QuadraticDrag)                                                                               \
+    X(CableStiffness)                                                                              \
+    X(Cogging)                                                                                     \
+    X(Backlash)                                                                                    \
+    X(InputDelay)                                                                                  \
+    X(BackEmfLimit)                                                                                \
+    X(EncoderOffset)
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+template <class S>
+inline const EffectOps<S> &effect_ops(int index)
+{
+#define MK_EFFECT_OPS(E) effect_ops_of<E, S>(),
+    static constexpr EffectOps<S> table[] = {MK_EFFECT_TABLE(MK_EFFECT_OPS)};
+#undef MK_EFFECT_OPS
+    return table[index];
+}
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+#endif

@@ -1,0 +1,137 @@
+// Mechanical play: two bodies with a gap between them.
+#ifndef MECHKIT_MODEL_EFFECTS_PLAY_HPP
+#define MECHKIT_MODEL_EFFECTS_PLAY_HPP
+
+#include "model/effect.hpp"
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+// The joint's coordinate is the heavy side; the effect's states z = [angle, speed] are the light
+// side, which carries the encoder. Between them a gap of `width` and, beyond it, a spring and
+// damper that push but never pull.
+//
+// Pendubot, Furuta (joint 2): the light side is the shaft with the encoder's disc; it has a little
+// inertia and friction of its own, so that the reading follows the link with hysteresis.
+// Inertia wheel, reaction wheel: the light side is the motor's rotor, which takes the motor's
+// torque and friction and drives the wheel through the gap. The rotor's inertia is part of the
+// plant's parameter.
+struct Backlash {
+    static constexpr mk_effect_info info = {
+        "backlash",
+        "dead zone of total width between a joint's two halves, contact spring-damper beyond it",
+        "Nordin, Gutman 2002; Meesters 2004, 2.2",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_FRAME | MK_STAGE_TORQUE | MK_STAGE_INERTIA | MK_STAGE_STATE | MK_STAGE_EVENT |
+            MK_STAGE_MEASUREMENT,
+        on_plant(MK_PLANT_PENDUBOT) | on_plant(MK_PLANT_FURUTA) |
+            on_plant(MK_PLANT_REACTION_WHEEL) | on_plant(MK_PLANT_INERTIA_WHEEL),
+        2,
+        2,
+        3,
+        {{"width", "rad", "full gap", 0.0, 3.2, 0.02},
+         {"stiffness", "N m/rad", "contact stiffness", 1e-9, INF, 100.0},
+         {"damping", "N m s/rad", "contact damping", 0.0, INF, 0.15}}};
+
+    // Inertia of the light side as a share of the joint's own: a disc on a shaft, a motor's rotor.
+    static constexpr double SHAFT_SHARE = 0.01, ROTOR_SHARE = 0.2;
+    // Friction of the encoder's shaft: its speed decays with this time constant when it is free, s.
+    static constexpr double SHAFT_DECAY = 0.05;
+
+    template <class S>
+    static bool drives(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        return e.j == f.c->motor;
+    }
+    template <class S>
+    static S light_inertia(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        switch (f.c->plant) {
+        case MK_PLANT_INERTIA_WHEEL:
+            return ROTOR_SHARE * f.c->p[0];
+        case MK_PLANT_REACTION_WHEEL:
+            return ROTOR_SHARE * f.c->p[1];
+        case MK_PLANT_FURUTA:
+            return SHAFT_SHARE * 4.0 * f.c->p[2];
+        default:
+            return SHAFT_SHARE * f.c->p[e.j == 0 ? 0 : 1];
+        }
+    }
+    // Torque on the light side from outside the gap: the motor's, or the friction of the shaft.
+    template <class S>
+    static S drive(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        return drives(f, e) ? f.motor_torque : -(light_inertia(f, e) / SHAFT_DECAY) * e.z[1];
+    }
+    // Torque that the light side puts on the heavy side.
+    template <class S>
+    static S contact(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        S gap = 0.5 * e.p[0], d = e.z[0] - f.m.q[e.j], rate = e.z[1] - f.m.v[e.j];
+        S above = e.p[1] * (d - gap) + e.p[2] * rate;
+        S below = e.p[1] * (d + gap) + e.p[2] * rate;
+        S zero = S(0.0);
+        S push = if_positive(d - gap, if_positive(above, above, zero), zero);
+        S pull = if_positive(-(d + gap), if_positive(-below, below, zero), zero);
+        return push + pull;
+    }
+    template <class S>
+    static void frame(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        if (drives(f, e)) {
+            f.motor_speed = e.z[1];
+            f.motor_detached = true;
+        }
+    }
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        S force = contact(f, e);
+        f.tau[e.j] += force;
+        // What accelerates a light side that rides on link 1 pushes link 1 back.
+        if (e.j == 1)
+            f.tau[0] -= drive(f, e) - force;
+    }
+    template <class S>
+    static void inertia(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        S light = light_inertia(f, e);
+        f.m11 -= light;
+        if (e.j == 1) {
+            f.m12 -= light;
+            f.m22 -= light;
+        }
+    }
+    template <class S>
+    static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
+    {
+        dz[0] = e.z[1];
+        dz[1] = (drive(f, e) - contact(f, e)) / light_inertia(f, e);
+        if (e.j == 1)
+            dz[1] -= f.a[0];
+    }
+    template <class S>
+    static void init(Frame<S> &f, const EffectArgs<S> &e, S *z)
+    {
+        z[0] = f.m.q[e.j];
+        z[1] = f.m.v[e.j];
+    }
+    template <class S>
+    static void events(Frame<S> &f, const EffectArgs<S> &e, S *g)
+    {
+        S gap = 0.5 * e.p[0], d = e.z[0] - f.m.q[e.j];
+        g[0] = d - gap;
+        g[1] = d + gap;
+    }
+    template <class S>
+    static void measure(Frame<S> &, const EffectArgs<S> &e, S *y)
+    {
+        y[e.j] = e.z[0];
+    }
+};
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+#endif

@@ -1,0 +1,475 @@
+/* Model files: [rig], [parameters], [stderr], [simulation] and [effect.NAME] sections, read with
+ * inih. inih tells neither line nor column, so a reader of our own feeds it line by line and
+ * counts. */
+#include "mechkit/model.h"
+
+#include <errno.h>
+#include <ini.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "mechkit/number.h"
+
+#define MAX_ENTRIES 256
+#define MAX_TEXT 96
+
+struct entry {
+    char section[MAX_TEXT], key[MAX_TEXT], value[MAX_TEXT];
+    int line;
+    bool used;
+};
+
+struct reader {
+    FILE *file;
+    const char *path;
+    struct mk_error *err;
+    enum mk_status status; /* first failure */
+    int line;
+    int count;
+    struct entry entry[MAX_ENTRIES];
+};
+
+/* --- reading lines ------------------------------------------------------------------------------
+ */
+
+static enum mk_status fail(struct reader *r, enum mk_status status, int line, const char *what)
+{
+    if (r->status == MK_OK)
+        r->status = mk_error_at(r->err, status, r->path, line, 0, "%s", what);
+    return r->status;
+}
+
+/* fgets for inih: one line at a time, comments and leading blanks gone (inih would take an indented
+ * line as the continuation of the one before). */
+static char *next_line(char *out, int size, void *stream)
+{
+    struct reader *r = stream;
+    char line[1024];
+    if (r->status != MK_OK || !fgets(line, sizeof line, r->file))
+        return NULL;
+    r->line++;
+    if (!strchr(line, '\n') && !feof(r->file)) {
+        fail(r, MK_ERR_PARSE, r->line, "the line is too long: at most 180 characters");
+        return NULL;
+    }
+    line[strcspn(line, "#;\r\n")] = '\0';
+    const char *text = line + strspn(line, " \t");
+    if (r->line == 1 && strncmp(text, "\xef\xbb\xbf", 3) == 0)
+        text += 3;
+    if (strlen(text) + 2 > (size_t)size || strlen(text) > 180) {
+        fail(r, MK_ERR_PARSE, r->line, "the line is too long: at most 180 characters");
+        return NULL;
+    }
+    if (text[0] && text[0] != '[' && !strpbrk(text, "=:")) {
+        fail(r, MK_ERR_PARSE, r->line, "expected `key = value` or `[section]`");
+        return NULL;
+    }
+    sprintf(out, "%s\n", text);
+    return out;
+}
+
+static struct entry *find(struct reader *r, const char *section, const char *key)
+{
+    for (int i = 0; i < r->count; i++)
+        if (strcmp(r->entry[i].section, section) == 0 && strcmp(r->entry[i].key, key) == 0)
+            return &r->entry[i];
+    return NULL;
+}
+
+static int on_entry(void *user, const char *section, const char *key, const char *value)
+{
+    struct reader *r = user;
+    if (r->status != MK_OK)
+        return 0;
+    const struct entry *before = find(r, section, key);
+    if (before) {
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0,
+                                "key '%s' is there twice in [%s]; the first is in line %d", key,
+                                section, before->line);
+        return 0;
+    }
+    if (r->count == MAX_ENTRIES || strlen(section) >= MAX_TEXT || strlen(key) >= MAX_TEXT ||
+        strlen(value) >= MAX_TEXT) {
+        fail(r, MK_ERR_PARSE, r->line, "too long for a model file");
+        return 0;
+    }
+    struct entry *e = &r->entry[r->count++];
+    strcpy(e->section, section);
+    strcpy(e->key, key);
+    strcpy(e->value, value);
+    e->line = r->line;
+    e->used = false;
+    return 1;
+}
+
+/* --- values -------------------------------------------------------------------------------------
+ */
+
+static enum mk_status bad_value(struct reader *r, const struct entry *e, const char *want)
+{
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "%s = '%s': expected %s", e->key,
+                       e->value, want);
+}
+
+static enum mk_status get_number(struct reader *r, struct entry *e, double *out)
+{
+    e->used = true;
+    if (!mk_parse_double_z(e->value, out) || !isfinite(*out))
+        return bad_value(r, e, "a finite number");
+    return MK_OK;
+}
+
+static enum mk_status get_ranged(struct reader *r, struct entry *e,
+                                 const struct mk_parameter_info *p, double *out)
+{
+    enum mk_status st = get_number(r, e, out);
+    if (st != MK_OK)
+        return st;
+    if (*out >= p->min && *out <= p->max)
+        return MK_OK;
+    if (p->max > 1e300)
+        return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                           "%s = %s: must be at least %g (%s)", e->key, e->value, p->min, p->help);
+    return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                       "%s = %s: must be between %g and %g (%s)", e->key, e->value, p->min, p->max,
+                       p->help);
+}
+
+/* A positive number that may be left out. */
+static enum mk_status get_positive(struct reader *r, const char *section, const char *key,
+                                   double *out)
+{
+    struct entry *e = find(r, section, key);
+    if (!e)
+        return MK_OK;
+    enum mk_status st = get_number(r, e, out);
+    if (st == MK_OK && !(*out > 0.0))
+        return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0, "%s = %s: must be positive",
+                           key, e->value);
+    return st;
+}
+
+static enum mk_status get_counts(struct reader *r, struct mk_model *m)
+{
+    struct entry *e = find(r, "rig", "encoder_cpr");
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    const char *at = e->value;
+    int n = mk_model_joints(m), got = 0;
+    while (got < MK_MAX_JOINTS) {
+        char *end;
+        errno = 0;
+        long c = strtol(at, &end, 10);
+        if (end == at)
+            break;
+        if (errno || c < 1 || c > 100000000)
+            return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                               "encoder_cpr = %s: counts per revolution must be 1 .. 1e8",
+                               e->value);
+        m->encoder_cpr[got++] = (int)c;
+        at = end;
+    }
+    if (at[strspn(at, " \t,")] || got < 1)
+        return bad_value(r, e, "one whole number for each joint");
+    if (got == 1 && n == 2)
+        m->encoder_cpr[1] = m->encoder_cpr[0];
+    return MK_OK;
+}
+
+/* --- sections -----------------------------------------------------------------------------------
+ */
+
+static enum mk_status read_rig(struct reader *r, struct mk_model *m)
+{
+    struct entry *kind = find(r, "rig", "kind");
+    if (!kind)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                           "[rig] kind is missing: which rig is it?");
+    kind->used = true;
+    const struct mk_plant_info *plant = mk_plant_by_name(kind->value);
+    if (!plant)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, kind->line, 0,
+                           "kind = '%s': expected inertia-wheel, pendulum, pendubot, "
+                           "reaction-wheel or furuta",
+                           kind->value);
+    mk_model_default(plant->kind, m);
+    enum mk_status st = get_positive(r, "rig", "g", &m->g);
+    if (st == MK_OK)
+        st = get_positive(r, "rig", "u_max", &m->u_max);
+    if (st == MK_OK)
+        st = get_positive(r, "rig", "u_to_torque", &m->u_to_torque);
+    if (st == MK_OK)
+        st = get_counts(r, m);
+    if (st == MK_OK)
+        st = get_positive(r, "simulation", "rtol", &m->rtol);
+    if (st == MK_OK)
+        st = get_positive(r, "simulation", "atol", &m->atol);
+    return st;
+}
+
+static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
+{
+    const struct mk_plant_info *plant = mk_plant(m->plant);
+    for (int i = 0; i < plant->parameter_count; i++) {
+        const struct mk_parameter_info *p = &plant->parameter[i];
+        struct entry *e = find(r, "parameters", p->name);
+        if (!e)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                               "[parameters] %s is missing: a %s needs p1 .. p%d", p->name,
+                               plant->name, plant->parameter_count);
+        enum mk_status st = get_ranged(r, e, p, &m->parameter[i]);
+        if (st != MK_OK)
+            return st;
+        e = find(r, "stderr", p->name);
+        if (e && (st = get_number(r, e, &m->parameter_stderr[i])) != MK_OK)
+            return st;
+        if (m->parameter_stderr[i] < 0.0)
+            return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                               "%s = %s: a standard error is not negative", e->key, e->value);
+    }
+    return MK_OK;
+}
+
+/* "effect.NAME" or "effect.NAME.2" to NAME; false when it is no such section. */
+static bool effect_name(const char *section, char name[MAX_TEXT])
+{
+    if (strncmp(section, "effect.", 7) != 0)
+        return false;
+    strcpy(name, section + 7);
+    char *dot = strchr(name, '.');
+    if (dot) {
+        if (!dot[1] || dot[1 + strspn(dot + 1, "0123456789")])
+            return false;
+        *dot = '\0';
+    }
+    return true;
+}
+
+static enum mk_status unknown_effect(struct reader *r, const struct entry *e, const char *name)
+{
+    char known[400] = "";
+    for (int i = 0; i < mk_effect_count(); i++) {
+        size_t used = strlen(known);
+        snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", mk_effect(i)->name);
+    }
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                       "there is no effect '%s'; there are %s", name, known);
+}
+
+static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct entry *first)
+{
+    char name[MAX_TEXT];
+    effect_name(first->section, name);
+    const struct mk_effect_info *info = mk_effect_by_name(name);
+    if (!info)
+        return unknown_effect(r, first, name);
+    double joint = 0.0;
+    struct entry *e = find(r, first->section, "joint");
+    enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
+    if (st != MK_OK)
+        return st;
+    if (joint != floor(joint) || fabs(joint) > 100.0)
+        return bad_value(r, e, "a joint number");
+    struct mk_error why = MK_ERROR_INIT;
+    st = mk_model_add_effect(m, name, (int)joint, &why);
+    if (st != MK_OK)
+        return mk_error_at(r->err, st == MK_ERR_INVALID ? MK_ERR_PARSE : st, r->path,
+                           e ? e->line : first->line, 0, "%s", why.message);
+    struct mk_effect_use *use = &m->effect[m->effect_count - 1];
+    for (int i = 0; i < info->parameter_count; i++) {
+        e = find(r, first->section, info->parameter[i].name);
+        if (!e)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
+                               "[%s] %s is missing (%s)", first->section, info->parameter[i].name,
+                               info->parameter[i].help);
+        st = get_ranged(r, e, &info->parameter[i], &use->value[i]);
+        if (st != MK_OK)
+            return st;
+    }
+    return MK_OK;
+}
+
+static enum mk_status read_effects(struct reader *r, struct mk_model *m)
+{
+    char name[MAX_TEXT];
+    for (int i = 0; i < r->count; i++) {
+        struct entry *e = &r->entry[i];
+        bool seen = false;
+        for (int k = 0; k < i && !seen; k++)
+            seen = strcmp(r->entry[k].section, e->section) == 0;
+        if (seen || !effect_name(e->section, name))
+            continue;
+        enum mk_status st = read_effect(r, m, e);
+        if (st != MK_OK)
+            return st;
+    }
+    return MK_OK;
+}
+
+static enum mk_status reject_unused(struct reader *r)
+{
+    static const char *const sections[] = {"rig", "parameters", "stderr", "simulation"};
+    for (int i = 0; i < r->count; i++) {
+        const struct entry *e = &r->entry[i];
+        if (e->used)
+            continue;
+        char name[MAX_TEXT];
+        bool known = effect_name(e->section, name);
+        for (size_t k = 0; k < sizeof sections / sizeof sections[0]; k++)
+            known = known || strcmp(sections[k], e->section) == 0;
+        if (!known)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                               "unknown section [%s]: expected rig, parameters, stderr, "
+                               "simulation or effect.NAME",
+                               e->section);
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "unknown key '%s' in [%s]",
+                           e->key, e->section);
+    }
+    return MK_OK;
+}
+
+static enum mk_status interpret(struct reader *r, struct mk_model *m)
+{
+    enum mk_status st = read_rig(r, m);
+    if (st == MK_OK)
+        st = read_parameters(r, m);
+    if (st == MK_OK)
+        st = read_effects(r, m);
+    if (st == MK_OK)
+        st = reject_unused(r);
+    if (st != MK_OK)
+        return st;
+    struct mk_error why = MK_ERROR_INIT;
+    st = mk_model_check(m, &why);
+    if (st != MK_OK)
+        return mk_error_at(r->err, st, r->path, 0, 0, "%s", why.message);
+    return MK_OK;
+}
+
+enum mk_status mk_model_read(const char *path, struct mk_model *out, struct mk_error *err)
+{
+    FILE *file = fopen(path, "r");
+    if (!file)
+        return mk_error_errno(err, errno, path, "cannot open the model");
+    struct reader *r = calloc(1, sizeof *r);
+    if (!r) {
+        fclose(file);
+        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
+    }
+    r->file = file;
+    r->path = path;
+    r->err = err;
+    int bad = ini_parse_stream(next_line, r, on_entry, r);
+    enum mk_status st = r->status;
+    if (st == MK_OK && ferror(file))
+        st = mk_error_errno(err, errno ? errno : EIO, path, "cannot read the model");
+    if (st == MK_OK && bad != 0)
+        st = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r->line, 0,
+                         "expected `key = value` or `[section]`");
+    struct mk_model model;
+    if (st == MK_OK)
+        st = interpret(r, &model);
+    if (st == MK_OK)
+        *out = model;
+    free(r);
+    fclose(file);
+    return st;
+}
+
+/* --- writing ------------------------------------------------------------------------------------
+ */
+
+static void put(FILE *f, const char *key, double value)
+{
+    char text[MK_NUMBER_MAX];
+    mk_format_double(text, value);
+    fprintf(f, "%s = %s\n", key, text);
+}
+
+static void write_effects(FILE *f, const struct mk_model *m)
+{
+    for (int i = 0; i < m->effect_count; i++) {
+        const struct mk_effect_use *use = &m->effect[i];
+        const struct mk_effect_info *info = mk_effect(use->index);
+        int nth = 1;
+        for (int k = 0; k < i; k++)
+            nth += m->effect[k].index == use->index;
+        if (nth == 1)
+            fprintf(f, "\n[effect.%s]\n", info->name);
+        else
+            fprintf(f, "\n[effect.%s.%d]\n", info->name, nth);
+        if (use->joint > 0)
+            fprintf(f, "joint = %d\n", use->joint);
+        for (int k = 0; k < info->parameter_count; k++)
+            put(f, info->parameter[k].name, use->value[k]);
+    }
+}
+
+static void write_model(FILE *f, const struct mk_model *m, const char *comment)
+{
+    const struct mk_plant_info *plant = mk_plant(m->plant);
+    for (const char *at = comment; at && *at;) {
+        size_t n = strcspn(at, "\n");
+        fprintf(f, "# %.*s\n", (int)n, at);
+        at += n + (at[n] == '\n');
+    }
+    fprintf(f, "[rig]\nkind = %s\n", plant->name);
+    put(f, "g", m->g);
+    put(f, "u_max", m->u_max);
+    put(f, "u_to_torque", m->u_to_torque);
+    fprintf(f, "encoder_cpr = %d", m->encoder_cpr[0]);
+    if (plant->joints == 2)
+        fprintf(f, " %d", m->encoder_cpr[1]);
+    fprintf(f, "\n\n[parameters]\n");
+    bool errors = false;
+    for (int i = 0; i < plant->parameter_count; i++) {
+        put(f, plant->parameter[i].name, m->parameter[i]);
+        errors = errors || m->parameter_stderr[i] > 0.0;
+    }
+    if (errors) {
+        fprintf(f, "\n[stderr]\n");
+        for (int i = 0; i < plant->parameter_count; i++)
+            if (m->parameter_stderr[i] > 0.0)
+                put(f, plant->parameter[i].name, m->parameter_stderr[i]);
+    }
+    fprintf(f, "\n[simulation]\n");
+    put(f, "rtol", m->rtol);
+    put(f, "atol", m->atol);
+    write_effects(f, m);
+}
+
+enum mk_status mk_model_write(const char *path, const struct mk_model *model, const char *comment,
+                              struct mk_error *err)
+{
+    size_t size = strlen(path) + 16;
+    char *temporary = malloc(size);
+    if (!temporary)
+        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
+    snprintf(temporary, size, "%s.tmp%d", path, (int)getpid());
+    enum mk_status st = MK_OK;
+    FILE *f = fopen(temporary, "w");
+    if (!f) {
+        st = mk_error_errno(err, errno, path, "cannot write the model");
+        free(temporary);
+        return st;
+    }
+    write_model(f, model, comment);
+    errno = 0;
+    bool failed = fflush(f) != 0 || ferror(f) || fsync(fileno(f)) != 0;
+    int why = errno;
+    failed = fclose(f) != 0 || failed;
+    if (!failed && rename(temporary, path) != 0) {
+        failed = true;
+        why = errno;
+    }
+    if (failed) {
+        st = mk_error_errno(err, why ? why : EIO, path, "cannot write the model");
+        unlink(temporary);
+    }
+    free(temporary);
+    return st;
+}

@@ -1,0 +1,152 @@
+// A whole model evaluated over a scalar: plant, friction of the motor joint, effects.
+#ifndef MECHKIT_MODEL_RHS_HPP
+#define MECHKIT_MODEL_RHS_HPP
+
+#include "model/effects_list.hpp"
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+// Resolves a model's structure; the numbers are converted from double, so for lanes and derivatives
+// the caller overwrites p and effect[].p afterwards.
+template <class S>
+inline Compiled<S> compile(const mk_model &model)
+{
+    const mk_plant_info *plant = mk_plant(model.plant);
+    Compiled<S> c;
+    c.plant = model.plant;
+    c.joints = plant->joints;
+    c.motor = plant->motor_joint;
+    c.parameter_count = plant->parameter_count;
+    c.g = model.g;
+    c.u_max = model.u_max;
+    c.effect_count = model.effect_count;
+    c.state_count = 2 * c.joints;
+    c.event_count = 0;
+    for (int i = 0; i < c.parameter_count; i++)
+        c.p[i] = S(model.parameter[i]);
+    for (int i = 0; i < c.effect_count; i++) {
+        const mk_effect_use &use = model.effect[i];
+        const mk_effect_info *info = mk_effect(use.index);
+        typename Compiled<S>::Effect &e = c.effect[i];
+        e.index = use.index;
+        e.joint = use.joint - 1;
+        e.state = c.state_count;
+        e.event = c.event_count;
+        c.state_count += info->state_count;
+        c.event_count += info->event_count;
+        for (int k = 0; k < info->parameter_count; k++)
+            e.p[k] = S(use.value[k]);
+    }
+    return c;
+}
+
+// Friction of the motor joint, the same form on all five plants: the last two parameters.
+// Report (2.2), (2.3).
+template <class S>
+inline S motor_friction(const Compiled<S> &c, const S &speed, const S &coulomb_scale)
+{
+    return c.p[c.parameter_count - 2] * speed +
+           c.p[c.parameter_count - 1] * coulomb_scale * smooth_sign(speed);
+}
+
+template <class S>
+inline EffectArgs<S> args_of(const typename Compiled<S>::Effect &e, const S *x)
+{
+    return {e.joint, e.p, x + e.state};
+}
+
+// Fills a frame up to the command and frame stages.
+template <class S>
+inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const S &t, const S *x, const S *u)
+{
+    f.c = &c;
+    f.t = t;
+    f.m = motion_of(c.joints, x, x + c.joints);
+    f.command[0] = clamp(u[0], S(-c.u_max), S(c.u_max));
+    f.command[1] = u[1];
+    f.motor_speed = f.m.v[c.motor];
+    f.coulomb_scale = S(1.0);
+    f.motor_detached = false;
+    f.base_acceleration = S(0.0);
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *stage = effect_ops<S>(c.effect[i].index).frame)
+            stage(f, args_of(c.effect[i], x));
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *stage = effect_ops<S>(c.effect[i].index).command)
+            stage(f, args_of(c.effect[i], x));
+}
+
+// Accelerations of the joints from right-hand sides tau, mass matrix and h.
+template <class S>
+inline void solve_joints(int joints, const S &m11, const S &m12, const S &m22, const S &r1,
+                         const S &r2, S *a)
+{
+    if (joints == 1) {
+        a[0] = r1 / m11;
+        a[1] = S(0.0);
+        return;
+    }
+    S inv = 1.0 / (m11 * m22 - m12 * m12);
+    a[0] = (m22 * r1 - m12 * r2) * inv;
+    a[1] = (m11 * r2 - m12 * r1) * inv;
+}
+
+// dx/dt with the law known at compile time.
+template <class Law, class S>
+inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx)
+{
+    Frame<S> f;
+    frame_begin(f, c, t, x, u);
+    Assembler<S> sum(c.p);
+    Law::law(f.m, c.g, sum);
+    f.motor_torque = f.command[0] - motor_friction(c, f.motor_speed, f.coulomb_scale);
+    f.tau[0] = S(0.0);
+    f.tau[1] = f.command[1];
+    if (!f.motor_detached)
+        f.tau[c.motor] += f.motor_torque;
+    f.m11 = sum.m11, f.m12 = sum.m12, f.m22 = sum.m22;
+    for (int i = 0; i < c.effect_count; i++) {
+        const EffectOps<S> &ops = effect_ops<S>(c.effect[i].index);
+        EffectArgs<S> e = args_of(c.effect[i], x);
+        if (ops.torque)
+            ops.torque(f, e);
+        if (ops.inertia)
+            ops.inertia(f, e);
+    }
+    S r1 = f.tau[0] - sum.f1 - sum.m11 * f.base_acceleration;
+    S r2 = f.tau[1] - sum.f2 - sum.m12 * f.base_acceleration;
+    solve_joints(c.joints, f.m11, f.m12, f.m22, r1, r2, f.a);
+    for (int j = 0; j < c.joints; j++) {
+        dx[j] = x[c.joints + j];
+        dx[c.joints + j] = f.a[j];
+    }
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *stage = effect_ops<S>(c.effect[i].index).derivative)
+            stage(f, args_of(c.effect[i], x), dx + c.effect[i].state);
+}
+
+template <class S>
+inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx)
+{
+    with_plant(c.plant, [&](auto law) { rhs_of<decltype(law)>(c, t, x, u, dx); });
+}
+
+template <class S>
+inline void measure(const Compiled<S> &c, const S &t, const S *x, S *y)
+{
+    Frame<S> f;
+    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
+    frame_begin(f, c, t, x, u);
+    for (int j = 0; j < c.joints; j++)
+        y[j] = x[j];
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *stage = effect_ops<S>(c.effect[i].index).measure)
+            stage(f, args_of(c.effect[i], x), y);
+}
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+#endif
