@@ -66,7 +66,7 @@ double *mk_log_add_column(struct mk_log *log, const char *name);
 const double *mk_log_get(const struct mk_log *log, const char *name);
 
 /* Metadata value of the first line with that key, NULL when absent. */
-const char *mk_log_meta(const struct mk_log *log, const char *key);
+const char *mk_log_find_meta(const struct mk_log *log, const char *key);
 MK_NODISCARD enum mk_status mk_log_set_meta(struct mk_log *log, const char *key, const char *value);
 
 /* Writes the whole log to a temporary file beside `path` and renames it, so that `path` is either

@@ -117,8 +117,8 @@ MK_NODISCARD enum mk_status mk_loop_wait(struct mk_loop *loop, double seconds,
 MK_NODISCARD enum mk_status mk_loop_set_params(struct mk_loop *loop, const double *value, int count,
                                                struct mk_error *err);
 
-void mk_loop_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);
-void mk_loop_stats(const struct mk_loop *loop, struct mk_loop_stats *out);
+void mk_loop_get_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);
+void mk_loop_get_stats(const struct mk_loop *loop, struct mk_loop_stats *out);
 /* Operator's stop: zero torque, fault E-STOP. Async-signal-safe. */
 void mk_loop_estop(struct mk_loop *loop);
 /* Clears a latched fault. */

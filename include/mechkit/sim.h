@@ -67,7 +67,7 @@ const double *mk_sim_state(const struct mk_sim *sim); /* borrowed, valid until t
 void mk_sim_measure(const struct mk_sim *sim, double *y);
 /* The command that acts on the rig now, after delay and limit (2 values). */
 void mk_sim_applied(const struct mk_sim *sim, double *u);
-void mk_sim_stats(const struct mk_sim *sim, struct mk_sim_stats *out);
+void mk_sim_get_stats(const struct mk_sim *sim, struct mk_sim_stats *out);
 
 /* --- energy bookkeeping --------------------------------------------------------------------- */
 

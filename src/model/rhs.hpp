@@ -94,15 +94,18 @@ inline void solve_joints(int joints, const S &m11, const S &m12, const S &m22, c
     a[1] = (m11 * r2 - m12 * r1) * inv;
 }
 
-// dx/dt with the law known at compile time.
+// dx/dt with the law known at compile time; *power (if wanted) is what the motors put in.
 template <class Law, class S>
-inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx)
+inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx,
+                   S *power = nullptr)
 {
     Frame<S> f;
     frame_begin(f, c, t, x, u);
     Assembler<S> sum(c.p);
     Law::law(f.m, c.g, sum);
     f.motor_torque = f.command[0] - motor_friction(c, f.motor_speed, f.coulomb_scale);
+    if (power)
+        *power = f.command[0] * f.motor_speed + f.command[1] * f.m.v[1];
     f.tau[0] = S(0.0);
     f.tau[1] = f.command[1];
     if (!f.motor_detached)
@@ -129,9 +132,9 @@ inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *
 }
 
 template <class S>
-inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx)
+inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx, S *power = nullptr)
 {
-    with_plant(c.plant, [&](auto law) { rhs_of<decltype(law)>(c, t, x, u, dx); });
+    with_plant(c.plant, [&](auto law) { rhs_of<decltype(law)>(c, t, x, u, dx, power); });
 }
 
 template <class S>

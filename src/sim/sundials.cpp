@@ -1,0 +1,308 @@
+// CVODE and ARKODE behind the solver interface. The only file that knows SUNDIALS; builds with 6.x
+// and 7.x.
+#include <arkode/arkode_erkstep.h>
+#include <cvode/cvode.h>
+#include <nvector/nvector_serial.h>
+#include <sundials/sundials_context.h>
+#include <sunlinsol/sunlinsol_dense.h>
+#include <sunmatrix/sunmatrix_dense.h>
+#include <sunnonlinsol/sunnonlinsol_fixedpoint.h>
+
+#include <cmath>
+#include <cstring>
+#include <new>
+
+#include "sim/integrator.hpp"
+
+namespace mk
+{
+namespace
+{
+
+constexpr long MAX_STEPS =
+    500000; // in one call; beyond that the problem is not what we think it is
+
+bool create_context(SUNContext *ctx)
+{
+#if SUNDIALS_VERSION_MAJOR >= 7
+    if (SUNContext_Create(SUN_COMM_NULL, ctx) != 0)
+        return false;
+    SUNContext_ClearErrHandlers(*ctx); // the library reports; it does not print
+    return true;
+#else
+    return SUNContext_Create(nullptr, ctx) == 0;
+#endif
+}
+
+int on_rhs(sunrealtype t, N_Vector y, N_Vector dy, void *user)
+{
+    const System *system = static_cast<const System *>(user);
+    const double *yd = N_VGetArrayPointer(y);
+    double *dyd = N_VGetArrayPointer(dy);
+    system->rhs(t, yd, dyd);
+    for (int i = 0; i < system->size(); i++)
+        if (!std::isfinite(dyd[i]))
+            return 1; // recoverable: try a smaller step
+    return 0;
+}
+
+int on_events(sunrealtype t, N_Vector y, sunrealtype *g, void *user)
+{
+    const System *system = static_cast<const System *>(user);
+    mk_model_events(&system->model, t, N_VGetArrayPointer(y), system->u, g);
+    return 0;
+}
+
+int on_jacobian(sunrealtype t, N_Vector y, N_Vector, SUNMatrix jac, void *user, N_Vector, N_Vector,
+                N_Vector)
+{
+    const System *system = static_cast<const System *>(user);
+    double j[MK_MAX_STATES * MK_MAX_STATES];
+    mk_model_jacobian(&system->model, t, N_VGetArrayPointer(y), system->u, j, nullptr, nullptr);
+    for (int row = 0; row < system->size(); row++)
+        for (int col = 0; col < system->size(); col++) {
+            // Nothing depends on the work, and Newton does not need how the work depends on the
+            // rest.
+            bool work = row == system->states || col == system->states;
+            SM_ELEMENT_D(jac, row, col) = work ? 0.0 : j[row * system->states + col];
+        }
+    return 0;
+}
+
+enum mk_status gave_up(mk_error *err, const char *what, int flag, double t)
+{
+    enum mk_status st =
+        mk_error_set(err, MK_ERR_NUMERIC, "%s gave up at t = %.6g s (code %d)", what, t, flag);
+    if (err)
+        err->os_code = flag;
+    return st;
+}
+
+// Vectors, context and counters that both families need.
+class SundialsBase : public Integrator
+{
+  protected:
+    const System &system_;
+    SUNContext ctx_ = nullptr;
+    N_Vector y_ = nullptr, tolerance_ = nullptr;
+    double t_ = 0.0;
+    uint64_t events_ = 0, restarts_ = 0;
+
+    explicit SundialsBase(const System &system) : system_(system) {}
+    ~SundialsBase() override
+    {
+        if (y_)
+            N_VDestroy(y_);
+        if (tolerance_)
+            N_VDestroy(tolerance_);
+        if (ctx_)
+            SUNContext_Free(&ctx_);
+    }
+    bool create_vectors()
+    {
+        if (!create_context(&ctx_))
+            return false;
+        y_ = N_VNew_Serial(system_.size(), ctx_);
+        tolerance_ = N_VNew_Serial(system_.size(), ctx_);
+        if (!y_ || !tolerance_)
+            return false;
+        N_VConst(0.0, y_);
+        N_VConst(system_.atol, tolerance_);
+        // Bookkeeping must not drive the step size: work is as good as the states it follows.
+        N_VGetArrayPointer(tolerance_)[system_.states] = 1e3 * system_.atol;
+        return true;
+    }
+    void load(double t, const double *y)
+    {
+        t_ = t;
+        memcpy(N_VGetArrayPointer(y_), y, sizeof(double) * static_cast<size_t>(system_.size()));
+        restarts_++;
+    }
+    void unload(double *y) const
+    {
+        memcpy(y, N_VGetArrayPointer(y_), sizeof(double) * static_cast<size_t>(system_.size()));
+    }
+};
+
+class Cvode : public SundialsBase
+{
+    void *mem_ = nullptr;
+    SUNMatrix matrix_ = nullptr;
+    SUNLinearSolver linear_ = nullptr;
+    SUNNonlinearSolver nonlinear_ = nullptr;
+
+  public:
+    explicit Cvode(const System &system) : SundialsBase(system) {}
+    ~Cvode() override
+    {
+        if (mem_)
+            CVodeFree(&mem_);
+        if (nonlinear_)
+            SUNNonlinSolFree(nonlinear_);
+        if (linear_)
+            SUNLinSolFree(linear_);
+        if (matrix_)
+            SUNMatDestroy(matrix_);
+    }
+    bool create(int method)
+    {
+        if (!create_vectors() || !(mem_ = CVodeCreate(method, ctx_)))
+            return false;
+#if SUNDIALS_VERSION_MAJOR < 7
+        CVodeSetErrFile(mem_, nullptr);
+#endif
+        if (CVodeInit(mem_, on_rhs, 0.0, y_) != 0 ||
+            CVodeSVtolerances(mem_, system_.rtol, tolerance_) != 0 ||
+            CVodeSetUserData(mem_, const_cast<System *>(&system_)) != 0 ||
+            CVodeSetMaxNumSteps(mem_, MAX_STEPS) != 0 || CVodeSetMaxHnilWarns(mem_, -1) != 0)
+            return false;
+        if (system_.events && CVodeRootInit(mem_, system_.events, on_events) != 0)
+            return false;
+        return method == CV_BDF ? attach_newton() : attach_fixed_point();
+    }
+    enum mk_status restart(double t, const double *y) override
+    {
+        load(t, y);
+        return CVodeReInit(mem_, t_, y_) == 0 ? MK_OK : MK_ERR_NUMERIC;
+    }
+    enum mk_status advance(double t_end, double *y, mk_error *err) override
+    {
+        CVodeSetStopTime(mem_, t_end);
+        while (t_ < t_end) {
+            int flag = CVode(mem_, t_end, y_, &t_, CV_NORMAL);
+            if (flag < 0)
+                return gave_up(err, "CVODE", flag, t_);
+            if (flag != CV_ROOT_RETURN)
+                continue;
+            events_++;
+            if (CVodeReInit(mem_, t_, y_) != 0)
+                return gave_up(err, "CVODE", flag, t_);
+            CVodeSetStopTime(mem_, t_end);
+        }
+        unload(y);
+        return MK_OK;
+    }
+    void stats(mk_sim_stats *out) const override
+    {
+        long steps = 0, evaluations = 0;
+        CVodeGetNumSteps(mem_, &steps);
+        CVodeGetNumRhsEvals(mem_, &evaluations);
+        *out = {static_cast<uint64_t>(steps), static_cast<uint64_t>(evaluations), events_,
+                restarts_};
+    }
+
+  private:
+    bool attach_newton()
+    {
+        matrix_ = SUNDenseMatrix(system_.size(), system_.size(), ctx_);
+        linear_ = matrix_ ? SUNLinSol_Dense(y_, matrix_, ctx_) : nullptr;
+        return linear_ && CVodeSetLinearSolver(mem_, linear_, matrix_) == 0 &&
+               CVodeSetJacFn(mem_, on_jacobian) == 0;
+    }
+    bool attach_fixed_point()
+    {
+        nonlinear_ = SUNNonlinSol_FixedPoint(y_, 0, ctx_);
+        return nonlinear_ && CVodeSetNonlinearSolver(mem_, nonlinear_) == 0;
+    }
+};
+
+class Erk : public SundialsBase
+{
+    void *mem_ = nullptr;
+    double last_step_ = 0.0;
+
+  public:
+    explicit Erk(const System &system) : SundialsBase(system) {}
+    ~Erk() override
+    {
+        if (mem_)
+            ERKStepFree(&mem_);
+    }
+    bool create()
+    {
+        if (!create_vectors() || !(mem_ = ERKStepCreate(on_rhs, 0.0, y_, ctx_)))
+            return false;
+#if SUNDIALS_VERSION_MAJOR < 7
+        ERKStepSetErrFile(mem_, nullptr);
+#endif
+        return ERKStepSVtolerances(mem_, system_.rtol, tolerance_) == 0 &&
+               ERKStepSetUserData(mem_, const_cast<System *>(&system_)) == 0 &&
+               ERKStepSetTableNum(mem_, ARKODE_VERNER_8_5_6) == 0 &&
+               ERKStepSetMaxNumSteps(mem_, MAX_STEPS) == 0 &&
+               ERKStepSetMaxHnilWarns(mem_, -1) == 0 &&
+               (!system_.events || ERKStepRootInit(mem_, system_.events, on_events) == 0);
+    }
+    enum mk_status restart(double t, const double *y) override
+    {
+        load(t, y);
+        return reinit(0.0);
+    }
+    enum mk_status advance(double t_end, double *y, mk_error *err) override
+    {
+        ERKStepSetStopTime(mem_, t_end);
+        while (t_ < t_end) {
+            int flag = ERKStepEvolve(mem_, t_end, y_, &t_, ARK_NORMAL);
+            if (flag < 0)
+                return gave_up(err, "ARKODE", flag, t_);
+            ERKStepGetCurrentStep(mem_, &last_step_);
+            if (flag != ARK_ROOT_RETURN)
+                continue;
+            events_++;
+            if (reinit(t_end - t_) != MK_OK)
+                return gave_up(err, "ARKODE", flag, t_);
+            ERKStepSetStopTime(mem_, t_end);
+        }
+        unload(y);
+        return MK_OK;
+    }
+    void stats(mk_sim_stats *out) const override
+    {
+        long steps = 0, evaluations = 0;
+        ERKStepGetNumSteps(mem_, &steps);
+        ERKStepGetNumRhsEvals(mem_, &evaluations);
+        *out = {static_cast<uint64_t>(steps), static_cast<uint64_t>(evaluations), events_,
+                restarts_};
+    }
+
+  private:
+    // A one-step method needs no new first step after an edge: the step it was taking will do (an
+    // error test corrects it).
+    enum mk_status reinit(double longest)
+    {
+        if (ERKStepReInit(mem_, on_rhs, t_, y_) != 0)
+            return MK_ERR_NUMERIC;
+        double h = longest > 0.0 ? std::fmin(last_step_, longest) : last_step_;
+        return h > 0.0 && ERKStepSetInitStep(mem_, h) != 0 ? MK_ERR_NUMERIC : MK_OK;
+    }
+};
+
+Integrator *finish(Integrator *made, bool good, const char *what, mk_error *err)
+{
+    if (made && good)
+        return made;
+    delete made;
+    mk_error_set(err, MK_ERR_NOMEM, "cannot create %s", what);
+    return nullptr;
+}
+
+} // namespace
+
+Integrator *create_cvode_adams(const System &system, mk_error *err)
+{
+    Cvode *made = new (std::nothrow) Cvode(system);
+    return finish(made, made && made->create(CV_ADAMS), "CVODE", err);
+}
+
+Integrator *create_cvode_bdf(const System &system, mk_error *err)
+{
+    Cvode *made = new (std::nothrow) Cvode(system);
+    return finish(made, made && made->create(CV_BDF), "CVODE", err);
+}
+
+Integrator *create_arkode_erk(const System &system, mk_error *err)
+{
+    Erk *made = new (std::nothrow) Erk(system);
+    return finish(made, made && made->create(), "ARKODE", err);
+}
+
+} // namespace mk
