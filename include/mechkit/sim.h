@@ -21,7 +21,7 @@ extern "C" {
 #endif
 
 enum mk_solver {
-    MK_SOLVER_DEFAULT, /* CVODE Adams when the model is smooth, BDF when it has stiff contact */
+    MK_SOLVER_DEFAULT, /* ARKODE's explicit method: over short samples it beat the multistep ones */
     MK_SOLVER_CVODE_ADAMS,
     MK_SOLVER_CVODE_BDF,
     MK_SOLVER_ARKODE_ERK,
@@ -117,13 +117,14 @@ struct mk_record {
     bool si;                        /* the log has tau */
 };
 /* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. MK_ERR_PARSE names what is
- * missing, that the rig in the log is another one, or that units do not fit the model. */
+ * missing, or that the log is of another rig. */
 MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);
 
-/* Start state at row `row` by a local polynomial fit to the angles over +-`half` rows (0: chosen
- * from rate and quantisation), robust to dropped rows; one-sided at the ends of [first, last). */
+/* Start state at row `row` by a local polynomial fit to the angles over at most +-`half` rows (0:
+ * the widest that the noise of the readings can explain), robust to dropped rows; one-sided at the
+ * ends of [first, last). MK_ERR_RANGE when there are fewer than 4 readings. */
 MK_NODISCARD enum mk_status mk_record_state_at(const struct mk_record *rec,
                                                const struct mk_model *model, size_t first,
                                                size_t last, size_t row, int half, double *x,

@@ -86,7 +86,8 @@ class SundialsBase : public Integrator
     SUNContext ctx_ = nullptr;
     N_Vector y_ = nullptr, tolerance_ = nullptr;
     double t_ = 0.0;
-    uint64_t events_ = 0, restarts_ = 0;
+    // Counted over restarts, at which the solver's own counters begin anew.
+    uint64_t steps_ = 0, evaluations_ = 0, events_ = 0, restarts_ = 0;
 
     explicit SundialsBase(const System &system) : system_(system) {}
     ~SundialsBase() override
@@ -117,6 +118,16 @@ class SundialsBase : public Integrator
         t_ = t;
         memcpy(N_VGetArrayPointer(y_), y, sizeof(double) * static_cast<size_t>(system_.size()));
         restarts_++;
+    }
+    void count(long steps, long evaluations)
+    {
+        steps_ += static_cast<uint64_t>(steps);
+        evaluations_ += static_cast<uint64_t>(evaluations);
+    }
+    mk_sim_stats totals(long steps, long evaluations) const
+    {
+        return {steps_ + static_cast<uint64_t>(steps),
+                evaluations_ + static_cast<uint64_t>(evaluations), events_, restarts_};
     }
     void unload(double *y) const
     {
@@ -163,7 +174,7 @@ class Cvode : public SundialsBase
     enum mk_status restart(double t, const double *y) override
     {
         load(t, y);
-        return CVodeReInit(mem_, t_, y_) == 0 ? MK_OK : MK_ERR_NUMERIC;
+        return reinit();
     }
     enum mk_status advance(double t_end, double *y, mk_error *err) override
     {
@@ -175,7 +186,7 @@ class Cvode : public SundialsBase
             if (flag != CV_ROOT_RETURN)
                 continue;
             events_++;
-            if (CVodeReInit(mem_, t_, y_) != 0)
+            if (reinit() != MK_OK)
                 return gave_up(err, "CVODE", flag, t_);
             CVodeSetStopTime(mem_, t_end);
         }
@@ -187,11 +198,18 @@ class Cvode : public SundialsBase
         long steps = 0, evaluations = 0;
         CVodeGetNumSteps(mem_, &steps);
         CVodeGetNumRhsEvals(mem_, &evaluations);
-        *out = {static_cast<uint64_t>(steps), static_cast<uint64_t>(evaluations), events_,
-                restarts_};
+        *out = totals(steps, evaluations);
     }
 
   private:
+    enum mk_status reinit()
+    {
+        long steps = 0, evaluations = 0;
+        CVodeGetNumSteps(mem_, &steps);
+        CVodeGetNumRhsEvals(mem_, &evaluations);
+        count(steps, evaluations);
+        return CVodeReInit(mem_, t_, y_) == 0 ? MK_OK : MK_ERR_NUMERIC;
+    }
     bool attach_newton()
     {
         matrix_ = SUNDenseMatrix(system_.size(), system_.size(), ctx_);
@@ -260,8 +278,7 @@ class Erk : public SundialsBase
         long steps = 0, evaluations = 0;
         ERKStepGetNumSteps(mem_, &steps);
         ERKStepGetNumRhsEvals(mem_, &evaluations);
-        *out = {static_cast<uint64_t>(steps), static_cast<uint64_t>(evaluations), events_,
-                restarts_};
+        *out = totals(steps, evaluations);
     }
 
   private:
@@ -269,6 +286,10 @@ class Erk : public SundialsBase
     // error test corrects it).
     enum mk_status reinit(double longest)
     {
+        long steps = 0, evaluations = 0;
+        ERKStepGetNumSteps(mem_, &steps);
+        ERKStepGetNumRhsEvals(mem_, &evaluations);
+        count(steps, evaluations);
         if (ERKStepReInit(mem_, on_rhs, t_, y_) != 0)
             return MK_ERR_NUMERIC;
         double h = longest > 0.0 ? std::fmin(last_step_, longest) : last_step_;

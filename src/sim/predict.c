@@ -1,0 +1,165 @@
+/* Free-run prediction of a log: the model driven by the log's command, against its readings. */
+#include "mechkit/sim.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct prediction {
+    const struct mk_model *model;
+    struct mk_record rec;
+    struct mk_sim *sim;
+    int joints;
+    double *q[MK_MAX_JOINTS], *dq[MK_MAX_JOINTS];
+    double *window; /* NULL when not windowed */
+};
+
+/* Command of row k; a missing one is held from before. */
+static void command_at(const struct mk_record *rec, size_t row, double *u)
+{
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        if (rec->u[i] && !isnan(rec->u[i][row]))
+            u[i] = rec->u[i][row];
+}
+
+static void store(struct prediction *p, size_t row)
+{
+    double y[MK_MAX_JOINTS];
+    const double *x = mk_sim_state(p->sim);
+    mk_sim_measure(p->sim, y);
+    for (int j = 0; j < p->joints; j++) {
+        p->q[j][row] = y[j];
+        p->dq[j][row] = x[p->joints + j];
+    }
+}
+
+/* One window [first, last): start state from readings of this and earlier windows' side too, but
+ * never from later ones. */
+static enum mk_status run_window(struct prediction *p, size_t first, size_t last,
+                                 struct mk_error *err)
+{
+    const struct mk_record *rec = &p->rec;
+    double x[MK_MAX_STATES], u[MK_MAX_INPUTS] = {0.0, 0.0};
+    enum mk_status st = mk_record_state_at(rec, p->model, 0, last, first, 0, x, err);
+    if (st != MK_OK)
+        return st;
+    for (size_t k = 0; k < first; k++)
+        command_at(rec, k, u);
+    st = mk_sim_reset(p->sim, rec->t[first], x, u);
+    if (st == MK_OK)
+        store(p, first);
+    for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
+        command_at(rec, k, u);
+        st = mk_sim_advance(p->sim, rec->t[k + 1], u, err);
+        if (st == MK_OK)
+            store(p, k + 1);
+    }
+    return st;
+}
+
+static enum mk_status run_windows(struct prediction *p, double window_s, size_t *windows,
+                                  size_t *failed, struct mk_error *err)
+{
+    const struct mk_record *rec = &p->rec;
+    enum mk_status st = MK_OK;
+    size_t first = 0;
+    *windows = *failed = 0;
+    while (first < rec->rows) {
+        size_t last = rec->rows;
+        if (window_s > 0.0) {
+            double index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
+            double end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
+            for (last = first + 1; last < rec->rows && rec->t[last] < end;)
+                last++;
+            for (size_t k = first; k < last; k++)
+                p->window[k] = index;
+        }
+        st = run_window(p, first, last, err);
+        *failed += st != MK_OK;
+        ++*windows;
+        first = last;
+    }
+    return *failed == *windows ? st : MK_OK;
+}
+
+static void compare(const struct prediction *p, struct mk_predict_figures *out)
+{
+    const struct mk_record *rec = &p->rec;
+    for (int j = 0; j < p->joints; j++) {
+        double sum = 0.0, squares = 0.0, error = 0.0;
+        size_t n = 0, compared = 0;
+        for (size_t k = 0; k < rec->rows; k++) {
+            double y = rec->q[j][k];
+            if (isnan(y))
+                continue;
+            sum += y;
+            n++;
+            if (isnan(p->q[j][k]))
+                continue;
+            error += (p->q[j][k] - y) * (p->q[j][k] - y);
+            compared++;
+        }
+        double mean = n ? sum / (double)n : 0.0;
+        for (size_t k = 0; k < rec->rows; k++)
+            if (!isnan(rec->q[j][k]))
+                squares += (rec->q[j][k] - mean) * (rec->q[j][k] - mean);
+        out->rms[j] = compared ? sqrt(error / (double)compared) : (double)NAN;
+        out->nrmse[j] = squares > 0.0 ? out->rms[j] / sqrt(squares / (double)n) : (double)NAN;
+        if (j == 0)
+            out->rows = compared;
+    }
+}
+
+static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool windowed)
+{
+    static const char *const angle[] = {"q1", "q2"}, *const speed[] = {"dq1", "dq2"};
+    double *t = mk_log_add_column(log, "t");
+    if (!t)
+        return MK_ERR_NOMEM;
+    memcpy(t, p->rec.t, sizeof(double) * p->rec.rows);
+    /* Data pointers stay valid while columns are added: each column has memory of its own. */
+    for (int j = 0; j < p->joints; j++)
+        if (!(p->q[j] = mk_log_add_column(log, angle[j])))
+            return MK_ERR_NOMEM;
+    for (int j = 0; j < p->joints; j++)
+        if (!(p->dq[j] = mk_log_add_column(log, speed[j])))
+            return MK_ERR_NOMEM;
+    if (windowed && !(p->window = mk_log_add_column(log, "window")))
+        return MK_ERR_NOMEM;
+    return mk_log_set_meta(log, "rig", mk_plant(p->model->plant)->name);
+}
+
+enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
+                          const struct mk_predict_options *options, struct mk_log **out,
+                          struct mk_predict_figures *figures, size_t *failed, struct mk_error *err)
+{
+    struct prediction p = {.model = model, .joints = mk_model_joints(model)};
+    struct mk_predict_figures figs;
+    struct mk_log *made = NULL;
+    size_t bad = 0;
+    memset(&figs, 0, sizeof figs);
+    *out = NULL;
+    enum mk_status st = mk_record_from_log(log, model, &p.rec, err);
+    if (st == MK_OK && p.rec.rows < 2)
+        st = mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "a prediction needs at least 2 rows");
+    if (st == MK_OK)
+        st = mk_log_create(p.rec.rows, &made);
+    if (st == MK_OK)
+        st = add_columns(&p, made, options && options->window_s > 0.0);
+    if (st == MK_OK)
+        st = mk_sim_create(model, options ? &options->sim : NULL, &p.sim, err);
+    if (st == MK_OK)
+        st = run_windows(&p, options ? options->window_s : 0.0, &figs.windows, &bad, err);
+    if (st == MK_OK) {
+        compare(&p, &figs);
+        *out = made;
+        made = NULL;
+        if (figures)
+            *figures = figs;
+        if (failed)
+            *failed = bad;
+    }
+    mk_sim_destroy(p.sim);
+    mk_log_free(made);
+    return st;
+}

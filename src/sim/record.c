@@ -1,0 +1,197 @@
+/* A log in a model's terms: which column is what, and the state of the rig at a row. */
+#include "mechkit/sim.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* --- columns ------------------------------------------------------------------------------------
+ */
+
+static enum mk_status missing(const struct mk_log *log, struct mk_error *err, const char *what)
+{
+    return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s", what);
+}
+
+/* The command's columns under their various names (docs/formats.md). */
+static enum mk_status find_commands(const struct mk_log *log, const struct mk_plant_info *plant,
+                                    struct mk_record *out, struct mk_error *err)
+{
+    static const struct {
+        const char *one, *two;
+        bool si;
+    } names[] = {
+        {"u1", "u2", false}, {"tau1", "tau2", true}, {"u", NULL, false}, {"tau", NULL, true}};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        const double *one = mk_log_get(log, names[i].one);
+        const double *two = names[i].two ? mk_log_get(log, names[i].two) : NULL;
+        if (!one)
+            continue;
+        bool takes_two = plant->joints == 2 && plant->motor_joint == 0;
+        out->u[0] = one;
+        out->u[1] = takes_two ? two : NULL;
+        out->si = names[i].si;
+        return MK_OK;
+    }
+    return missing(log, err, "u (the command), tau, or u1/tau1: one of them is needed");
+}
+
+enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,
+                                  struct mk_record *out, struct mk_error *err)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    memset(out, 0, sizeof *out);
+    const char *rig = mk_log_find_meta(log, "rig");
+    if (rig && strcmp(rig, plant->name) != 0)
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log is of a %s, the model of a %s", rig, plant->name);
+    out->rows = log->rows;
+    out->t = mk_log_get(log, "t");
+    if (!out->t)
+        return missing(log, err, "t");
+    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
+    for (int j = 0; j < plant->joints; j++) {
+        out->q[j] = mk_log_get(log, angles[j]);
+        if (!out->q[j])
+            return missing(log, err, angles[j]);
+    }
+    enum mk_status st = find_commands(log, plant, out, err);
+    out->u_to_torque = out->si ? 1.0 : model->u_to_torque;
+    return st;
+}
+
+/* --- state at a row -----------------------------------------------------------------------------
+ */
+
+#define DEGREE 4
+#define TERMS (DEGREE + 1)
+
+/* Readings around a row, as offsets in time and angle so that nothing cancels. */
+struct neighbourhood {
+    const double *t, *q;
+    size_t first, last; /* rows [first, last) */
+    double t0, scale;
+};
+
+/* Solves the TERMS x TERMS normal equations by Cholesky; false when they are singular. */
+static bool solve_normal(int n, double a[TERMS][TERMS], double *b)
+{
+    for (int j = 0; j < n; j++) {
+        for (int k = 0; k < j; k++)
+            for (int i = j; i < n; i++)
+                a[i][j] -= a[i][k] * a[j][k];
+        if (!(a[j][j] > 1e-12))
+            return false;
+        double root = sqrt(a[j][j]);
+        for (int i = j; i < n; i++)
+            a[i][j] /= root;
+    }
+    for (int i = 0; i < n; i++) {
+        for (int k = 0; k < i; k++)
+            b[i] -= a[i][k] * b[k];
+        b[i] /= a[i][i];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        for (int k = i + 1; k < n; k++)
+            b[i] -= a[k][i] * b[k];
+        b[i] /= a[i][i];
+    }
+    return true;
+}
+
+/* Polynomial of degree `terms` - 1 through the neighbourhood, in s = (t - t0) / scale, by least
+ * squares. Returns the rms residual; negative when there are too few readings. */
+static double fit(const struct neighbourhood *nb, int terms, double *c)
+{
+    double a[TERMS][TERMS] = {{0}}, ss = 0.0;
+    int n = 0;
+    memset(c, 0, sizeof(double) * TERMS);
+    for (size_t i = nb->first; i < nb->last; i++) {
+        if (isnan(nb->q[i]))
+            continue;
+        double s = (nb->t[i] - nb->t0) / nb->scale, power[TERMS] = {1.0};
+        for (int k = 1; k < terms; k++)
+            power[k] = power[k - 1] * s;
+        for (int r = 0; r < terms; r++) {
+            c[r] += power[r] * nb->q[i];
+            for (int k = 0; k <= r; k++)
+                a[r][k] += power[r] * power[k];
+        }
+        n++;
+    }
+    if (n < terms || !solve_normal(terms, a, c))
+        return -1.0;
+    for (size_t i = nb->first; i < nb->last; i++) {
+        if (isnan(nb->q[i]))
+            continue;
+        double s = (nb->t[i] - nb->t0) / nb->scale, value = 0.0;
+        for (int k = terms - 1; k >= 0; k--)
+            value = value * s + c[k];
+        ss += (nb->q[i] - value) * (nb->q[i] - value);
+    }
+    return sqrt(ss / n);
+}
+
+static struct neighbourhood around(const struct mk_record *rec, int joint, size_t first,
+                                   size_t last, size_t row, size_t half)
+{
+    struct neighbourhood nb = {rec->t, rec->q[joint], first, last, rec->t[row], 1.0};
+    size_t left = row - first < half ? row - first : half;
+    size_t right = last - 1 - row < half ? last - 1 - row : half;
+    /* One-sided at an end: as many readings as elsewhere. */
+    size_t lack_left = half - left, lack_right = half - right;
+    right = right + lack_left < last - 1 - row ? right + lack_left : last - 1 - row;
+    left = left + lack_right < row - first ? left + lack_right : row - first;
+    nb.first = row - left;
+    nb.last = row + right + 1;
+    double span = fmax(rec->t[nb.last - 1] - nb.t0, nb.t0 - rec->t[nb.first]);
+    nb.scale = span > 0.0 ? span : 1.0;
+    return nb;
+}
+
+/* Angle and speed of one joint at a row: the widest neighbourhood whose residual is still what the
+ * encoder's noise explains wins (wider averages more noise, but a polynomial follows the motion
+ * only so far). */
+static bool smooth_joint(const struct mk_record *rec, const struct mk_model *model, int joint,
+                         size_t first, size_t last, size_t row, int half, double *q, double *v)
+{
+    double count = 6.283185307179586 / model->encoder_cpr[joint];
+    double noise = 0.45 * count; /* rounding (0.29) and some jitter, rms */
+    bool found = false;
+    size_t widest = half > 0 ? (size_t)half : (last - first) / 2 + 1;
+    for (size_t h = 3; h <= widest; h += 1 + h / 4) {
+        struct neighbourhood nb = around(rec, joint, first, last, row, h);
+        double c[TERMS];
+        int terms = TERMS;
+        double rms = fit(&nb, terms, c);
+        while (rms < 0.0 && terms > 2)
+            rms = fit(&nb, --terms, c);
+        if (rms < 0.0)
+            continue;
+        if (found && rms > noise)
+            break;
+        *q = c[0];
+        *v = terms > 1 ? c[1] / nb.scale : 0.0;
+        found = true;
+        if (nb.first == first && nb.last == last)
+            break;
+    }
+    return found;
+}
+
+enum mk_status mk_record_state_at(const struct mk_record *rec, const struct mk_model *model,
+                                  size_t first, size_t last, size_t row, int half, double *x,
+                                  struct mk_error *err)
+{
+    double y[MK_MAX_JOINTS], v[MK_MAX_JOINTS], q[MK_MAX_JOINTS];
+    int n = mk_model_joints(model);
+    if (!(first <= row && row < last && last <= rec->rows))
+        return mk_error_set(err, MK_ERR_INVALID, "row %zu is outside of the log", row);
+    for (int j = 0; j < n; j++)
+        if (!smooth_joint(rec, model, j, first, last, row, half, &y[j], &v[j]))
+            return mk_error_set(err, MK_ERR_RANGE, "too few readings of q%d around t = %g s", j + 1,
+                                rec->t[row]);
+    mk_model_unmeasure(model, rec->t[row], y, q);
+    mk_model_initial_state(model, q, v, x);
+    return MK_OK;
+}
