@@ -4,7 +4,11 @@
 
 #include <check.h>
 
-#define MK_SUITES(X) X(status)
+#define MK_SUITES(X)                                                                               \
+    X(status)                                                                                      \
+    X(plants)                                                                                      \
+    X(effects)                                                                                     \
+    X(sim)
 
 #define MK_SUITE_DECL(name) Suite *suite_##name(void);
 MK_SUITES(MK_SUITE_DECL)

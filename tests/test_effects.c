@@ -1,0 +1,286 @@
+/* Effects against their laws written out by hand, and derivatives against finite differences. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "mechkit/model.h"
+
+static struct mk_model with_effect(enum mk_plant_kind kind, const char *name, int joint)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(kind, &m);
+    ck_assert_msg(mk_model_add_effect(&m, name, joint, &err) == MK_OK, "%s", err.message);
+    return m;
+}
+
+/* What an effect adds to the right-hand side of joint j, by inverse dynamics of what it does. */
+static double added_torque(const struct mk_model *m, const double *x, double u, int joint)
+{
+    int n = mk_model_joints(m);
+    double dx[MK_MAX_STATES], tau[2], command[2] = {u, 0};
+    mk_model_rhs(m, 0.3, x, command, dx);
+    mk_plant_inverse_dynamics(m, x, x + n, dx + n, tau);
+    double motor = mk_plant(m->plant)->motor_joint == joint - 1 ? u : 0.0;
+    return tau[joint - 1] - motor;
+}
+
+static double tanh15(double v)
+{
+    return 1.0 - 2.0 / (exp(30.0 * v) + 1.0);
+}
+
+START_TEST(torque_effects_follow_their_laws)
+{
+    static const struct {
+        const char *name;
+        double p[3];
+    } cases[] = {{"viscous", {0.03}},
+                 {"coulomb", {0.4}},
+                 {"stribeck", {0.2, 0.7}},
+                 {"quadratic-drag", {0.01}},
+                 {"cable-stiffness", {0.5, -1.2}},
+                 {"cogging", {0.15, 6, 0.4}}};
+    for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++)
+        for (int joint = 1; joint <= 2; joint++)
+            for (double v = -0.9; v < 1.0; v += 0.3) {
+                struct mk_model m = with_effect(MK_PLANT_PENDUBOT, cases[c].name, joint);
+                const double *p = cases[c].p;
+                memcpy(m.effect[0].value, p, 3 * sizeof *p);
+                double x[4] = {0.4, -1.1, v, -0.5 * v}, q = x[joint - 1], w = x[1 + joint];
+                double want[] = {-p[0] * w,
+                                 -p[0] * tanh15(w),
+                                 -p[0] * exp(-w * w / (p[1] * p[1])) * tanh15(w),
+                                 -p[0] * w * fabs(w),
+                                 -p[0] * (q - p[1]),
+                                 -p[0] * sin(p[1] * q + p[2])};
+                ck_assert_double_eq_tol(added_torque(&m, x, 1.7, joint), want[c], 1e-10);
+                ck_assert_double_eq_tol(added_torque(&m, x, 1.7, 3 - joint), 0.0, 1e-10);
+            }
+}
+END_TEST
+
+START_TEST(back_emf_limits_torque_by_speed)
+{
+    struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, "back-emf-limit", 0);
+    m.effect[0].value[0] = 8.0;
+    m.effect[0].value[1] = 100.0;
+    double speeds[] = {0, 50, -50, 99, 130}, limit[] = {8, 4, 4, 0.08, 0};
+    for (int i = 0; i < 5; i++) {
+        double x[2] = {0, speeds[i]}, dx[2], u[2] = {9.0, 0};
+        mk_model_rhs(&m, 0, x, u, dx);
+        double torque = m.parameter[0] * dx[1] + mk_plant_friction(&m, speeds[i]);
+        ck_assert_double_eq_tol(torque, limit[i], 1e-9);
+    }
+}
+END_TEST
+
+START_TEST(the_command_is_limited)
+{
+    struct mk_model m;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &m);
+    double x[2] = {0, 0}, a[2], b[2], over[2] = {25, 0}, at[2] = {10, 0};
+    mk_model_rhs(&m, 0, x, over, a);
+    mk_model_rhs(&m, 0, x, at, b);
+    ck_assert_double_eq(a[1], b[1]);
+}
+END_TEST
+
+START_TEST(encoder_offset_is_added_and_taken_away)
+{
+    struct mk_model m = with_effect(MK_PLANT_FURUTA, "encoder-offset", 2);
+    m.effect[0].value[0] = 0.02;
+    double x[4] = {0.1, 3.0, 0, 0}, y[2], q[2];
+    mk_model_measure(&m, 0, x, y);
+    ck_assert_double_eq_tol(y[0], 0.1, 1e-15);
+    ck_assert_double_eq_tol(y[1], 3.02, 1e-15);
+    mk_model_unmeasure(&m, 0, y, q);
+    ck_assert_double_eq_tol(q[1], 3.0, 1e-14);
+}
+END_TEST
+
+START_TEST(input_delay_is_for_the_simulation)
+{
+    struct mk_model m = with_effect(MK_PLANT_PENDULUM, "input-delay", 0);
+    m.effect[0].value[0] = 0.007;
+    ck_assert_double_eq(mk_model_command_delay(&m), 0.007);
+    ck_assert(mk_model_is_smooth(&m));
+}
+END_TEST
+
+/* --- play ---------------------------------------------------------------------------------------
+ */
+
+START_TEST(backlash_passes_nothing_inside_the_gap_and_a_spring_beyond)
+{
+    struct mk_model m = with_effect(MK_PLANT_PENDUBOT, "backlash", 2);
+    double *p = m.effect[0].value;
+    p[0] = 0.02, p[1] = 100.0, p[2] = 0.0;
+    ck_assert(!mk_model_is_smooth(&m));
+    ck_assert_int_eq(mk_model_state_count(&m), 6);
+    ck_assert_int_eq(mk_model_event_count(&m), 2);
+    double q[2] = {-1, 0.3}, v[2] = {0, 0}, x[6], g[2], u[2] = {0, 0}, dx[6];
+    mk_model_initial_state(&m, q, v, x);
+    double offsets[] = {0.0, 0.009, 0.03, -0.03};
+    for (int i = 0; i < 4; i++) {
+        x[4] = x[1] + offsets[i];
+        mk_model_events(&m, 0, x, u, g);
+        ck_assert_int_eq(g[0] > 0, offsets[i] > 0.01);
+        ck_assert_int_eq(g[1] < 0, offsets[i] < -0.01);
+        mk_model_rhs(&m, 0, x, u, dx);
+        double reach = fmax(fabs(offsets[i]) - 0.01, 0.0),
+               push = copysign(100.0 * reach, offsets[i]);
+        /* The light shaft accelerates by what it pushes with, against link 1's acceleration. */
+        double light = 0.01 * m.parameter[1];
+        ck_assert_double_eq_tol(dx[5] + dx[2], -push / light, 1e-6);
+    }
+    double y[2];
+    mk_model_measure(&m, 0, x, y);
+    ck_assert_double_eq(y[1], x[4]);
+}
+END_TEST
+
+START_TEST(backlash_conserves_momentum_and_energy)
+{
+    /* Wheel behind a gap: rotor and wheel exchange momentum through the contact and nothing is lost
+     * without damping and friction. */
+    struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, "backlash", 1);
+    m.parameter[1] = m.parameter[2] = 0.0;
+    m.effect[0].value[2] = 0.0;
+    double x[4] = {0, 0, 0.05, 3.0}, dx[4], u[2] = {0, 0};
+    double rotor = 0.2 * m.parameter[0], load = 0.8 * m.parameter[0];
+    mk_model_rhs(&m, 0, x, u, dx);
+    ck_assert_double_eq_tol(load * dx[1] + rotor * dx[3], 0.0, 1e-12);
+    ck_assert_double_gt(load * dx[1], 0.0);
+}
+END_TEST
+
+START_TEST(reaction_wheel_backlash_keeps_angular_momentum)
+{
+    struct mk_model m = with_effect(MK_PLANT_REACTION_WHEEL, "backlash", 2);
+    m.g = 1e-300; /* no gravity: the momentum of all three bodies stays */
+    double x[6] = {0.2, 0.0, 0.4, 5.0, 0.05, 9.0}, dx[6], u[2] = {3.0, 0};
+    mk_model_rhs(&m, 0, x, u, dx);
+    double p1 = m.parameter[0], rotor = 0.2 * m.parameter[1], load = 0.8 * m.parameter[1];
+    double rate = p1 * dx[2] + load * (dx[2] + dx[3]) + rotor * (dx[2] + dx[5]);
+    ck_assert_double_eq_tol(rate, 0.0, 1e-9);
+}
+END_TEST
+
+/* --- derivatives --------------------------------------------------------------------------------
+ */
+
+static double *parameter_at(struct mk_model *m, int k)
+{
+    int np = mk_plant(m->plant)->parameter_count;
+    if (k < np)
+        return &m->parameter[k];
+    k -= np;
+    for (int e = 0; e < m->effect_count; e++) {
+        int count = mk_effect(m->effect[e].index)->parameter_count;
+        if (k < count)
+            return &m->effect[e].value[k];
+        k -= count;
+    }
+    return NULL;
+}
+
+static void check_jacobian(struct mk_model *m)
+{
+    int ns = mk_model_state_count(m), np = mk_model_parameter_count(m);
+    double x[MK_MAX_STATES], u[2] = {1.3, 0.2}, fx[MK_MAX_STATES * MK_MAX_STATES];
+    double fu[MK_MAX_STATES * 2], fp[MK_MAX_STATES * 64], h = 1e-6;
+    double q[2] = {0.4, -1.1}, v[2] = {0.31, -0.6};
+    mk_model_initial_state(m, q, v, x);
+    for (int i = 2 * mk_model_joints(m); i < ns; i++)
+        x[i] += 0.05; /* effects away from rest */
+    mk_model_jacobian(m, 0.1, x, u, fx, fu, fp);
+    for (int k = 0; k < ns + 2 + np; k++) {
+        double *at = k < ns ? &x[k] : k < ns + 2 ? &u[k - ns] : parameter_at(m, k - ns - 2);
+        double keep = *at, step = h * (1.0 + fabs(keep)), up[MK_MAX_STATES], down[MK_MAX_STATES];
+        *at = keep + step;
+        mk_model_rhs(m, 0.1, x, u, up);
+        *at = keep - step;
+        mk_model_rhs(m, 0.1, x, u, down);
+        *at = keep;
+        for (int row = 0; row < ns; row++) {
+            double slope = (up[row] - down[row]) / (2 * step);
+            double got = k < ns       ? fx[row * ns + k]
+                         : k < ns + 2 ? fu[row * 2 + k - ns]
+                                      : fp[row * np + k - ns - 2];
+            ck_assert_msg(fabs(got - slope) <= 1e-5 * (1.0 + fabs(slope)),
+                          "%s: row %d, variable %d: %g against %g", mk_plant(m->plant)->name, row,
+                          k, got, slope);
+        }
+    }
+}
+
+START_TEST(jacobians_of_every_effect_agree_with_finite_differences)
+{
+    const struct mk_effect_info *info = mk_effect(_i);
+    for (int kind = 0; kind < MK_PLANT_COUNT; kind++) {
+        if (!(info->plants & (1u << kind)))
+            continue;
+        int joint = info->joint_rule == MK_EFFECT_JOINT_NONE ? 0 : mk_plant(kind)->joints;
+        struct mk_model m = with_effect((enum mk_plant_kind)kind, info->name, joint);
+        check_jacobian(&m);
+    }
+}
+END_TEST
+
+START_TEST(the_table_of_effects_is_consistent)
+{
+    for (int i = 0; i < mk_effect_count(); i++) {
+        const struct mk_effect_info *e = mk_effect(i);
+        ck_assert_ptr_eq(mk_effect_by_name(e->name), e);
+        ck_assert_int_eq((e->stages & MK_STAGE_STATE) != 0, e->state_count > 0);
+        ck_assert_int_eq((e->stages & MK_STAGE_EVENT) != 0, e->event_count > 0);
+        for (int k = 0; k < e->parameter_count; k++) {
+            ck_assert_double_le(e->parameter[k].min, e->parameter[k].initial);
+            ck_assert_double_ge(e->parameter[k].max, e->parameter[k].initial);
+            ck_assert_int_eq(mk_effect_parameter_index(e, e->parameter[k].name), k);
+        }
+    }
+    ck_assert_ptr_null(mk_effect_by_name("no-such-effect"));
+    ck_assert_ptr_null(mk_effect(-1));
+}
+END_TEST
+
+START_TEST(an_effect_that_does_not_fit_is_refused)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "viscous", 2, &err), MK_ERR_INVALID);
+    ck_assert_int_eq(mk_model_add_effect(&m, "viscous", 0, &err), MK_ERR_INVALID);
+    ck_assert_int_eq(mk_model_add_effect(&m, "backlash", 1, &err), MK_ERR_INVALID);
+    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 1, &err), MK_ERR_INVALID);
+    ck_assert_int_eq(mk_model_add_effect(&m, "warp-drive", 1, &err), MK_ERR_NOTFOUND);
+    for (int i = 0; i < MK_MAX_EFFECTS; i++)
+        ck_assert_int_eq(mk_model_add_effect(&m, "viscous", 1, &err), MK_OK);
+    ck_assert_int_eq(mk_model_add_effect(&m, "viscous", 1, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(m.effect_count, MK_MAX_EFFECTS);
+}
+END_TEST
+
+Suite *suite_effects(void)
+{
+    Suite *s = suite_create("effects");
+    TCase *t = tcase_create("laws");
+    tcase_add_test(t, torque_effects_follow_their_laws);
+    tcase_add_test(t, back_emf_limits_torque_by_speed);
+    tcase_add_test(t, the_command_is_limited);
+    tcase_add_test(t, encoder_offset_is_added_and_taken_away);
+    tcase_add_test(t, input_delay_is_for_the_simulation);
+    tcase_add_test(t, backlash_passes_nothing_inside_the_gap_and_a_spring_beyond);
+    tcase_add_test(t, backlash_conserves_momentum_and_energy);
+    tcase_add_test(t, reaction_wheel_backlash_keeps_angular_momentum);
+    tcase_add_loop_test(t, jacobians_of_every_effect_agree_with_finite_differences, 0,
+                        mk_effect_count());
+    tcase_add_test(t, the_table_of_effects_is_consistent);
+    tcase_add_test(t, an_effect_that_does_not_fit_is_refused);
+    suite_add_tcase(s, t);
+    return s;
+}
