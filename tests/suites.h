@@ -6,6 +6,8 @@
 
 #define MK_SUITES(X)                                                                               \
     X(status)                                                                                      \
+    X(base)                                                                                        \
+    X(log)                                                                                         \
     X(plants)                                                                                      \
     X(effects)                                                                                     \
     X(sim)

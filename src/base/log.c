@@ -1,0 +1,112 @@
+/* Logs in memory. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log_priv.h"
+
+enum mk_status mk_log_create(size_t rows, struct mk_log **out)
+{
+    *out = calloc(1, sizeof **out);
+    if (!*out)
+        return MK_ERR_NOMEM;
+    (*out)->rows = rows;
+    return MK_OK;
+}
+
+void mk_log_free(struct mk_log *log)
+{
+    if (!log)
+        return;
+    for (size_t c = 0; c < log->column_count; c++) {
+        struct mk_log_column *column = &log->columns[c];
+        for (size_t r = 0; column->text && r < log->rows; r++)
+            free(column->text[r]);
+        free(column->text);
+        free(column->data);
+        free(column->name);
+    }
+    for (size_t i = 0; i < log->meta_count; i++) {
+        free(log->meta[i].key);
+        free(log->meta[i].value);
+    }
+    free(log->columns);
+    free(log->meta);
+    free(log->path);
+    free(log);
+}
+
+double *mk_log_add_column(struct mk_log *log, const char *name)
+{
+    struct mk_log_column *columns =
+        realloc(log->columns, (log->column_count + 1) * sizeof *columns);
+    if (!columns)
+        return NULL;
+    log->columns = columns;
+    struct mk_log_column *column = &columns[log->column_count];
+    *column = (struct mk_log_column){.name = strdup(name),
+                                     .data = malloc((log->rows + 1) * sizeof(double))};
+    if (!column->name || !column->data) {
+        free(column->name);
+        free(column->data);
+        return NULL;
+    }
+    for (size_t r = 0; r < log->rows; r++)
+        column->data[r] = (double)NAN;
+    log->column_count++;
+    return column->data;
+}
+
+const double *mk_log_get(const struct mk_log *log, const char *name)
+{
+    for (size_t c = 0; c < log->column_count; c++)
+        if (strcmp(log->columns[c].name, name) == 0)
+            return log->columns[c].data;
+    return NULL;
+}
+
+const char *mk_log_find_meta(const struct mk_log *log, const char *key)
+{
+    for (size_t i = 0; i < log->meta_count; i++)
+        if (strcmp(log->meta[i].key, key) == 0)
+            return log->meta[i].value;
+    return NULL;
+}
+
+enum mk_status mk_log_append_meta(struct mk_log *log, const char *key, size_t key_length,
+                                  const char *value, size_t value_length)
+{
+    struct mk_log_meta *meta = realloc(log->meta, (log->meta_count + 1) * sizeof *meta);
+    if (!meta)
+        return MK_ERR_NOMEM;
+    log->meta = meta;
+    struct mk_log_meta line = {strndup(key, key_length), strndup(value, value_length)};
+    if (!line.key || !line.value) {
+        free(line.key);
+        free(line.value);
+        return MK_ERR_NOMEM;
+    }
+    meta[log->meta_count++] = line;
+    return MK_OK;
+}
+
+enum mk_status mk_log_set_meta(struct mk_log *log, const char *key, const char *value)
+{
+    for (size_t i = 0; i < log->meta_count; i++) {
+        if (strcmp(log->meta[i].key, key) != 0)
+            continue;
+        char *copy = strdup(value);
+        if (!copy)
+            return MK_ERR_NOMEM;
+        free(log->meta[i].value);
+        log->meta[i].value = copy;
+        return MK_OK;
+    }
+    return mk_log_append_meta(log, key, strlen(key), value, strlen(value));
+}
+
+bool mk_log_path_is_compressed(const char *path)
+{
+    size_t n = strlen(path);
+    return n > 3 && strcmp(path + n - 3, ".gz") == 0;
+}

@@ -1,0 +1,62 @@
+#include "support/files.h"
+
+#include <ftw.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static char directory[64];
+static pid_t owner;
+
+static int remove_one(const char *path, const struct stat *s, int kind, struct FTW *f)
+{
+    (void)s, (void)kind, (void)f;
+    return remove(path);
+}
+
+static void clean_up(void)
+{
+    if (owner == getpid())
+        nftw(directory, remove_one, 8, FTW_DEPTH | FTW_PHYS);
+}
+
+const char *scratch(const char *name)
+{
+    static char paths[8][256];
+    static int turn;
+    if (owner != getpid()) {
+        snprintf(directory, sizeof directory, "/tmp/mechkit-test-XXXXXX");
+        if (!mkdtemp(directory))
+            abort();
+        owner = getpid();
+        atexit(clean_up);
+    }
+    char *path = paths[turn++ % 8];
+    snprintf(path, sizeof paths[0], "%s/%s", directory, name);
+    return path;
+}
+
+const char *scratch_text(const char *name, const char *text)
+{
+    const char *path = scratch(name);
+    FILE *f = fopen(path, "w");
+    if (!f || fputs(text, f) < 0 || fclose(f) != 0)
+        abort();
+    return path;
+}
+
+char *slurp_file(const char *path)
+{
+    FILE *f = fopen(path, "rb");
+    if (!f)
+        return NULL;
+    fseek(f, 0, SEEK_END);
+    long n = ftell(f);
+    rewind(f);
+    char *text = calloc(1, (size_t)n + 1);
+    if (text && fread(text, 1, (size_t)n, f) != (size_t)n)
+        abort();
+    fclose(f);
+    return text;
+}

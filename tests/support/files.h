@@ -1,0 +1,15 @@
+/* Scratch files for tests: a directory of their own, gone at exit of the test's process. */
+#ifndef MECHKIT_TESTS_SUPPORT_FILES_H
+#define MECHKIT_TESTS_SUPPORT_FILES_H
+
+/* Path of `name` in this process's scratch directory (made on first use). Static storage of eight
+ * paths in turn. */
+const char *scratch(const char *name);
+
+/* Writes text to a scratch file and returns its path. */
+const char *scratch_text(const char *name, const char *text);
+
+/* Whole content of a file as a NUL-terminated string to free; NULL when it cannot be read. */
+char *slurp_file(const char *path);
+
+#endif
