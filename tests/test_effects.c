@@ -62,6 +62,19 @@ START_TEST(torque_effects_follow_their_laws)
 }
 END_TEST
 
+START_TEST(a_rotor_behind_a_gear_adds_to_its_own_joint_alone)
+{
+    for (int joint = 1; joint <= 2; joint++) {
+        struct mk_model m = with_effect(MK_PLANT_PENDUBOT, "reflected-inertia", joint);
+        m.effect[0].value[0] = 0.02;
+        double x[4] = {0.4, -1.1, 0.7, -0.2}, dx[4], u[2] = {1.7, 0};
+        mk_model_rhs(&m, 0, x, u, dx);
+        ck_assert_double_eq_tol(added_torque(&m, x, 1.7, joint), -0.02 * dx[1 + joint], 1e-10);
+        ck_assert_double_eq_tol(added_torque(&m, x, 1.7, 3 - joint), 0.0, 1e-10);
+    }
+}
+END_TEST
+
 START_TEST(back_emf_limits_torque_by_speed)
 {
     struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, "back-emf-limit", 0);
@@ -270,6 +283,7 @@ Suite *suite_effects(void)
     Suite *s = suite_create("effects");
     TCase *t = tcase_create("laws");
     tcase_add_test(t, torque_effects_follow_their_laws);
+    tcase_add_test(t, a_rotor_behind_a_gear_adds_to_its_own_joint_alone);
     tcase_add_test(t, back_emf_limits_torque_by_speed);
     tcase_add_test(t, the_command_is_limited);
     tcase_add_test(t, encoder_offset_is_added_and_taken_away);

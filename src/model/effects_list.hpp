@@ -4,6 +4,7 @@
 
 #include "model/effects_actuator.hpp"
 #include "model/effects_friction.hpp"
+#include "model/effects_inertia.hpp"
 #include "model/effects_play.hpp"
 #include "model/effects_position.hpp"
 #include "model/effects_sensor.hpp"
@@ -15,6 +16,7 @@
     X(QuadraticDrag)                                                                               \
     X(CableStiffness)                                                                              \
     X(Cogging)                                                                                     \
+    X(ReflectedInertia)                                                                            \
     X(Backlash)                                                                                    \
     X(InputDelay)                                                                                  \
     X(BackEmfLimit)                                                                                \
