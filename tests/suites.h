@@ -10,7 +10,9 @@
     X(log)                                                                                         \
     X(plants)                                                                                      \
     X(effects)                                                                                     \
-    X(sim)
+    X(sim)                                                                                         \
+    X(safety)                                                                                      \
+    X(rig)
 
 #define MK_SUITE_DECL(name) Suite *suite_##name(void);
 MK_SUITES(MK_SUITE_DECL)

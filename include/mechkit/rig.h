@@ -20,7 +20,7 @@ extern "C" {
 
 struct mk_rig_config {
     struct mk_sim_config sim;
-    uint64_t seed;                 /* of the count noise and the start offsets */
+    uint64_t seed;                 /* of the count noise */
     double count_noise;            /* standard deviation of reading jitter, counts; default 0 */
     double start[MK_MAX_JOINTS];   /* true start angles relative to hanging rest, rad; default 0 */
     double start_v[MK_MAX_JOINTS]; /* start speeds, rad/s */
@@ -34,7 +34,8 @@ MK_NODISCARD enum mk_status mk_rig_create(const struct mk_model *model,
                                           struct mk_error *err);
 void mk_rig_destroy(struct mk_rig *rig);
 
-/* Back to the start position at time 0, counters as at power-up. */
+/* Back to the start position at time 0, counters as at power-up. Allocates; on failure the rig can
+ * only be destroyed or restarted. */
 MK_NODISCARD enum mk_status mk_rig_restart(struct mk_rig *rig, struct mk_error *err);
 
 /* Lets `dt_s` (>= 0) pass under command u (limited to +-u_max). RT. MK_ERR_NUMERIC. */
@@ -45,7 +46,8 @@ MK_NODISCARD enum mk_status mk_rig_advance(struct mk_rig *rig, double dt_s, doub
  * angle of c * 2 pi / cpr relative to where the counter was zeroed. RT. */
 void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS]);
 
-/* Zeroes the counters where the rig is now. */
+/* Zeroes the counters where the links truly are now: what the model says about the encoders (an
+ * `encoder-offset`) stays in the readings. */
 void mk_rig_zero(struct mk_rig *rig);
 
 /* Truth, for tests and demos: time, state (borrowed). */

@@ -39,12 +39,14 @@ const char *mk_fault_name(enum mk_fault fault); /* "encoder-jump" */
 const char *mk_fault_text(enum mk_fault fault);
 
 struct mk_safety_limits {
+    double dt_s;                                       /* sample time that the limits are for */
     double q_min[MK_MAX_JOINTS], q_max[MK_MAX_JOINTS]; /* rad; +-INFINITY: none */
     double v_max[MK_MAX_JOINTS];                       /* rad/s */
-    double jump_rad[MK_MAX_JOINTS];                    /* largest believable change in one sample */
+    double jump_rad[MK_MAX_JOINTS];                    /* largest believable change in dt_s */
     double stuck_s;                                    /* no count for so long .. */
     double stuck_u;   /* .. at |u| above this: stuck; motor joint only */
-    double runaway_s; /* motor joint accelerating against u for so long, from rest */
+    double runaway_s; /* motor joint leaving its rest against u after so long .. */
+    double runaway_u; /* .. of |u| above this with one sign */
     int late_limit;   /* consecutive late samples that latch OVERRUN */
     int lost_limit;   /* consecutive failed exchanges that latch LINK */
     double
@@ -60,8 +62,12 @@ struct mk_safety {
     double fault_t;      /* s since start */
     int fault_joint;     /* 1-based; 0: none */
     double last_q[MK_MAX_JOINTS];
-    double stuck_for, runaway_for, run_from;
-    int late, lost;
+    double last_u;
+    double stuck_for; /* s without a count under a hard command */
+    double drive_for; /* s under a command of one sign */
+    double run_from;  /* angle of the motor joint at its first sample, rad */
+    bool sign_known;  /* the motor joint has left its rest: RUNAWAY is settled for this run */
+    int late, lost;   /* consecutive */
     bool primed;
 };
 
@@ -71,9 +77,13 @@ void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
 void mk_safety_clear(struct mk_safety *s);
 /* Latches `fault` unless one is latched already; returns the latched one. */
 enum mk_fault mk_safety_latch(struct mk_safety *s, enum mk_fault fault, double t, int joint);
-/* Looks at one good sample: angles, speeds, command in force. Returns the latched fault. */
+/* Looks at one good sample: angles, speeds, and the command in force from now on; `dt` is the time
+ * since the last good one. TRAVEL, SPEED, JUMP, STUCK, RUNAWAY. Returns the latched fault. */
 enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const double *q,
                               const double *v, double u);
+/* Counts late samples and failed exchanges; OVERRUN and LINK after the limit in a row. */
+enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late);
+enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost);
 /* Before start: NOT_HANGING when a joint is away from rest; sets fault_joint. */
 enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const double *rest,
                                    const bool *is_wheel);

@@ -1,0 +1,199 @@
+/* Safety limits. Each check is a few comparisons on the newest sample, cheap enough to run all of
+ * them every tick; the first fault is latched and later ones do not overwrite its cause. */
+#include "mechkit/safety.h"
+
+#include <math.h>
+#include <string.h>
+
+#define TURN_RAD (2.0 * 3.14159265358979323846)
+
+/* How far the motor joint goes before its direction counts: far enough to be out of noise and play,
+ * near enough that gravity cannot yet outweigh runaway_u. */
+#define RUNAWAY_TRAVEL_RAD 0.05
+
+const char *mk_fault_name(enum mk_fault fault)
+{
+    switch (fault) {
+#define FAULT_NAME(name, text, help)                                                               \
+    case MK_FAULT_##name:                                                                          \
+        return text;
+        MK_FAULT_LIST(FAULT_NAME)
+#undef FAULT_NAME
+    case MK_FAULT_COUNT:
+        break;
+    }
+    return "?";
+}
+
+const char *mk_fault_text(enum mk_fault fault)
+{
+    switch (fault) {
+#define FAULT_TEXT(name, text, help)                                                               \
+    case MK_FAULT_##name:                                                                          \
+        return help;
+        MK_FAULT_LIST(FAULT_TEXT)
+#undef FAULT_TEXT
+    case MK_FAULT_COUNT:
+        break;
+    }
+    return "unknown fault";
+}
+
+/* Turns a joint may make from its rest, either way. Wheels turn for ever. A driven link carries the
+ * cable of the encoder behind it; a free link has a slip ring or no cable at all. */
+static double travel_turns(const struct mk_plant_info *plant, int joint)
+{
+    if (plant->joint_is_wheel[joint])
+        return INFINITY;
+    bool carries_cable = joint == plant->motor_joint && plant->joints > 1;
+    return carries_cable ? 3.0 : 10.0;
+}
+
+void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety_limits *out)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    memset(out, 0, sizeof *out);
+    out->dt_s = dt;
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        bool wheel = j < plant->joints && plant->joint_is_wheel[j];
+        double turns = j < plant->joints ? travel_turns(plant, j) : (double)INFINITY;
+        double count_rad = TURN_RAD / model->encoder_cpr[j];
+        out->q_min[j] = plant->rest[j] - turns * TURN_RAD;
+        out->q_max[j] = plant->rest[j] + turns * TURN_RAD;
+        /* A wheel at full command ends where friction or voltage holds it; links fall and swing. */
+        out->v_max[j] = wheel ? 900.0 : 60.0;
+        out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count_rad;
+        out->rest_tolerance[j] = 0.1;
+    }
+    /* The arm of the Furuta pendulum lies in the horizontal plane: it rests anywhere. */
+    if (model->plant == MK_PLANT_FURUTA)
+        out->rest_tolerance[0] = INFINITY;
+    out->stuck_s = 0.3;
+    out->stuck_u = 0.8 * model->u_max;
+    out->runaway_s = 0.003;
+    out->runaway_u = 0.1 * model->u_max;
+    out->late_limit = 10;
+    out->lost_limit = 5;
+}
+
+void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
+                    const struct mk_safety_limits *limits)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    memset(s, 0, sizeof *s);
+    s->limits = *limits;
+    s->joints = plant->joints;
+    s->motor_joint = plant->motor_joint;
+}
+
+void mk_safety_clear(struct mk_safety *s)
+{
+    struct mk_safety fresh = {
+        .limits = s->limits, .joints = s->joints, .motor_joint = s->motor_joint};
+    *s = fresh;
+}
+
+enum mk_fault mk_safety_latch(struct mk_safety *s, enum mk_fault fault, double t, int joint)
+{
+    if (s->fault == MK_FAULT_NONE && fault != MK_FAULT_NONE) {
+        s->fault = fault;
+        s->fault_t = t;
+        s->fault_joint = joint;
+    }
+    return s->fault;
+}
+
+/* What one joint alone can do wrong. The jump comes first: it is also a wrong speed. */
+static enum mk_fault check_joint(const struct mk_safety *s, int j, double dt, double q, double v)
+{
+    const struct mk_safety_limits *lim = &s->limits;
+    double samples = dt > lim->dt_s && lim->dt_s > 0.0 ? dt / lim->dt_s : 1.0;
+    if (s->primed && !(fabs(q - s->last_q[j]) <= lim->jump_rad[j] * samples))
+        return MK_FAULT_JUMP;
+    if (!(fabs(v) <= lim->v_max[j]))
+        return MK_FAULT_SPEED;
+    if (!(q >= lim->q_min[j] && q <= lim->q_max[j]))
+        return MK_FAULT_TRAVEL;
+    return MK_FAULT_NONE;
+}
+
+/* No count for a while under a hard command: a dead encoder, a loose coupling or a blocked joint;
+ * all are reasons to stop. */
+static bool check_stuck(struct mk_safety *s, double dt, double q)
+{
+    bool still = q == s->last_q[s->motor_joint];
+    bool hard = fabs(s->last_u) >= s->limits.stuck_u;
+    s->stuck_for = still && hard ? s->stuck_for + dt : 0.0;
+    return s->stuck_for >= s->limits.stuck_s;
+}
+
+/* A motor or encoder wired the wrong way round shows in the first motion from rest: near the rest
+ * nothing but the motor moves the joint, so it must leave in the direction of the command. Later on
+ * gravity and the other link may well drive it against the command. */
+static bool check_runaway(struct mk_safety *s, double dt, double q, double u)
+{
+    if (s->sign_known)
+        return false;
+    bool drives = fabs(s->last_u) >= s->limits.runaway_u;
+    s->drive_for = drives ? s->drive_for + dt : 0.0;
+    double moved = q - s->run_from;
+    if (fabs(moved) > RUNAWAY_TRAVEL_RAD) {
+        s->sign_known = true;
+        return s->drive_for >= s->limits.runaway_s && moved * s->last_u < 0.0;
+    }
+    if (u * s->last_u < 0.0)
+        s->drive_for = 0.0;
+    return false;
+}
+
+enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const double *q,
+                              const double *v, double u)
+{
+    for (int j = 0; j < s->joints; j++)
+        mk_safety_latch(s, check_joint(s, j, dt, q[j], v[j]), t, j + 1);
+
+    int m = s->motor_joint;
+    if (!s->primed) {
+        s->run_from = q[m];
+    } else {
+        if (check_stuck(s, dt, q[m]))
+            mk_safety_latch(s, MK_FAULT_STUCK, t, m + 1);
+        if (check_runaway(s, dt, q[m], u))
+            mk_safety_latch(s, MK_FAULT_RUNAWAY, t, m + 1);
+    }
+    for (int j = 0; j < s->joints; j++)
+        s->last_q[j] = q[j];
+    s->last_u = u;
+    s->primed = true;
+    return s->fault;
+}
+
+enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late)
+{
+    s->late = late ? s->late + 1 : 0;
+    if (s->late >= s->limits.late_limit)
+        mk_safety_latch(s, MK_FAULT_OVERRUN, t, 0);
+    return s->fault;
+}
+
+enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost)
+{
+    s->lost = lost ? s->lost + 1 : 0;
+    if (s->lost >= s->limits.lost_limit)
+        mk_safety_latch(s, MK_FAULT_LINK, t, 0);
+    return s->fault;
+}
+
+enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const double *rest,
+                                   const bool *is_wheel)
+{
+    for (int j = 0; j < s->joints; j++) {
+        if (is_wheel[j])
+            continue;
+        /* Whole turns do not matter to a link that hangs. */
+        double off = remainder(q[j] - rest[j], TURN_RAD);
+        if (!(fabs(off) <= s->limits.rest_tolerance[j]))
+            mk_safety_latch(s, MK_FAULT_NOT_HANGING, 0.0, j + 1);
+    }
+    return s->fault;
+}

@@ -1,0 +1,10 @@
+/* The rows of the table of back ends, one per board_*.c. */
+#ifndef MECHKIT_DRIVER_BACKENDS_H
+#define MECHKIT_DRIVER_BACKENDS_H
+
+#include "mechkit/board.h"
+
+extern const struct mk_board_ops mk_board_virtual_ops;
+extern const struct mk_board_ops mk_board_null_ops;
+
+#endif

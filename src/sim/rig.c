@@ -1,0 +1,137 @@
+/* The virtual rig: a simulation seen through encoders. */
+#include "mechkit/rig.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/random.h"
+
+#define TURN_RAD (2.0 * 3.14159265358979323846)
+
+struct mk_rig {
+    struct mk_model model;
+    struct mk_rig_config config;
+    struct mk_sim *sim;
+    struct mk_random random;
+    int joints;
+    double counts_per_rad[MK_MAX_JOINTS];
+    double rest[MK_MAX_JOINTS];
+    int64_t zero[MK_MAX_JOINTS]; /* counts from hanging rest to where the counter was zeroed */
+};
+
+void mk_rig_config_default(struct mk_rig_config *config)
+{
+    memset(config, 0, sizeof *config);
+}
+
+static int64_t quantise(const struct mk_rig *rig, int j, double angle, double jitter)
+{
+    return (int64_t)floor((angle - rig->rest[j]) * rig->counts_per_rad[j] + jitter + 0.5);
+}
+
+/* The low 24 bits of a position, as a signed number: the counter chip has no more. */
+static int32_t wrap(int64_t count)
+{
+    int unused = 32 - MK_COUNTER_BITS;
+    return (int32_t)((uint32_t)(uint64_t)count << unused) >> unused;
+}
+
+enum mk_status mk_rig_create(const struct mk_model *model, const struct mk_rig_config *config,
+                             struct mk_rig **out, struct mk_error *err)
+{
+    *out = NULL;
+    struct mk_rig *rig = calloc(1, sizeof *rig);
+    if (!rig)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the virtual rig");
+    rig->model = *model;
+    if (config)
+        rig->config = *config;
+    rig->joints = mk_model_joints(model);
+    for (int j = 0; j < rig->joints; j++) {
+        rig->counts_per_rad[j] = model->encoder_cpr[j] / TURN_RAD;
+        rig->rest[j] = mk_plant(model->plant)->rest[j];
+    }
+    enum mk_status st = mk_rig_restart(rig, err);
+    if (st != MK_OK) {
+        mk_rig_destroy(rig);
+        return st;
+    }
+    *out = rig;
+    return MK_OK;
+}
+
+void mk_rig_destroy(struct mk_rig *rig)
+{
+    if (!rig)
+        return;
+    mk_sim_destroy(rig->sim);
+    free(rig);
+}
+
+enum mk_status mk_rig_restart(struct mk_rig *rig, struct mk_error *err)
+{
+    double q[MK_MAX_JOINTS] = {0}, x[MK_MAX_STATES] = {0};
+    for (int j = 0; j < rig->joints; j++)
+        q[j] = rig->rest[j] + rig->config.start[j];
+    mk_model_initial_state(&rig->model, q, rig->config.start_v, x);
+    /* A new solver: a used one remembers its step sizes, and the last bits would differ. */
+    mk_sim_destroy(rig->sim);
+    enum mk_status st = mk_sim_create(&rig->model, &rig->config.sim, &rig->sim, err);
+    if (st != MK_OK)
+        return st;
+    st = mk_sim_reset(rig->sim, 0.0, x, NULL);
+    if (st != MK_OK)
+        return mk_error_set(err, st, "the virtual rig cannot start from this position");
+    rig->random.state = rig->config.seed;
+    mk_rig_zero(rig);
+    return MK_OK;
+}
+
+enum mk_status mk_rig_advance(struct mk_rig *rig, double dt_s, double u, struct mk_error *err)
+{
+    double t = mk_sim_time(rig->sim), end = t + dt_s;
+    if (!(dt_s >= 0.0))
+        return mk_error_set(err, MK_ERR_RANGE, "time runs forwards");
+    if (end <= t)
+        return MK_OK;
+    double limit = rig->model.u_max;
+    double command[MK_MAX_INPUTS] = {fmax(-limit, fmin(limit, u)), 0.0};
+    return mk_sim_advance(rig->sim, end, command, err);
+}
+
+void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS])
+{
+    double y[MK_MAX_JOINTS] = {0};
+    mk_sim_measure(rig->sim, y);
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        count[j] = 0;
+        if (j >= rig->joints)
+            continue;
+        double sd = rig->config.count_noise;
+        double jitter = sd > 0.0 ? sd * mk_random_normal(&rig->random) : 0.0;
+        count[j] = wrap(quantise(rig, j, y[j], jitter) - rig->zero[j]);
+    }
+}
+
+void mk_rig_zero(struct mk_rig *rig)
+{
+    const double *x = mk_sim_state(rig->sim);
+    for (int j = 0; j < rig->joints; j++)
+        rig->zero[j] = quantise(rig, j, x[j], 0.0);
+}
+
+double mk_rig_time(const struct mk_rig *rig)
+{
+    return mk_sim_time(rig->sim);
+}
+
+const double *mk_rig_state(const struct mk_rig *rig)
+{
+    return mk_sim_state(rig->sim);
+}
+
+const struct mk_model *mk_rig_model(const struct mk_rig *rig)
+{
+    return &rig->model;
+}

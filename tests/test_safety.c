@@ -1,0 +1,271 @@
+#include "suites.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "mechkit/safety.h"
+
+#define DT 0.002
+
+static struct mk_model model;
+static struct mk_safety safety;
+static struct mk_safety_limits limits;
+
+static void use_plant(enum mk_plant_kind kind)
+{
+    mk_model_default(kind, &model);
+    mk_safety_default(&model, DT, &limits);
+    mk_safety_init(&safety, &model, &limits);
+}
+
+static void setup(void)
+{
+    use_plant(MK_PLANT_PENDUBOT);
+}
+
+/* One sample of a pendubot near (q1, q2). */
+static enum mk_fault look(double t, double q1, double q2, double v1, double v2, double u)
+{
+    const double q[MK_MAX_JOINTS] = {q1, q2}, v[MK_MAX_JOINTS] = {v1, v2};
+    return mk_safety_check(&safety, t, DT, q, v, u);
+}
+
+START_TEST(every_fault_has_a_name_and_a_text)
+{
+    for (int f = 0; f < MK_FAULT_COUNT; f++) {
+        ck_assert_str_ne(mk_fault_name((enum mk_fault)f), "?");
+        ck_assert_str_ne(mk_fault_text((enum mk_fault)f), "unknown fault");
+        for (int g = 0; g < f; g++)
+            ck_assert_str_ne(mk_fault_name((enum mk_fault)f), mk_fault_name((enum mk_fault)g));
+    }
+    ck_assert_str_eq(mk_fault_name(MK_FAULT_COUNT), "?");
+}
+END_TEST
+
+START_TEST(a_healthy_motion_trips_nothing)
+{
+    /* Two turns of link 1 at 10 rad/s, driven the right way round. */
+    for (int k = 0; k < 600; k++) {
+        double t = k * DT;
+        ck_assert_int_eq(look(t, -M_PI_2 + 10.0 * t, 0.0, 10.0, 0.0, 2.0), MK_FAULT_NONE);
+    }
+}
+END_TEST
+
+START_TEST(the_first_fault_stays_until_cleared)
+{
+    mk_safety_latch(&safety, MK_FAULT_ESTOP, 1.5, 0);
+    ck_assert_int_eq(mk_safety_latch(&safety, MK_FAULT_SPEED, 2.0, 1), MK_FAULT_ESTOP);
+    ck_assert_double_eq(safety.fault_t, 1.5);
+    ck_assert_int_eq(look(2.0, 1e9, 0, 0, 0, 0), MK_FAULT_ESTOP);
+    mk_safety_clear(&safety);
+    ck_assert_int_eq(safety.fault, MK_FAULT_NONE);
+    ck_assert_double_eq(safety.limits.dt_s, DT);
+    ck_assert_int_eq(look(0.0, -M_PI_2, 0, 0, 0, 0), MK_FAULT_NONE);
+}
+END_TEST
+
+START_TEST(travel_beyond_either_limit_trips)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        mk_safety_clear(&safety);
+        safety.limits.q_min[1] = -3.0;
+        safety.limits.q_max[1] = 3.0;
+        look(0, -M_PI_2, side * 2.99, 0, 0, 0);
+        ck_assert_int_eq(look(DT, -M_PI_2, side * 3.0, 0, 0, 0), MK_FAULT_NONE);
+        ck_assert_int_eq(look(2 * DT, -M_PI_2, side * 3.01, 0, 0, 0), MK_FAULT_TRAVEL);
+        ck_assert_int_eq(safety.fault_joint, 2);
+        ck_assert_double_eq(safety.fault_t, 2 * DT);
+    }
+}
+END_TEST
+
+START_TEST(a_wheel_may_turn_for_ever)
+{
+    use_plant(MK_PLANT_REACTION_WHEEL);
+    look(0, 0, 1e6, 0, 0, 0);
+    ck_assert_int_eq(look(DT, 0, 1e6 + 0.1, 0, 50, 0), MK_FAULT_NONE);
+}
+END_TEST
+
+START_TEST(speed_beyond_the_limit_trips_either_way)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        mk_safety_clear(&safety);
+        ck_assert_int_eq(look(0, -M_PI_2, 0, side * limits.v_max[0], 0, 0), MK_FAULT_NONE);
+        ck_assert_int_eq(look(DT, -M_PI_2, 0, side * limits.v_max[0] * 1.01, 0, 0), MK_FAULT_SPEED);
+        ck_assert_int_eq(safety.fault_joint, 1);
+    }
+}
+END_TEST
+
+START_TEST(a_speed_or_an_angle_that_is_no_number_trips)
+{
+    look(0, -M_PI_2, 0, 0, 0, 0);
+    ck_assert_int_eq(look(DT, -M_PI_2, 0, NAN, 0, 0), MK_FAULT_SPEED);
+    mk_safety_clear(&safety);
+    look(0, -M_PI_2, 0, 0, 0, 0);
+    ck_assert_int_eq(look(DT, -M_PI_2, NAN, 0, 0, 0), MK_FAULT_JUMP);
+}
+END_TEST
+
+START_TEST(a_jump_trips_and_names_its_joint)
+{
+    look(0, -M_PI_2, 0, 0, 0, 0);
+    ck_assert_int_eq(look(DT, -M_PI_2, 0.9 * limits.jump_rad[1], 0, 0, 0), MK_FAULT_NONE);
+    ck_assert_int_eq(look(2 * DT, -M_PI_2, 2.5 * limits.jump_rad[1], 0, 0, 0), MK_FAULT_JUMP);
+    ck_assert_int_eq(safety.fault_joint, 2);
+}
+END_TEST
+
+START_TEST(after_lost_samples_a_joint_may_have_moved_further)
+{
+    const double q[] = {-M_PI_2, 0}, far[] = {-M_PI_2, 2.5 * limits.jump_rad[1]}, v[] = {0, 0};
+    mk_safety_check(&safety, 0, DT, q, v, 0);
+    ck_assert_int_eq(mk_safety_check(&safety, 3 * DT, 3 * DT, far, v, 0), MK_FAULT_NONE);
+}
+END_TEST
+
+START_TEST(a_silent_encoder_under_a_hard_command_is_stuck)
+{
+    double t = 0;
+    for (int k = 0; k * DT < limits.stuck_s - DT; k++, t += DT)
+        ck_assert_int_eq(look(t, -M_PI_2, 0, 0, 0, limits.stuck_u), MK_FAULT_NONE);
+    for (int k = 0; k < 4; k++, t += DT)
+        look(t, -M_PI_2, 0, 0, 0, limits.stuck_u);
+    ck_assert_int_eq(safety.fault, MK_FAULT_STUCK);
+    ck_assert_int_eq(safety.fault_joint, 1);
+}
+END_TEST
+
+START_TEST(a_silent_encoder_under_a_weak_command_is_a_resting_link)
+{
+    for (int k = 0; k < 5000; k++)
+        ck_assert_int_eq(look(k * DT, -M_PI_2, 0, 0, 0, 0.9 * limits.stuck_u), MK_FAULT_NONE);
+}
+END_TEST
+
+/* A wheel of 0.0045 under command u whose encoder is wired with `sign`. */
+static enum mk_fault drive_wheel(double u, int sign)
+{
+    use_plant(MK_PLANT_INERTIA_WHEEL);
+    enum mk_fault fault = MK_FAULT_NONE;
+    for (int k = 0; k < 200 && fault == MK_FAULT_NONE; k++) {
+        double t = k * DT, v = sign * u / 0.0045 * t, q = 0.5 * v * t;
+        fault = mk_safety_check(&safety, t, DT, &q, &v, u);
+    }
+    return fault;
+}
+
+START_TEST(a_motor_wired_backwards_runs_away)
+{
+    for (double u = 1.5; u <= 10.0; u += 0.5) {
+        ck_assert_int_ne(drive_wheel(u, 1), MK_FAULT_RUNAWAY);
+        ck_assert_int_eq(drive_wheel(u, -1), MK_FAULT_RUNAWAY);
+        ck_assert_int_eq(drive_wheel(-u, -1), MK_FAULT_RUNAWAY);
+    }
+}
+END_TEST
+
+START_TEST(motion_against_the_command_after_a_good_start_is_no_runaway)
+{
+    use_plant(MK_PLANT_PENDUBOT);
+    double t = 0, q1 = -M_PI_2;
+    for (int k = 0; k < 50; k++, t += DT, q1 += 0.005)
+        look(t, q1, 0, 2.5, 0, 3.0);
+    for (int k = 0; k < 100; k++, t += DT, q1 -= 0.005)
+        ck_assert_int_eq(look(t, q1, 0, -2.5, 0, 3.0), MK_FAULT_NONE);
+}
+END_TEST
+
+START_TEST(a_wheel_that_already_spins_may_be_braked)
+{
+    use_plant(MK_PLANT_INERTIA_WHEEL);
+    for (int k = 0; k < 100; k++) {
+        double q = 50.0 * k * DT, v = 50.0;
+        ck_assert_int_eq(mk_safety_check(&safety, k * DT, DT, &q, &v, k ? -5.0 : 0.0),
+                         MK_FAULT_NONE);
+    }
+}
+END_TEST
+
+START_TEST(late_samples_in_a_row_trip_at_the_limit)
+{
+    for (int round = 0; round < 3; round++) {
+        for (int k = 0; k < limits.late_limit - 1; k++)
+            ck_assert_int_eq(mk_safety_timing(&safety, 0, true), MK_FAULT_NONE);
+        ck_assert_int_eq(mk_safety_timing(&safety, 0, false), MK_FAULT_NONE);
+    }
+    for (int k = 0; k < limits.late_limit; k++)
+        mk_safety_timing(&safety, 3.0, true);
+    ck_assert_int_eq(safety.fault, MK_FAULT_OVERRUN);
+}
+END_TEST
+
+START_TEST(lost_samples_in_a_row_trip_at_the_limit)
+{
+    for (int k = 0; k < limits.lost_limit - 1; k++)
+        ck_assert_int_eq(mk_safety_link(&safety, 0, true), MK_FAULT_NONE);
+    mk_safety_link(&safety, 0, false);
+    for (int k = 0; k < limits.lost_limit; k++)
+        mk_safety_link(&safety, 4.0, true);
+    ck_assert_int_eq(safety.fault, MK_FAULT_LINK);
+}
+END_TEST
+
+START_TEST(links_away_from_rest_do_not_hang)
+{
+    const struct mk_plant_info *plant = mk_plant(MK_PLANT_PENDUBOT);
+    const double hanging[] = {-M_PI_2, 0}, turned[] = {-M_PI_2 + 2 * M_PI, -4 * M_PI},
+                 leaning[] = {-M_PI_2, 0.2};
+    ck_assert_int_eq(mk_safety_check_rest(&safety, hanging, plant->rest, plant->joint_is_wheel),
+                     MK_FAULT_NONE);
+    ck_assert_int_eq(mk_safety_check_rest(&safety, turned, plant->rest, plant->joint_is_wheel),
+                     MK_FAULT_NONE);
+    ck_assert_int_eq(mk_safety_check_rest(&safety, leaning, plant->rest, plant->joint_is_wheel),
+                     MK_FAULT_NOT_HANGING);
+    ck_assert_int_eq(safety.fault_joint, 2);
+}
+END_TEST
+
+START_TEST(wheels_and_the_furuta_arm_rest_anywhere)
+{
+    const double q[] = {2.0, M_PI};
+    use_plant(MK_PLANT_FURUTA);
+    const struct mk_plant_info *furuta = mk_plant(MK_PLANT_FURUTA);
+    ck_assert_int_eq(mk_safety_check_rest(&safety, q, furuta->rest, furuta->joint_is_wheel),
+                     MK_FAULT_NONE);
+    use_plant(MK_PLANT_REACTION_WHEEL);
+    const struct mk_plant_info *wheel = mk_plant(MK_PLANT_REACTION_WHEEL);
+    const double spun[] = {0.0, 2.0};
+    ck_assert_int_eq(mk_safety_check_rest(&safety, spun, wheel->rest, wheel->joint_is_wheel),
+                     MK_FAULT_NONE);
+}
+END_TEST
+
+Suite *suite_safety(void)
+{
+    Suite *s = suite_create("safety");
+    TCase *t = tcase_create("limits");
+    tcase_add_checked_fixture(t, setup, NULL);
+    tcase_add_test(t, every_fault_has_a_name_and_a_text);
+    tcase_add_test(t, a_healthy_motion_trips_nothing);
+    tcase_add_test(t, the_first_fault_stays_until_cleared);
+    tcase_add_test(t, travel_beyond_either_limit_trips);
+    tcase_add_test(t, a_wheel_may_turn_for_ever);
+    tcase_add_test(t, speed_beyond_the_limit_trips_either_way);
+    tcase_add_test(t, a_speed_or_an_angle_that_is_no_number_trips);
+    tcase_add_test(t, a_jump_trips_and_names_its_joint);
+    tcase_add_test(t, after_lost_samples_a_joint_may_have_moved_further);
+    tcase_add_test(t, a_silent_encoder_under_a_hard_command_is_stuck);
+    tcase_add_test(t, a_silent_encoder_under_a_weak_command_is_a_resting_link);
+    tcase_add_test(t, a_motor_wired_backwards_runs_away);
+    tcase_add_test(t, motion_against_the_command_after_a_good_start_is_no_runaway);
+    tcase_add_test(t, a_wheel_that_already_spins_may_be_braked);
+    tcase_add_test(t, late_samples_in_a_row_trip_at_the_limit);
+    tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);
+    tcase_add_test(t, links_away_from_rest_do_not_hang);
+    tcase_add_test(t, wheels_and_the_furuta_arm_rest_anywhere);
+    suite_add_tcase(s, t);
+    return s;
+}
