@@ -8,6 +8,8 @@
     X(status)                                                                                      \
     X(base)                                                                                        \
     X(log)                                                                                         \
+    X(design)                                                                                      \
+    X(signal)                                                                                      \
     X(plants)                                                                                      \
     X(effects)                                                                                     \
     X(sim)                                                                                         \

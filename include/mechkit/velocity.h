@@ -37,7 +37,7 @@ struct mk_velocity {
     double gain[3];
     double q, v, a;
     double last;
-    int primed; /* samples seen, saturating at 2 */
+    int primed; /* 0: no reading yet; else samples since the last reading */
 };
 
 /* MK_ERR_INVALID, MK_ERR_RANGE. */

@@ -1,0 +1,240 @@
+#include "mechkit/signal.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctrl/signal_priv.h"
+#include "mechkit/log.h"
+
+/* --- functions ----------------------------------------------------------------------------------
+ */
+
+#define UNARY(name, expression)                                                                    \
+    static double f_##name(double t, const double *a)                                              \
+    {                                                                                              \
+        (void)t;                                                                                   \
+        return (expression);                                                                       \
+    }
+UNARY(sin, sin(a[0]))
+UNARY(cos, cos(a[0]))
+UNARY(tan, tan(a[0]))
+UNARY(exp, exp(a[0]))
+UNARY(log, log(a[0]))
+UNARY(sqrt, sqrt(a[0]))
+UNARY(abs, fabs(a[0]))
+UNARY(sign, (a[0] > 0.0) - (a[0] < 0.0))
+UNARY(tanh, tanh(a[0]))
+UNARY(min, fmin(a[0], a[1]))
+UNARY(max, fmax(a[0], a[1]))
+
+static double f_step(double t, const double *a)
+{
+    return t >= a[0] ? 1.0 : 0.0;
+}
+static double f_ramp(double t, const double *a)
+{
+    return t > a[0] ? t - a[0] : 0.0;
+}
+static double f_pulse(double t, const double *a)
+{
+    return t >= a[0] && t < a[1] ? 1.0 : 0.0;
+}
+static double f_square(double t, const double *a)
+{
+    double x = a[0] * t;
+    return x - floor(x) < 0.5 ? 1.0 : -1.0;
+}
+static double f_saw(double t, const double *a)
+{
+    double x = a[0] * t;
+    return 2.0 * (x - floor(x)) - 1.0;
+}
+
+/* Phase is the integral of the swept frequency, so that the sweep ends in a steady sine. */
+static double f_chirp(double t, const double *a)
+{
+    double f0 = a[0], f1 = a[1], length = a[2] > 0.0 ? a[2] : 1e-9;
+    double s = fmin(fmax(t, 0.0), length);
+    double cycles = f0 * s + 0.5 * (f1 - f0) * s * s / length + f1 * fmax(t - length, 0.0);
+    return sin(2.0 * M_PI * cycles);
+}
+
+/* A number in [0, 1) from two integers: the same on every machine. */
+static double hashed(uint64_t a, uint64_t b)
+{
+    uint64_t x = a * 0x9e3779b97f4a7c15u + b * 0xbf58476d1ce4e5b9u + 0x94d049bb133111ebu;
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
+    return (double)((x ^ (x >> 31)) >> 11) * 0x1p-53;
+}
+
+static uint64_t seed_of(double x)
+{
+    return isfinite(x) ? (uint64_t)(int64_t)fmin(fmax(x, -9e15), 9e15) : 0;
+}
+
+/* Schroeder phases keep the peak near that of one sine (M. R. Schroeder 1970); with n harmonics of
+ * amplitude 1/sqrt(n) the rms is 0.71 and the peak about 1.2, scaled to 1. */
+static double f_multisine(double t, const double *a)
+{
+    int n = (int)fmin(fmax(a[1], 1.0), 200.0);
+    double shift = 2.0 * M_PI * hashed(seed_of(a[2]), 1), sum = 0.0;
+    for (int k = 1; k <= n; k++) {
+        double phase = -M_PI * k * (k - 1) / n + shift * k;
+        sum += cos(2.0 * M_PI * a[0] * k * t + phase);
+    }
+    return sum / (n == 1 ? 1.0 : 1.2 * sqrt(n));
+}
+
+/* Random values at multiples of 1/(2 f), joined by raised cosines: nothing above about f. */
+static double f_noise(double t, const double *a)
+{
+    double x = 2.0 * fabs(a[0]) * t, k = floor(x), s = 0.5 - 0.5 * cos(M_PI * (x - k));
+    uint64_t seed = seed_of(a[1]), i = seed_of(k);
+    double left = 2.0 * hashed(seed, i) - 1.0, right = 2.0 * hashed(seed, i + 1) - 1.0;
+    return left + s * (right - left);
+}
+
+const struct signal_function mk_signal_functions[] = {
+    {"sin", 1, "sin(x)", f_sin},
+    {"cos", 1, "cos(x)", f_cos},
+    {"tan", 1, "tan(x)", f_tan},
+    {"exp", 1, "exp(x)", f_exp},
+    {"log", 1, "log(x)", f_log},
+    {"sqrt", 1, "sqrt(x)", f_sqrt},
+    {"abs", 1, "abs(x)", f_abs},
+    {"sign", 1, "sign(x)", f_sign},
+    {"tanh", 1, "tanh(x)", f_tanh},
+    {"min", 2, "min(x, y)", f_min},
+    {"max", 2, "max(x, y)", f_max},
+    {"step", 1, "step(t0): 0 before, 1 from t0 on", f_step},
+    {"ramp", 1, "ramp(t0): t - t0 from t0 on", f_ramp},
+    {"pulse", 2, "pulse(t0, t1): 1 in between", f_pulse},
+    {"square", 1, "square(f): +-1 at f Hz", f_square},
+    {"saw", 1, "saw(f): -1 to 1 at f Hz", f_saw},
+    {"chirp", 3, "chirp(f0, f1, T): sweep from f0 to f1 Hz in T s", f_chirp},
+    {"multisine", 3, "multisine(f0, n, seed): n harmonics of f0 Hz", f_multisine},
+    {"noise", 2, "noise(f, seed): band-limited to about f Hz", f_noise},
+};
+const int mk_signal_function_count = sizeof mk_signal_functions / sizeof mk_signal_functions[0];
+
+/* --- creation -----------------------------------------------------------------------------------
+ */
+
+static enum mk_status load_samples(struct mk_signal *s, const char *path, struct mk_error *err)
+{
+    enum mk_status st = mk_log_read(path, &s->log, err);
+    if (st != MK_OK)
+        return st;
+    s->t = mk_log_get(s->log, "t");
+    s->u = mk_log_get(s->log, "u");
+    s->rows = s->log->rows;
+    if (!s->u)
+        return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "a sampled signal needs columns t and u");
+    for (size_t i = 0; i < s->rows; i++)
+        if (!isfinite(s->u[i]))
+            return mk_error_at(err, MK_ERR_PARSE, path, s->log->first_row_line + (int)i, 0,
+                               "u must be a number in every row");
+    return MK_OK;
+}
+
+enum mk_status mk_signal_create(const char *text, struct mk_signal **out, struct mk_error *err)
+{
+    *out = NULL;
+    struct mk_signal *s = calloc(1, sizeof *s);
+    if (!s || !(s->text = strdup(text))) {
+        free(s);
+        return mk_error_set(err, MK_ERR_NOMEM, "out of memory");
+    }
+    const char *at = text + strspn(text, " \t");
+    enum mk_status st = *at == '@' ? load_samples(s, at + 1, err) : mk_signal_parse(s, text, err);
+    if (st != MK_OK)
+        mk_signal_destroy(s);
+    else
+        *out = s;
+    return st;
+}
+
+void mk_signal_destroy(struct mk_signal *signal)
+{
+    if (!signal)
+        return;
+    mk_log_free(signal->log);
+    free(signal->text);
+    free(signal);
+}
+
+const char *mk_signal_text(const struct mk_signal *signal)
+{
+    return signal->text;
+}
+
+double mk_signal_duration(const struct mk_signal *signal)
+{
+    return signal->log ? signal->t[signal->rows - 1] : (double)INFINITY;
+}
+
+/* --- evaluation ---------------------------------------------------------------------------------
+ */
+
+/* Value held since the last sample at or before t; 0 before the first and after the last. */
+static double sample_at(const struct mk_signal *s, double t)
+{
+    /* Half a nanosecond: the loop's clock and the file's decimals round differently. */
+    t += 5e-10;
+    if (!(t >= s->t[0]) || t > s->t[s->rows - 1] + 1e-9)
+        return 0.0;
+    size_t low = 0, high = s->rows;
+    while (high - low > 1) {
+        size_t mid = low + (high - low) / 2;
+        if (s->t[mid] <= t)
+            low = mid;
+        else
+            high = mid;
+    }
+    return s->u[low];
+}
+
+double mk_signal_at(const struct mk_signal *s, double t)
+{
+    double stack[SIGNAL_MAX_DEPTH + 1];
+    int top = -1;
+    if (s->log)
+        return sample_at(s, t);
+    for (int i = 0; i < s->count; i++) {
+        const struct instruction *in = &s->code[i];
+        switch (in->op) {
+        case OP_NUMBER:
+            stack[++top] = in->value;
+            break;
+        case OP_TIME:
+            stack[++top] = t;
+            break;
+        case OP_ADD:
+            top--, stack[top] += stack[top + 1];
+            break;
+        case OP_SUB:
+            top--, stack[top] -= stack[top + 1];
+            break;
+        case OP_MUL:
+            top--, stack[top] *= stack[top + 1];
+            break;
+        case OP_DIV:
+            top--, stack[top] /= stack[top + 1];
+            break;
+        case OP_POW:
+            top--, stack[top] = pow(stack[top], stack[top + 1]);
+            break;
+        case OP_NEG:
+            stack[top] = -stack[top];
+            break;
+        case OP_CALL:
+            top -= mk_signal_functions[in->function].arguments - 1;
+            stack[top] = mk_signal_functions[in->function].call(t, &stack[top]);
+            break;
+        }
+    }
+    return stack[0];
+}
