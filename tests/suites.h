@@ -14,7 +14,8 @@
     X(effects)                                                                                     \
     X(sim)                                                                                         \
     X(safety)                                                                                      \
-    X(rig)
+    X(rig)                                                                                         \
+    X(loop)
 
 #define MK_SUITE_DECL(name) Suite *suite_##name(void);
 MK_SUITES(MK_SUITE_DECL)

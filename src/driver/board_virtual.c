@@ -17,6 +17,8 @@
 #include "driver/fault_script.h"
 #include "mechkit/rig.h"
 
+#define PIECE_NS 100000000 /* longest time handed to the solver at once */
+
 struct virtual_board {
     struct mk_rig *rig;
     struct mk_fault_script script;
@@ -78,12 +80,15 @@ static enum mk_status virtual_identify(struct mk_board *board, struct mk_board_i
 
 static enum mk_status run_plant(struct virtual_board *v, int64_t to_ns)
 {
-    if (to_ns <= v->plant_ns)
-        return MK_OK;
-    double dt_s = (double)(to_ns - v->plant_ns) * 1e-9;
-    enum mk_status st = mk_rig_advance(v->rig, dt_s, v->u, NULL);
-    v->plant_ns = to_ns;
-    return st == MK_OK ? MK_OK : MK_ERR_NUMERIC;
+    /* In pieces: a solver gives up after so many steps, and nobody may have looked for an hour. */
+    while (v->plant_ns < to_ns) {
+        int64_t left_ns = to_ns - v->plant_ns;
+        int64_t piece_ns = left_ns < PIECE_NS ? left_ns : PIECE_NS;
+        if (mk_rig_advance(v->rig, (double)piece_ns * 1e-9, v->u, NULL) != MK_OK)
+            return MK_ERR_NUMERIC;
+        v->plant_ns += piece_ns;
+    }
+    return MK_OK;
 }
 
 /* Brings the plant to now; the watchdog may have bitten on the way. RT. */

@@ -22,6 +22,10 @@ namespace
 constexpr long MAX_STEPS =
     500000; // in one call; beyond that the problem is not what we think it is
 
+// A link that comes to rest lets the step grow far beyond what friction at rest bears: the way back
+// takes more attempts than the usual seven.
+constexpr int MAX_ERROR_TESTS = 50;
+
 bool create_context(SUNContext *ctx)
 {
 #if SUNDIALS_VERSION_MAJOR >= 7
@@ -248,6 +252,7 @@ class Erk : public SundialsBase
                ERKStepSetTableNum(mem_, ARKODE_VERNER_8_5_6) == 0 &&
                ERKStepSetMaxNumSteps(mem_, MAX_STEPS) == 0 &&
                ERKStepSetMaxHnilWarns(mem_, -1) == 0 &&
+               ERKStepSetMaxErrTestFails(mem_, MAX_ERROR_TESTS) == 0 &&
                (!system_.events || ERKStepRootInit(mem_, system_.events, on_events) == 0);
     }
     enum mk_status restart(double t, const double *y) override

@@ -1,0 +1,225 @@
+/* What comes before the first tick: are the links at rest, is the log open, is the thread ready. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctrl/loop_priv.h"
+
+/* The links are watched for so long. A link at the turning point of a swing stands still for a
+ * moment; within this time a swing of 0.03 rad shows even then. */
+#define REST_S 0.2
+#define REST_BLOCKS 4
+
+/* Largest wander of a block's mean that still counts as hanging still: five counts or so. */
+#define REST_MOTION_RAD 0.008
+
+struct rest_watch {
+    double sum[REST_BLOCKS][MK_MAX_JOINTS];
+    int samples[REST_BLOCKS];
+    int lost;
+    struct mk_board_sample last;
+};
+
+static enum mk_status link_failed(struct mk_loop *loop, enum mk_status st, struct mk_error *err)
+{
+    enum mk_fault fault = MK_FAULT_BOARD;
+    if (st == MK_ERR_NODEV)
+        fault = MK_FAULT_UNPLUGGED;
+    else if (st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO)
+        fault = MK_FAULT_LINK;
+    mk_safety_latch(&loop->safety, fault, 0.0, 0);
+    return mk_loop_fault_error(loop->safety.fault, 0.0, 0, err);
+}
+
+/* Readings at the run's rate, command 0. */
+static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, struct mk_error *err)
+{
+    struct mk_clock *clock = loop->board->clock;
+    int n = (int)(REST_S * loop->config.rate_hz);
+    int64_t t0_ns = mk_clock_now_ns(clock);
+    int32_t first[MK_MAX_JOINTS] = {0};
+    bool have = false;
+    for (int k = 0; k < n; k++) {
+        mk_clock_sleep_until(clock, t0_ns + (int64_t)(k * 1e9 / loop->config.rate_hz));
+        if (atomic_load_explicit(&loop->estop, memory_order_relaxed)) {
+            mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, 0.0, 0);
+            return mk_loop_fault_error(MK_FAULT_ESTOP, 0.0, 0, err);
+        }
+        enum mk_status st = mk_board_exchange(loop->board, 0.0, &w->last);
+        bool lost = st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO;
+        w->lost = lost ? w->lost + 1 : 0;
+        if (w->lost >= loop->config.limits.lost_limit || (st != MK_OK && !lost))
+            return link_failed(loop, st, err);
+        if (lost)
+            continue;
+        if (!have)
+            memcpy(first, w->last.count, sizeof first);
+        have = true;
+        int block = k * REST_BLOCKS / n;
+        w->samples[block]++;
+        for (int j = 0; j < loop->plant->joints; j++)
+            w->sum[block][j] +=
+                mk_counter_difference(w->last.count[j], first[j], loop->identity.counter_bits);
+    }
+    return have ? MK_OK : link_failed(loop, MK_ERR_TIMEOUT, err);
+}
+
+/* 1-based joint that moved; 0: none. Wheels may turn. */
+static int moving_joint(const struct mk_loop *loop, const struct rest_watch *w)
+{
+    for (int j = 0; j < loop->plant->joints; j++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int b = 0; b < REST_BLOCKS; b++) {
+            if (w->samples[b] == 0)
+                continue;
+            double mean = w->sum[b][j] / w->samples[b] * loop->rad_per_count[j];
+            low = fmin(low, mean);
+            high = fmax(high, mean);
+        }
+        if (!loop->plant->joint_is_wheel[j] && high - low > REST_MOTION_RAD)
+            return j + 1;
+    }
+    return 0;
+}
+
+/* The run counts from rest: links keep their zero but lose whole turns; what rests anywhere
+ * (wheels, the Furuta arm) starts at zero. */
+static void set_origin(struct mk_loop *loop, const struct mk_board_sample *b)
+{
+    struct mk_loop_run *r = &loop->run;
+    r->sequence = b->sequence;
+    r->lost_since = 0;
+    for (int j = 0; j < loop->plant->joints; j++) {
+        int32_t cpr = loop->identity.encoder_cpr[j];
+        bool anywhere =
+            loop->plant->joint_is_wheel[j] || isinf(loop->config.limits.rest_tolerance[j]);
+        int32_t turns = (int32_t)lround((double)b->count[j] / cpr);
+        r->raw[j] = b->count[j];
+        r->total[j] = anywhere ? 0 : b->count[j] - turns * cpr;
+        mk_velocity_reset(&r->speed[j]);
+        mk_velocity_step(&r->speed[j], loop->plant->rest[j] + r->total[j] * loop->rad_per_count[j]);
+    }
+}
+
+enum mk_status mk_loop_check_rest(struct mk_loop *loop, struct mk_error *err)
+{
+    /* The first time nobody knows where zero is: the rig is taken to hang, if only it is still. */
+    bool fresh = !loop->host.zeroed;
+    if (fresh) {
+        enum mk_status st = loop->board->ops->zero_counters(loop->board, err);
+        if (st != MK_OK)
+            return st == MK_ERR_NODEV ? link_failed(loop, st, err) : st;
+    }
+    struct rest_watch w = {0};
+    enum mk_status st = watch_links(loop, &w, err);
+    if (st != MK_OK)
+        return st;
+    int moving = moving_joint(loop, &w);
+    if (moving) {
+        mk_safety_latch(&loop->safety, MK_FAULT_NOT_HANGING, 0.0, moving);
+        return mk_error_set(err, MK_ERR_FAULT,
+                            "fault %s: joint %d moves; wait until the links hang still",
+                            mk_fault_name(MK_FAULT_NOT_HANGING), moving);
+    }
+    double q[MK_MAX_JOINTS] = {0};
+    for (int j = 0; j < loop->plant->joints; j++)
+        q[j] = loop->plant->rest[j] + w.last.count[j] * loop->rad_per_count[j];
+    if (mk_safety_check_rest(&loop->safety, q, loop->plant->rest, loop->plant->joint_is_wheel)) {
+        int j = loop->safety.fault_joint;
+        double off = remainder(q[j - 1] - loop->plant->rest[j - 1], 2.0 * M_PI);
+        return mk_error_set(err, MK_ERR_FAULT,
+                            "fault %s: joint %d is %.3f rad away from hanging straight down",
+                            mk_fault_name(MK_FAULT_NOT_HANGING), j, off);
+    }
+    loop->host.zeroed = true;
+    set_origin(loop, &w.last);
+    return MK_OK;
+}
+
+static void forget_last_run(struct mk_loop *loop)
+{
+    struct mk_loop_run *r = &loop->run;
+    r->tick = 0;
+    r->end_tick = UINT64_MAX;
+    r->u_next = r->u_held = 0.0;
+    r->since_good = 0.0;
+    r->missed = 0;
+    r->shown = (struct mk_loop_snapshot){.balanced_since = NAN, .caught_t = NAN};
+    atomic_ullong *counters[] = {&loop->ticks, &loop->late, &loop->overruns,
+                                 &loop->lost,  &loop->gaps, &loop->dropped};
+    for (size_t i = 0; i < sizeof counters / sizeof counters[0]; i++)
+        atomic_store_explicit(counters[i], 0, memory_order_relaxed);
+    atomic_store_explicit(&loop->stop, false, memory_order_relaxed);
+    atomic_store_explicit(&loop->ended, false, memory_order_relaxed);
+    mk_histogram_clear(&loop->lateness);
+    mk_histogram_clear(&loop->busy);
+    mk_safety_clear(&loop->safety);
+    mk_ctrl_reset(loop->ctrl);
+}
+
+/* Simulated time needs no thread: the ticks are made by whoever waits. */
+static enum mk_status begin_simulated(struct mk_loop *loop, struct mk_error *err)
+{
+    const struct mk_board_ops *ops = loop->board->ops;
+    enum mk_status st = MK_OK;
+    if (ops->set_watchdog)
+        st = ops->set_watchdog(loop->board, loop->config.watchdog_ms, err);
+    if (st == MK_OK)
+        mk_loop_begin_ticks(loop);
+    return st;
+}
+
+static enum mk_status begin_realtime(struct mk_loop *loop, struct mk_error *err)
+{
+    enum mk_status st = mk_loop_writer_spawn(&loop->writer, err);
+    if (st == MK_OK)
+        st = mk_loop_thread_go(loop, false, err);
+    else
+        (void)mk_loop_thread_go(loop, true, NULL);
+    return st;
+}
+
+static enum mk_status refuse(struct mk_loop *loop, enum mk_status st)
+{
+    (void)loop->board->ops->safe_state(loop->board);
+    loop->run.shown.state = loop->safety.fault ? MK_LOOP_FAULTED : MK_LOOP_IDLE;
+    mk_loop_publish(loop);
+    return st;
+}
+
+enum mk_status mk_loop_start(struct mk_loop *loop, const char *log_path,
+                             const struct mk_log_meta *meta, size_t meta_count,
+                             struct mk_error *err)
+{
+    struct mk_loop_snapshot now;
+    mk_loop_get_snapshot(loop, &now);
+    if (now.state == MK_LOOP_FAULTED)
+        return mk_error_set(err, MK_ERR_STATE, "fault %s is latched: acknowledge it first",
+                            mk_fault_name(now.fault));
+    if (loop->host.running)
+        return mk_error_set(err, MK_ERR_STATE, "the loop runs already");
+
+    forget_last_run(loop);
+    enum mk_status st = mk_loop_check_rest(loop, err);
+    if (st != MK_OK)
+        return refuse(loop, st);
+
+    /* The thread first: the log says whether it was granted real time. */
+    if (!loop->simulated && (st = mk_loop_thread_create(loop, err)) != MK_OK)
+        return refuse(loop, st);
+    st = mk_loop_writer_open(loop, log_path, meta, meta_count, err);
+    if (st != MK_OK) {
+        if (!loop->simulated)
+            (void)mk_loop_thread_go(loop, true, NULL);
+        return refuse(loop, st);
+    }
+    loop->run.shown.state = MK_LOOP_RUNNING;
+    mk_loop_publish(loop);
+    st = loop->simulated ? begin_simulated(loop, err) : begin_realtime(loop, err);
+    if (st != MK_OK) {
+        (void)mk_loop_writer_finish(loop, NULL);
+        return refuse(loop, st);
+    }
+    loop->host.running = true;
+    return MK_OK;
+}
