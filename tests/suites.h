@@ -15,7 +15,9 @@
     X(sim)                                                                                         \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
-    X(loop)
+    X(loop)                                                                                        \
+    X(board)                                                                                       \
+    X(fault_script)
 
 #define MK_SUITE_DECL(name) Suite *suite_##name(void);
 MK_SUITES(MK_SUITE_DECL)
