@@ -1,13 +1,116 @@
-/* mechkit: the program. Wires the parts together; the subcommands live in sub_*.c. */
+/* mechkit: the program. Finds the subcommand; each lives in a file sub_NAME.c. */
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "console/sub.h"
+
+static const struct subcommand subcommands[] = {
+    {"run", "execute a command file on a board",
+     "usage: mechkit run SCRIPT.cmd [options]\n"
+     "\n"
+     "Executes a command file headless (\"-\": standard input).\n"
+     "\n"
+     "  --board NAME     virtual (default), or another board that is built in\n"
+     "  --model M.ini    the rig; default: the rig of the setup with the report's parameters\n"
+     "  --believe M.ini  what the controller believes; default: the same model\n"
+     "  --fast           virtual board in simulated time, as fast as it goes\n"
+     "  --out DIR        where logs go; made if missing; default: the current directory\n"
+     "  --rate HZ        samples per second, 100 .. 2000; default 500\n"
+     "  --seed N         of the virtual rig's noise; default 1\n"
+     "  --device NAME    which board, when there are several\n"
+     "  --check          parse only: report every error in the script, run nothing\n"
+     "  --quiet          print errors only\n"
+     "\n"
+     "`mechkit run --commands` lists the commands.\n",
+     sub_run},
+    {"simulate", "predict a log by driving a model with its command",
+     "usage: mechkit simulate --model M.ini --input LOG.csv [--out PRED.csv] [options]\n"
+     "\n"
+     "Drives the model by the log's command (zero-order hold) from the log's start and writes\n"
+     "t,q1,q2,dq1,dq2 on the log's own time base.\n"
+     "\n"
+     "  --window S      start again from the data every S seconds; adds a column window\n"
+     "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf\n"
+     "  --json FILE     figures per joint (rms, nrmse); \"-\": standard output\n",
+     sub_simulate},
+    {"design", "linearise a rig and compute feedback gains",
+     "usage: mechkit design --model M.ini [options]\n"
+     "\n"
+     "  --at NAME       equilibrium: hanging, mid, top; default: the plant's last one\n"
+     "  --poles LIST    place the poles, e.g. \"-10 -10 -5+3i -5-3i\"\n"
+     "  --lqr LIST      continuous LQR: weights of the states and of u, e.g. \"10 1 10 1 0.5\"\n"
+     "  --lqrd LIST     the same, sampled, with the loop's one sample of delay\n"
+     "  --gains LIST    no design: the closed loop of these gains\n"
+     "  --rate HZ       sample rate for --lqrd; default 500\n"
+     "  --friction      keep the friction of the motor joint in the linearisation\n"
+     "  --json FILE     the result; \"-\": standard output\n",
+     sub_design},
+    {"summary", "what happened in runs, a line a log",
+     "usage: mechkit summary LOG.csv...\n"
+     "\n"
+     "Prints for each log: setup, length, when it was caught, how still it was held, command, and\n"
+     "lateness of the loop.\n",
+     sub_summary},
+    {"plot", "plot logs to SVG or PNG (needs gnuplot)",
+     "usage: mechkit plot LOG.csv --out FILE.svg|FILE.png [options]\n"
+     "\n"
+     "Angles, command and phase plane of a run; the hand-over is marked.\n"
+     "\n"
+     "  --with PRED.csv  draw a prediction over the angles (mechkit simulate)\n"
+     "  --title TEXT     default: setup and rig\n",
+     sub_plot},
+};
+
+#define COUNT (sizeof subcommands / sizeof subcommands[0])
+
+static void print_help(FILE *out)
+{
+    fputs("mechkit " MK_VERSION ": driver and operator console for underactuated lab rigs\n\n"
+          "usage: mechkit COMMAND [options]\n\n",
+          out);
+    for (size_t i = 0; i < COUNT; i++)
+        fprintf(out, "  %-10s %s\n", subcommands[i].name, subcommands[i].summary);
+    fputs(
+        "\n`mechkit COMMAND --help` says more. Exit codes: 0 success, 1 the run or check failed,\n"
+        "2 usage, 3 bad input file.\n",
+        out);
+}
+
+static bool asks_for_help(int argc, char **argv)
+{
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
+        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0)
+            return true;
+    return false;
+}
+
 int main(int argc, char **argv)
 {
-    if (argc == 2 && strcmp(argv[1], "--version") == 0) {
-        puts("mechkit " MK_VERSION);
-        return 0;
+    /* A full disk or a closed pipe must come back as an error, not end the program in mid run. */
+    signal(SIGXFSZ, SIG_IGN);
+    signal(SIGPIPE, SIG_IGN);
+    if (argc < 2) {
+        print_help(stderr);
+        return EXIT_WRONG_USAGE;
     }
-    fputs("mechkit: usage: mechkit --version\n", stderr);
-    return 2;
+    if (strcmp(argv[1], "--version") == 0) {
+        puts("mechkit " MK_VERSION);
+        return EXIT_OK;
+    }
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
+        strcmp(argv[1], "help") == 0) {
+        print_help(stdout);
+        return EXIT_OK;
+    }
+    for (size_t i = 0; i < COUNT; i++) {
+        if (strcmp(argv[1], subcommands[i].name) != 0)
+            continue;
+        if (asks_for_help(argc - 1, argv + 1)) {
+            fputs(subcommands[i].help, stdout);
+            return EXIT_OK;
+        }
+        return subcommands[i].run(argc - 1, argv + 1);
+    }
+    return report_usage("", "there is no command '%s'", argv[1]);
 }

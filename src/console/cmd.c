@@ -1,0 +1,690 @@
+#include "console/cmd.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "console/condition.h"
+#include "console/summary.h"
+#include "mechkit/number.h"
+
+/* --- arguments ----------------------------------------------------------------------------------
+ */
+
+static enum mk_status number_arg(const char *text, double *out, struct mk_error *err)
+{
+    if (mk_parse_double_z(text, out) && isfinite(*out))
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number", text);
+}
+
+static enum mk_status check_numbers(int argc, char **argv, struct mk_error *err)
+{
+    double x;
+    for (int i = 0; i < argc; i++)
+        if (number_arg(argv[i], &x, err) != MK_OK)
+            return MK_ERR_PARSE;
+    return MK_OK;
+}
+
+static enum mk_status check_seconds(int argc, char **argv, struct mk_error *err)
+{
+    double x;
+    (void)argc;
+    if (number_arg(argv[0], &x, err) != MK_OK)
+        return MK_ERR_PARSE;
+    return x >= 0.0 ? MK_OK
+                    : mk_error_set(err, MK_ERR_PARSE, "%s: seconds are not negative", argv[0]);
+}
+
+static enum mk_status check_second_number(int argc, char **argv, struct mk_error *err)
+{
+    return check_numbers(argc - 1, argv + 1, err);
+}
+
+static enum mk_status check_signal(int argc, char **argv, struct mk_error *err)
+{
+    struct mk_signal *made;
+    (void)argc;
+    if (argv[0][strspn(argv[0], " \t")] == '@')
+        return MK_OK; /* the file may not exist yet */
+    enum mk_status st = mk_signal_create(argv[0], &made, err);
+    mk_signal_destroy(made);
+    return st;
+}
+
+static enum mk_status check_setup(int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (mk_ctrl_setup_by_name(argv[0]))
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_PARSE, "there is no setup '%s'", argv[0]);
+}
+
+static enum mk_status check_on_off(int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (strcmp(argv[0], "on") == 0 || strcmp(argv[0], "off") == 0)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_PARSE, "expected on or off, not '%s'", argv[0]);
+}
+
+/* "COND within S" or "COND for S": the number after the last such word, taken off the text. The
+ * word `within` inside a condition is followed by `of`, so only the last one counts. */
+static bool split_seconds(char *text, const char *word, double *seconds)
+{
+    char pattern[16];
+    snprintf(pattern, sizeof pattern, " %s ", word);
+    char *found = NULL;
+    for (char *at = strstr(text, pattern); at; at = strstr(at + 1, pattern))
+        found = at;
+    if (!found || !mk_parse_double_z(found + strlen(pattern), seconds) || !(*seconds >= 0.0))
+        return false;
+    *found = '\0';
+    return true;
+}
+
+static enum mk_status check_expect(int argc, char **argv, struct mk_error *err)
+{
+    char text[512];
+    double seconds;
+    (void)argc;
+    snprintf(text, sizeof text, "%s", argv[0]);
+    split_seconds(text, "for", &seconds);
+    return condition_check(text, err);
+}
+
+static enum mk_status check_wait_until(int argc, char **argv, struct mk_error *err)
+{
+    char text[512];
+    double seconds;
+    (void)argc;
+    snprintf(text, sizeof text, "%s", argv[0]);
+    split_seconds(text, "within", &seconds);
+    return condition_check(text, err);
+}
+
+/* --- choosing -----------------------------------------------------------------------------------
+ */
+
+static enum mk_status do_setup(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    enum mk_status st = session_setup(s, argv[0], err);
+    if (st == MK_OK)
+        session_say(s, "setup %s on a %s, board %s", argv[0], mk_plant(s->model.plant)->name,
+                    s->backend->name);
+    return st;
+}
+
+static enum mk_status do_model(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "halt first");
+    char path[SESSION_PATH];
+    return session_load_model(s, session_find(s, argv[0], path, sizeof path), false, err);
+}
+
+static enum mk_status do_believe(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "halt first");
+    char path[SESSION_PATH];
+    return session_load_model(s, session_find(s, argv[0], path, sizeof path), true, err);
+}
+
+static enum mk_status do_rate(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    double rate = 0.0;
+    (void)argc;
+    enum mk_status st = number_arg(argv[0], &rate, err);
+    if (st == MK_OK && !(rate >= MK_LOOP_RATE_MIN_HZ && rate <= MK_LOOP_RATE_MAX_HZ))
+        st = mk_error_set(err, MK_ERR_RANGE, "rate %s: must be %g .. %g Hz", argv[0],
+                          MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ);
+    if (st == MK_OK)
+        s->options.rate_hz = rate;
+    return st;
+}
+
+static enum mk_status do_seed(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    double seed;
+    (void)argc;
+    enum mk_status st = number_arg(argv[0], &seed, err);
+    if (st == MK_OK && !(seed >= 0.0 && seed <= 9e15))
+        st = mk_error_set(err, MK_ERR_RANGE, "seed %s: a whole number from 0 on", argv[0]);
+    if (st == MK_OK)
+        s->options.seed = (uint64_t)seed;
+    return st;
+}
+
+static enum mk_status do_faults(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (strlen(argv[0]) >= sizeof s->faults)
+        return mk_error_set(err, MK_ERR_RANGE, "the fault script is too long: put it into a file");
+    strcpy(s->faults, argv[0]);
+    return MK_OK;
+}
+
+static enum mk_status do_log(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)err;
+    s->log_on = strcmp(argv[0], "on") == 0;
+    return MK_OK;
+}
+
+static enum mk_status do_signal(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    return session_set_signal(s, argv[0], err);
+}
+
+/* --- parameters ---------------------------------------------------------------------------------
+ */
+
+static enum mk_status need_setup(const struct session *s, struct mk_error *err)
+{
+    return s->ctrl ? MK_OK : mk_error_set(err, MK_ERR_STATE, "choose a setup first");
+}
+
+/* Checks and stores one value; the caller applies. */
+static enum mk_status put_value(struct session *s, int index, const char *text, double *value,
+                                struct mk_error *err)
+{
+    double x;
+    enum mk_status st = number_arg(text, &x, err);
+    if (st == MK_OK)
+        st = mk_ctrl_check(s->setup, index, x, err);
+    if (st == MK_OK)
+        value[index] = x;
+    return st;
+}
+
+static enum mk_status apply_values(struct session *s, const double *value, struct mk_error *err)
+{
+    double before[MK_CTRL_MAX_PARAMS];
+    memcpy(before, s->value, sizeof before);
+    memcpy(s->value, value, sizeof s->value);
+    enum mk_status st = session_apply(s, err);
+    if (st != MK_OK)
+        memcpy(s->value, before, sizeof before);
+    return st;
+}
+
+static enum mk_status do_gains(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    enum mk_status st = need_setup(s, err);
+    if (st != MK_OK)
+        return st;
+    int want = mk_ctrl_gain_count(s->setup);
+    if (argc != want)
+        return mk_error_set(err, MK_ERR_USAGE, "setup %s takes %d gains, not %d", s->setup->name,
+                            want, argc);
+    double value[MK_CTRL_MAX_PARAMS];
+    memcpy(value, s->value, sizeof value);
+    int k = 0;
+    for (int i = 0; st == MK_OK && i < s->setup->param_count; i++)
+        if (s->setup->param[i].gain)
+            st = put_value(s, i, argv[k++], value, err);
+    return st == MK_OK ? apply_values(s, value, err) : st;
+}
+
+static enum mk_status do_set(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    enum mk_status st = need_setup(s, err);
+    if (st != MK_OK)
+        return st;
+    int index = mk_ctrl_param_index(s->setup, argv[0]);
+    if (index < 0)
+        return mk_error_set(err, MK_ERR_NOTFOUND,
+                            "setup %s has no parameter '%s'; `show gains` lists them",
+                            s->setup->name, argv[0]);
+    double value[MK_CTRL_MAX_PARAMS];
+    memcpy(value, s->value, sizeof value);
+    st = put_value(s, index, argv[1], value, err);
+    return st == MK_OK ? apply_values(s, value, err) : st;
+}
+
+/* "q1_min" and so on, to the limit's place. */
+static double *limit_at(struct session *s, const char *name)
+{
+    struct mk_safety_limits *l = &s->config.limits;
+    const struct {
+        const char *name;
+        double *at;
+    } rows[] = {{"q1_min", &l->q_min[0]},         {"q1_max", &l->q_max[0]},
+                {"q2_min", &l->q_min[1]},         {"q2_max", &l->q_max[1]},
+                {"dq1_max", &l->v_max[0]},        {"dq2_max", &l->v_max[1]},
+                {"jump1", &l->jump_rad[0]},       {"jump2", &l->jump_rad[1]},
+                {"rest1", &l->rest_tolerance[0]}, {"rest2", &l->rest_tolerance[1]},
+                {"stuck_s", &l->stuck_s},         {"stuck_u", &l->stuck_u},
+                {"runaway_s", &l->runaway_s}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+        if (strcmp(rows[i].name, name) == 0)
+            return rows[i].at;
+    return NULL;
+}
+
+static enum mk_status do_limit(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    double x;
+    enum mk_status st = need_setup(s, err);
+    if (st == MK_OK && s->running)
+        st = mk_error_set(err, MK_ERR_STATE, "limits are changed between runs: halt first");
+    double *at = st == MK_OK ? limit_at(s, argv[0]) : NULL;
+    if (st == MK_OK && !at)
+        st = mk_error_set(err, MK_ERR_NOTFOUND, "there is no limit '%s'; `show limits` lists them",
+                          argv[0]);
+    if (st == MK_OK)
+        st = number_arg(argv[1], &x, err);
+    if (st == MK_OK)
+        *at = x;
+    return st;
+}
+
+/* --- running ------------------------------------------------------------------------------------
+ */
+
+static enum mk_status do_start(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv;
+    return session_start(s, err);
+}
+
+static void say_summary(struct session *s)
+{
+    struct run_summary r;
+    char line[300];
+    if (s->log_path[0] && summarise(s->log_path, &r, NULL) == MK_OK)
+        session_say(s, "%s", summary_line(&r, line, sizeof line));
+}
+
+static enum mk_status do_halt(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv;
+    bool ran = s->running;
+    enum mk_status st = session_halt(s, err);
+    if (ran && st == MK_OK)
+        say_summary(s);
+    return st;
+}
+
+static enum mk_status need_run(const struct session *s, struct mk_error *err)
+{
+    return s->running ? MK_OK : mk_error_set(err, MK_ERR_STATE, "nothing runs: start first");
+}
+
+static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct mk_error *err)
+{
+    if (st == MK_ERR_FAULT) {
+        struct mk_loop_snapshot snap;
+        mk_loop_get_snapshot(s->loop, &snap);
+        char joint[32] = "";
+        if (snap.fault_joint > 0)
+            snprintf(joint, sizeof joint, " (joint %d)", snap.fault_joint);
+        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s; the motor is off",
+                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault));
+    }
+    if (st == MK_ERR_INTR)
+        mk_error_set(err, MK_ERR_INTR, "interrupted; the motor is off");
+    return st;
+}
+
+static enum mk_status do_wait(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    double seconds = 0.0;
+    (void)argc;
+    enum mk_status st = need_run(s, err);
+    if (st == MK_OK)
+        st = number_arg(argv[0], &seconds, err);
+    if (st == MK_OK)
+        st = fault_ends_it(s, mk_loop_wait(s->loop, seconds, NULL, NULL, s->options.cancel, err),
+                           err);
+    return st;
+}
+
+static bool holds(const struct mk_loop_snapshot *snap, void *text)
+{
+    return condition_holds(text, snap);
+}
+
+static bool violated(const struct mk_loop_snapshot *snap, void *text)
+{
+    return !condition_holds(text, snap);
+}
+
+static enum mk_status do_wait_until(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    double seconds = 60.0;
+    (void)argc;
+    enum mk_status st = need_run(s, err);
+    if (st != MK_OK)
+        return st;
+    split_seconds(argv[0], "within", &seconds);
+    st = fault_ends_it(s, mk_loop_wait(s->loop, seconds, holds, argv[0], s->options.cancel, err),
+                       err);
+    if (st == MK_ERR_TIMEOUT)
+        return mk_error_set(err, MK_ERR_EXPECT, "%s: not within %g s", argv[0], seconds);
+    return st;
+}
+
+static enum mk_status not_met(const struct mk_loop_snapshot *snap, const char *text,
+                              struct mk_error *err)
+{
+    return mk_error_set(err, MK_ERR_EXPECT,
+                        "expected %s, but at t = %.3f s: phase %s, q1 %.4g, q2 %.4g, dq1 %.4g, dq2 "
+                        "%.4g, u %.4g, fault %s",
+                        text, snap->sample.t, mk_phase_name(snap->sample.phase), snap->sample.q[0],
+                        snap->sample.q[1], snap->sample.v[0], snap->sample.v[1], snap->sample.u,
+                        mk_fault_name(snap->fault));
+}
+
+static enum mk_status do_expect(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    double seconds = 0.0;
+    struct mk_loop_snapshot snap;
+    (void)argc;
+    memset(&snap, 0, sizeof snap);
+    bool lasting = split_seconds(argv[0], "for", &seconds);
+    if (s->loop)
+        mk_loop_get_snapshot(s->loop, &snap);
+    if (!condition_holds(argv[0], &snap))
+        return not_met(&snap, argv[0], err);
+    if (!lasting)
+        return MK_OK;
+    enum mk_status st = need_run(s, err);
+    if (st != MK_OK)
+        return st;
+    st = mk_loop_wait(s->loop, seconds, violated, argv[0], s->options.cancel, err);
+    if (st == MK_ERR_TIMEOUT)
+        return MK_OK; /* never violated */
+    if (st != MK_OK)
+        return fault_ends_it(s, st, err);
+    mk_loop_get_snapshot(s->loop, &snap);
+    return not_met(&snap, argv[0], err);
+}
+
+static enum mk_status do_estop(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv;
+    if (s->loop)
+        mk_loop_estop(s->loop);
+    return session_halt(s, err);
+}
+
+static enum mk_status do_ack(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv;
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "halt first");
+    if (s->loop)
+        mk_loop_acknowledge(s->loop);
+    return MK_OK;
+}
+
+/* --- results ------------------------------------------------------------------------------------
+ */
+
+static enum mk_status save(struct session *s, const char *name, bool overwrite,
+                           struct mk_error *err)
+{
+    char saved[SESSION_PATH];
+    enum mk_status st = session_save(s, name, overwrite, saved, sizeof saved, err);
+    if (st == MK_OK)
+        session_say(s, "saved %s", saved);
+    return st;
+}
+
+static enum mk_status do_save(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    return save(s, argv[0], false, err);
+}
+
+static enum mk_status do_save_over(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    return save(s, argv[0], true, err);
+}
+
+static enum mk_status do_echo(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)err;
+    session_say(s, "%s", argc ? argv[0] : "");
+    return MK_OK;
+}
+
+static void show_gains(struct session *s)
+{
+    for (int i = 0; i < s->setup->param_count; i++) {
+        const struct mk_ctrl_param *p = &s->setup->param[i];
+        session_say(s, "  %-12s %12.6g %-10s %g .. %g  %s%s", p->name, s->value[i], p->unit, p->min,
+                    p->max, p->gain ? "[gain] " : "", p->help);
+    }
+}
+
+static void show_limits(struct session *s)
+{
+    static const char *const names[] = {"q1_min",  "q1_max",  "q2_min",   "q2_max", "dq1_max",
+                                        "dq2_max", "jump1",   "jump2",    "rest1",  "rest2",
+                                        "stuck_s", "stuck_u", "runaway_s"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        session_say(s, "  %-12s %g", names[i], *limit_at(s, names[i]));
+}
+
+static void show_stats(struct session *s)
+{
+    struct mk_loop_stats st;
+    if (!s->loop)
+        return;
+    mk_loop_get_stats(s->loop, &st);
+    session_say(s, "  %llu ticks, %llu late, %llu overruns, %llu lost, %llu dropped",
+                (unsigned long long)st.ticks, (unsigned long long)st.late,
+                (unsigned long long)st.overruns, (unsigned long long)st.lost,
+                (unsigned long long)st.dropped);
+    session_say(s, "  lateness p50 %.1f p99 %.1f p99.9 %.1f max %.1f us", st.late_p50_us,
+                st.late_p99_us, st.late_p999_us, st.late_max_us);
+    if (st.note[0])
+        session_say(s, "  %s", st.note);
+}
+
+static enum mk_status check_show(int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    if (strcmp(argv[0], "gains") == 0 || strcmp(argv[0], "limits") == 0 ||
+        strcmp(argv[0], "stats") == 0)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_PARSE, "expected gains, limits or stats, not '%s'", argv[0]);
+}
+
+static enum mk_status do_show(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    enum mk_status st = need_setup(s, err);
+    if (st != MK_OK)
+        return st;
+    if (strcmp(argv[0], "gains") == 0)
+        show_gains(s);
+    else if (strcmp(argv[0], "limits") == 0)
+        show_limits(s);
+    else
+        show_stats(s);
+    return MK_OK;
+}
+
+static enum mk_status do_help(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv, (void)err;
+    const struct cmd *c;
+    for (int i = 0; (c = cmd_at(i)) != NULL; i++)
+        session_say(s, "  %-11s %-24s %s", c->name, c->usage, c->help);
+    return MK_OK;
+}
+
+static enum mk_status do_quit(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv;
+    return session_halt(s, err);
+}
+
+/* --- table --------------------------------------------------------------------------------------
+ */
+
+static const struct cmd commands[] = {
+    {"setup", "NAME", "choose what to run: board, controller and limits", 1, 1, false, check_setup,
+     do_setup},
+    {"gains", "K1 K2 ...", "the setup's feedback gains, in order; also while it runs", 1,
+     MK_CTRL_MAX_PARAMS, false, check_numbers, do_gains},
+    {"set", "NAME VALUE", "a parameter of the setup; also while it runs", 2, 2, false,
+     check_second_number, do_set},
+    {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1)", 1, 1, true, check_signal,
+     do_signal},
+    {"input", "SIGNAL", "command of open-loop, e.g. 1.5*sin(6*t) or @FILE", 1, 1, true,
+     check_signal, do_signal},
+    {"start", "", "check that the links hang, zero the counters, run", 0, 0, false, NULL, do_start},
+    {"halt", "", "motor off, log complete", 0, 0, false, NULL, do_halt},
+    {"wait", "SECONDS", "let it run", 1, 1, false, check_seconds, do_wait},
+    {"wait-until", "COND [within S]", "let it run until a condition holds (60 s at most)", 1, 1,
+     true, check_wait_until, do_wait_until},
+    {"expect", "COND [for S]", "fail unless a condition holds (for so long)", 1, 1, true,
+     check_expect, do_expect},
+    {"save", "FILE", "name the log of the last run; never overwrites (FILE-2, ...)", 1, 1, false,
+     NULL, do_save},
+    {"save!", "FILE", "the same, but overwrites", 1, 1, false, NULL, do_save_over},
+    {"estop", "", "motor off at once, fault e-stop", 0, 0, false, NULL, do_estop},
+    {"ack", "", "acknowledge a latched fault", 0, 0, false, NULL, do_ack},
+    {"model", "FILE", "the rig, from the next setup on", 1, 1, false, NULL, do_model},
+    {"believe", "FILE", "what controllers believe, from the next setup on", 1, 1, false, NULL,
+     do_believe},
+    {"rate", "HZ", "samples per second, from the next setup on", 1, 1, false, check_numbers,
+     do_rate},
+    {"log", "on|off", "whether runs are logged; default on", 1, 1, false, check_on_off, do_log},
+    {"limit", "NAME VALUE", "a safety limit, until the next setup", 2, 2, false,
+     check_second_number, do_limit},
+    {"seed", "N", "noise of the virtual rig, from the next setup on", 1, 1, false, check_numbers,
+     do_seed},
+    {"faults", "SCRIPT", "faults of the virtual board (docs/faults.md), from the next setup on", 1,
+     1, true, NULL, do_faults},
+    {"show", "gains|limits|stats", "what is set, or how the loop does", 1, 1, false, check_show,
+     do_show},
+    {"echo", "TEXT", "say something", 0, 1, true, NULL, do_echo},
+    {"help", "", "this list", 0, 0, false, NULL, do_help},
+    {"quit", "", "motor off, end", 0, 0, false, NULL, do_quit},
+};
+
+const struct cmd *cmd_at(int index)
+{
+    int count = (int)(sizeof commands / sizeof commands[0]);
+    return index >= 0 && index < count ? &commands[index] : NULL;
+}
+
+const struct cmd *cmd_by_name(const char *name)
+{
+    const struct cmd *c;
+    for (int i = 0; (c = cmd_at(i)) != NULL; i++)
+        if (strcmp(c->name, name) == 0)
+            return c;
+    return NULL;
+}
+
+/* --- lines --------------------------------------------------------------------------------------
+ */
+
+static char *skip_blanks(char *at)
+{
+    return at + strspn(at, " \t\r");
+}
+
+static void trim_end(char *text)
+{
+    size_t n = strlen(text);
+    while (n > 0 && strchr(" \t\r\n", text[n - 1]))
+        text[--n] = '\0';
+}
+
+/* Cuts the next word off; quotes keep blanks. NULL: no more; sets *open when a quote is not closed.
+ */
+static char *next_word(char **at, bool *open)
+{
+    char *from = skip_blanks(*at), *to = from, *out = from;
+    if (!*from)
+        return NULL;
+    char quote = '\0';
+    for (; *to && (quote || !strchr(" \t\r", *to)); to++) {
+        if (quote ? *to == quote : (*to == '"' || *to == '\''))
+            quote = quote ? '\0' : *to;
+        else
+            *out++ = *to;
+    }
+    *open = quote != '\0';
+    *at = *to ? to + 1 : to;
+    *out = '\0';
+    return from;
+}
+
+/* A # starts a comment at the line's beginning or after a blank, outside quotes. */
+static void cut_comment(char *line)
+{
+    char quote = '\0';
+    for (char *at = line; *at; at++) {
+        if (quote ? *at == quote : (*at == '"' || *at == '\''))
+            quote = quote ? '\0' : *at;
+        else if (*at == '#' && !quote && (at == line || at[-1] == ' ' || at[-1] == '\t')) {
+            *at = '\0';
+            return;
+        }
+    }
+}
+
+static enum mk_status wrong_count(const struct cmd *c, struct mk_error *err)
+{
+    return mk_error_set(err, MK_ERR_PARSE, "usage: %s %s", c->name, c->usage);
+}
+
+enum mk_status cmd_parse(char *line, struct cmd_line *out, struct mk_error *err)
+{
+    bool open = false;
+    memset(out, 0, sizeof *out);
+    cut_comment(line);
+    trim_end(line);
+    char *at = line, *name = next_word(&at, &open);
+    if (!name)
+        return MK_OK;
+    const struct cmd *c = cmd_by_name(name);
+    if (!c)
+        return mk_error_set(err, MK_ERR_PARSE, "there is no command '%s'; `help` lists them", name);
+    if (c->raw) {
+        at = skip_blanks(at);
+        if (*at)
+            out->argv[out->argc++] = at;
+    } else {
+        char *word;
+        while ((word = next_word(&at, &open)) != NULL) {
+            if (out->argc == CMD_MAX_ARGS)
+                return wrong_count(c, err);
+            out->argv[out->argc++] = word;
+        }
+    }
+    if (open)
+        return mk_error_set(err, MK_ERR_PARSE, "a quote is not closed");
+    if (out->argc < c->min_args || out->argc > c->max_args)
+        return wrong_count(c, err);
+    enum mk_status st = c->check ? c->check(out->argc, out->argv, err) : MK_OK;
+    if (st == MK_OK)
+        out->cmd = c;
+    return st;
+}
+
+int cmd_execute(struct session *s, struct cmd_line *line, struct mk_error *err)
+{
+    if (!line->cmd)
+        return MK_OK;
+    enum mk_status st = line->cmd->exec(s, line->argc, line->argv, err);
+    return st == MK_OK && line->cmd->exec == do_quit ? CMD_QUIT : (int)st;
+}

@@ -1,0 +1,35 @@
+/* Errors on standard error, one line first, and the exit code that goes with them. */
+#include <stdarg.h>
+#include <stdio.h>
+
+#include "console/sub.h"
+
+int report_error(const struct mk_error *err)
+{
+    char text[1024];
+    fprintf(stderr, "mechkit: %s\n", mk_error_format(err, text, sizeof text));
+    switch (err->status) {
+    case MK_ERR_PARSE:
+    case MK_ERR_RANGE:
+    case MK_ERR_NOTFOUND:
+        return EXIT_BAD_FILE;
+    case MK_ERR_IO:
+    case MK_ERR_PERM:
+        return err->file[0] ? EXIT_BAD_FILE : EXIT_RUN_FAILED;
+    case MK_ERR_USAGE:
+        return EXIT_WRONG_USAGE;
+    default:
+        return EXIT_RUN_FAILED;
+    }
+}
+
+int report_usage(const char *name, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    fputs("mechkit: ", stderr);
+    vfprintf(stderr, fmt, args);
+    va_end(args);
+    fprintf(stderr, " (see mechkit %s%s--help)\n", name, *name ? " " : "");
+    return EXIT_WRONG_USAGE;
+}

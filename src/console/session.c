@@ -1,0 +1,360 @@
+#include "console/session.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "mechkit/number.h"
+
+void session_say(struct session *s, const char *fmt, ...)
+{
+    char line[1024];
+    va_list args;
+    if (!s->options.say)
+        return;
+    va_start(args, fmt);
+    vsnprintf(line, sizeof line, fmt, args);
+    va_end(args);
+    s->options.say(s->options.user, line);
+}
+
+/* --- opening ------------------------------------------------------------------------------------
+ */
+
+static enum mk_status make_directory(const char *path, struct mk_error *err)
+{
+    char part[SESSION_PATH];
+    if (strlen(path) >= sizeof part - 64)
+        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0, "the path is too long");
+    strcpy(part, path);
+    for (char *slash = part + 1;; slash++) {
+        if (*slash != '/' && *slash != '\0')
+            continue;
+        char end = *slash;
+        *slash = '\0';
+        if (mkdir(part, 0777) != 0 && errno != EEXIST)
+            return mk_error_errno(err, errno, path, "cannot make the directory");
+        *slash = end;
+        if (!end)
+            return MK_OK;
+    }
+}
+
+static enum mk_status open_board_kind(struct session *s, struct mk_error *err)
+{
+    const char *name = s->options.board ? s->options.board : "virtual";
+    s->backend = mk_board_backend_by_name(name);
+    if (!s->backend) {
+        char known[200] = "";
+        const struct mk_board_ops *ops;
+        for (int i = 0; (ops = mk_board_backend(i)) != NULL; i++) {
+            size_t used = strlen(known);
+            snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", ops->name);
+        }
+        return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'; built in are %s", name,
+                            known);
+    }
+    if (s->options.fast && !(s->backend->capabilities & MK_BOARD_CAP_FAST))
+        return mk_error_set(err, MK_ERR_USAGE, "board %s runs in real time only: leave out --fast",
+                            name);
+    return MK_OK;
+}
+
+const char *session_find(const struct session *s, const char *path, char *buf, size_t size)
+{
+    if (path[0] != '/' && s->script_dir[0]) {
+        int n = snprintf(buf, size, "%s/%s", s->script_dir, path);
+        if (n > 0 && (size_t)n < size && access(buf, F_OK) == 0)
+            return buf;
+    }
+    snprintf(buf, size, "%s", path);
+    return buf;
+}
+
+enum mk_status session_load_model(struct session *s, const char *path, bool believed,
+                                  struct mk_error *err)
+{
+    struct mk_model model;
+    enum mk_status st = mk_model_read(path, &model, err);
+    if (st != MK_OK)
+        return st;
+    if (believed) {
+        s->believed = model;
+        s->have_believed = true;
+    } else {
+        s->model = model;
+        s->have_model = true;
+    }
+    return MK_OK;
+}
+
+enum mk_status session_open(struct session *s, const struct session_options *options,
+                            struct mk_error *err)
+{
+    memset(s, 0, sizeof *s);
+    s->options = *options;
+    s->log_on = true;
+    enum mk_status st = open_board_kind(s, err);
+    if (st == MK_OK && options->model)
+        st = session_load_model(s, options->model, false, err);
+    if (st == MK_OK && options->believe)
+        st = session_load_model(s, options->believe, true, err);
+    if (st == MK_OK && options->out)
+        st = make_directory(options->out, err);
+    return st;
+}
+
+static void close_setup(struct session *s)
+{
+    mk_loop_destroy(s->loop); /* halts */
+    mk_board_close(s->board); /* motor off */
+    mk_ctrl_destroy(s->ctrl);
+    s->loop = NULL;
+    s->board = NULL;
+    s->ctrl = NULL;
+    s->running = false;
+}
+
+void session_close(struct session *s)
+{
+    close_setup(s);
+    mk_signal_destroy(s->signal);
+    s->signal = NULL;
+}
+
+/* --- setup --------------------------------------------------------------------------------------
+ */
+
+static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *ops,
+                                   struct mk_error *err)
+{
+    if (s->have_model)
+        return MK_OK;
+    int kind = -1, kinds = 0;
+    for (int k = 0; k < MK_PLANT_COUNT; k++)
+        if (ops->plants & (1u << k)) {
+            kind = kinds ? kind : k;
+            kinds++;
+        }
+    if (kinds != 1)
+        return mk_error_set(err, MK_ERR_USAGE,
+                            "setup %s runs on several rigs: say which one with --model or the "
+                            "command model",
+                            ops->name);
+    mk_model_default((enum mk_plant_kind)kind, &s->model);
+    return MK_OK;
+}
+
+static enum mk_status open_board(struct session *s, struct mk_error *err)
+{
+    if (s->options.fast)
+        mk_clock_init_simulated(&s->clock);
+    else
+        mk_clock_init_monotonic(&s->clock);
+    struct mk_board_config config = {.model = &s->model,
+                                     .clock = &s->clock,
+                                     .seed = s->options.seed,
+                                     .fault_script = s->faults[0] ? s->faults : NULL,
+                                     .device = s->options.device};
+    return mk_board_open(s->backend, &config, &s->board, err);
+}
+
+enum mk_status session_setup(struct session *s, const char *name, struct mk_error *err)
+{
+    const struct mk_ctrl_ops *ops = mk_ctrl_setup_by_name(name);
+    if (!ops) {
+        char known[300] = "";
+        const struct mk_ctrl_ops *row;
+        for (int i = 0; (row = mk_ctrl_setup(i)) != NULL; i++) {
+            size_t used = strlen(known);
+            snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", row->name);
+        }
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'; there are %s", name,
+                            known);
+    }
+    enum mk_status st = s->running ? session_halt(s, err) : MK_OK;
+    close_setup(s);
+    s->setup = ops;
+    if (st == MK_OK)
+        st = choose_model(s, ops, err);
+    if (st != MK_OK)
+        return st;
+    mk_loop_config_default(&s->model, &s->config);
+    if (s->options.rate_hz > 0.0)
+        s->config.rate_hz = s->options.rate_hz;
+    mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
+    const struct mk_model *believed = s->have_believed ? &s->believed : &s->model;
+    st = mk_ctrl_create(ops, believed, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
+    if (st == MK_OK)
+        st = open_board(s, err);
+    if (st == MK_OK)
+        memcpy(s->value, s->ctrl->value, sizeof s->value);
+    if (st != MK_OK)
+        close_setup(s);
+    return st;
+}
+
+/* --- running ------------------------------------------------------------------------------------
+ */
+
+static void path_in_out(const struct session *s, const char *name, char *path, size_t size)
+{
+    if (s->options.out && name[0] != '/')
+        snprintf(path, size, "%s/%s", s->options.out, name);
+    else
+        snprintf(path, size, "%s", name);
+}
+
+/* The next free run-NNN.csv. */
+static void name_log(struct session *s)
+{
+    char name[64];
+    do {
+        snprintf(name, sizeof name, "run-%03d.csv", ++s->runs);
+        path_in_out(s, name, s->log_path, sizeof s->log_path);
+    } while (access(s->log_path, F_OK) == 0);
+    s->saved = false;
+}
+
+static enum mk_status create_loop(struct session *s, struct mk_error *err)
+{
+    mk_loop_destroy(s->loop);
+    s->loop = NULL;
+    return mk_loop_create(s->board, s->ctrl, &s->config, &s->loop, err);
+}
+
+enum mk_status session_start(struct session *s, struct mk_error *err)
+{
+    if (!s->ctrl)
+        return mk_error_set(err, MK_ERR_STATE, "choose a setup first");
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "it runs already: halt first");
+    if (s->loop) {
+        struct mk_loop_snapshot snap;
+        mk_loop_get_snapshot(s->loop, &snap);
+        if (snap.state == MK_LOOP_FAULTED)
+            return mk_error_set(err, MK_ERR_FAULT, "fault %s is latched: acknowledge it with ack",
+                                mk_fault_name(snap.fault));
+    }
+    s->ctrl->ref = s->signal;
+    enum mk_status st = create_loop(s, err);
+    if (st != MK_OK)
+        return st;
+    if (s->log_on)
+        name_log(s);
+    st = mk_loop_start(s->loop, s->log_on ? s->log_path : NULL, NULL, 0, err);
+    s->running = st == MK_OK;
+    if (st != MK_OK)
+        s->log_path[0] = '\0';
+    return st;
+}
+
+enum mk_status session_halt(struct session *s, struct mk_error *err)
+{
+    if (!s->loop)
+        return MK_OK;
+    s->running = false;
+    return mk_loop_halt(s->loop, err);
+}
+
+enum mk_status session_apply(struct session *s, struct mk_error *err)
+{
+    if (s->running)
+        return mk_loop_set_params(s->loop, s->value, s->setup->param_count, err);
+    memcpy(s->ctrl->value, s->value, sizeof s->value);
+    if (s->setup->changed)
+        s->setup->changed(s->ctrl);
+    return MK_OK;
+}
+
+enum mk_status session_set_signal(struct session *s, const char *text, struct mk_error *err)
+{
+    struct mk_signal *made;
+    char found[SESSION_PATH + 1] = "@";
+    const char *at = text + strspn(text, " \t");
+    if (*at == '@') {
+        session_find(s, at + 1, found + 1, sizeof found - 1);
+        text = found;
+    }
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE,
+                            "a signal cannot be exchanged while it runs: halt "
+                            "first");
+    enum mk_status st = mk_signal_create(text, &made, err);
+    if (st != MK_OK)
+        return st;
+    if (s->ctrl)
+        s->ctrl->ref = made;
+    mk_signal_destroy(s->signal);
+    s->signal = made;
+    return MK_OK;
+}
+
+/* --- saving -------------------------------------------------------------------------------------
+ */
+
+/* "dir/name.csv" with `n` (from 2 on) to "dir/name-2.csv". */
+static void numbered(const char *path, int n, char *out, size_t size)
+{
+    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
+    if (!dot || (slash && dot < slash))
+        dot = path + strlen(path);
+    if (n < 2)
+        snprintf(out, size, "%s", path);
+    else
+        snprintf(out, size, "%.*s-%d%s", (int)(dot - path), path, n, dot);
+}
+
+/* Another name for the same data; a copy where the file system has no links. */
+static int link_or_copy(const char *from, const char *to)
+{
+    if (link(from, to) == 0)
+        return 0;
+    if (errno == EEXIST)
+        return EEXIST;
+    FILE *in = fopen(from, "rb"), *out = in ? fopen(to, "wbx") : NULL;
+    int why = in && out ? 0 : errno;
+    char block[1 << 14];
+    size_t n;
+    while (!why && (n = fread(block, 1, sizeof block, in)) > 0)
+        if (fwrite(block, 1, n, out) != n)
+            why = errno ? errno : EIO;
+    if (in)
+        fclose(in);
+    if (out && fclose(out) != 0 && !why)
+        why = errno;
+    if (out && why)
+        unlink(to);
+    return why;
+}
+
+enum mk_status session_save(struct session *s, const char *name, bool overwrite, char *saved,
+                            size_t size, struct mk_error *err)
+{
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "the log grows still: halt first");
+    if (!s->log_path[0])
+        return mk_error_set(err, MK_ERR_STATE, "there is no run to save");
+    char path[SESSION_PATH];
+    path_in_out(s, name, path, sizeof path);
+    if (overwrite && strcmp(path, s->log_path) != 0)
+        unlink(path);
+    int why = EEXIST;
+    for (int n = 1; why == EEXIST && n < 10000; n++) {
+        numbered(path, n, saved, size);
+        why = link_or_copy(s->log_path, saved);
+    }
+    if (why)
+        return mk_error_errno(err, why, path, "cannot save the log");
+    /* The first name replaces run-NNN.csv; later ones are added. */
+    if (!s->saved)
+        unlink(s->log_path);
+    snprintf(s->log_path, sizeof s->log_path, "%s", saved);
+    s->saved = true;
+    return MK_OK;
+}

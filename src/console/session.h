@@ -1,0 +1,80 @@
+/* A session: one board, one setup, one loop, and what connects them. Command files and the screen
+ * drive it through the table of commands (cmd.h). One thread. */
+#ifndef MECHKIT_CONSOLE_SESSION_H
+#define MECHKIT_CONSOLE_SESSION_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "mechkit/board.h"
+#include "mechkit/ctrl.h"
+#include "mechkit/loop.h"
+#include "mechkit/signal.h"
+
+#define SESSION_PATH 512
+
+struct session_options {
+    const char *board;   /* name of the back end; NULL: virtual */
+    const char *device;  /* NULL: the first */
+    const char *model;   /* file; NULL: the setup's rig with default parameters */
+    const char *believe; /* file; NULL: the model */
+    const char *out;     /* directory for logs; NULL: the current one */
+    bool fast;
+    double rate_hz; /* 0: default */
+    uint64_t seed;
+    volatile int *cancel; /* set by a signal: waits end; may be NULL */
+    /* What commands have to say (a line without newline). */
+    void (*say)(void *user, const char *line);
+    void *user;
+};
+
+struct session {
+    struct session_options options;
+    const struct mk_board_ops *backend;
+    struct mk_clock clock;
+    struct mk_model model, believed;
+    bool have_model, have_believed;
+    char script_dir[SESSION_PATH]; /* of the command file that runs; "": none */
+    char faults[SESSION_PATH];     /* fault script of the virtual board; "": none */
+    const struct mk_ctrl_ops *setup;
+    struct mk_signal *signal; /* reference or open-loop command */
+    struct mk_loop_config config;
+    bool log_on;
+    /* Only between `setup` and the next one: */
+    struct mk_board *board;
+    struct mk_ctrl *ctrl;
+    struct mk_loop *loop;
+    double value[MK_CTRL_MAX_PARAMS];
+    int runs;
+    bool running;
+    char log_path[SESSION_PATH]; /* of the newest run; "": none */
+    bool saved;                  /* log_path has been given a name by `save` */
+};
+
+/* Checks the options and reads the models. The session must be closed even when this fails. */
+MK_NODISCARD enum mk_status session_open(struct session *s, const struct session_options *options,
+                                         struct mk_error *err);
+/* Motor off, log complete, everything released. */
+void session_close(struct session *s);
+
+/* Chooses a setup: opens the board, builds controller and loop. */
+MK_NODISCARD enum mk_status session_setup(struct session *s, const char *name,
+                                          struct mk_error *err);
+MK_NODISCARD enum mk_status session_start(struct session *s, struct mk_error *err);
+MK_NODISCARD enum mk_status session_halt(struct session *s, struct mk_error *err);
+/* Takes over value[] into the controller, now or in flight. */
+MK_NODISCARD enum mk_status session_apply(struct session *s, struct mk_error *err);
+/* Gives the newest log a name: a name that exists gets -2, -3, ... unless `overwrite`. */
+MK_NODISCARD enum mk_status session_save(struct session *s, const char *name, bool overwrite,
+                                         char *saved, size_t size, struct mk_error *err);
+MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *text,
+                                               struct mk_error *err);
+/* A file that a command names: beside the command file if it is there, else as given. Returns buf.
+ */
+const char *session_find(const struct session *s, const char *path, char *buf, size_t size);
+MK_NODISCARD enum mk_status session_load_model(struct session *s, const char *path, bool believed,
+                                               struct mk_error *err);
+
+void session_say(struct session *s, const char *fmt, ...) MK_PRINTF(2, 3);
+
+#endif

@@ -1,0 +1,200 @@
+/* mechkit run: a command file, headless. */
+#include <getopt.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "console/cmd.h"
+#include "console/cmdfile.h"
+#include "console/sub.h"
+#include "mechkit/number.h"
+
+/* Set by a signal: every wait ends, the script stops, the motor goes off. */
+static volatile int cancelled;
+
+static void on_signal(int number)
+{
+    (void)number;
+    cancelled = 1;
+}
+
+static void catch_signals(void)
+{
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_signal;
+    sigemptyset(&action.sa_mask);
+    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT};
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
+        sigaction(numbers[i], &action, NULL);
+}
+
+struct options {
+    const char *script;
+    bool check, commands, quiet;
+    struct session_options session;
+};
+
+static int number_option(const char *name, const char *text, double low, double high, double *out)
+{
+    if (mk_parse_double_z(text, out) && *out >= low && *out <= high)
+        return EXIT_OK;
+    return report_usage("run", "--%s %s: expected a number from %g to %g", name, text, low, high);
+}
+
+static int take_option(struct options *o, int c, const char *value)
+{
+    double x = 0.0;
+    int code = EXIT_OK;
+    switch (c) {
+    case 'b':
+        o->session.board = value;
+        break;
+    case 'd':
+        o->session.device = value;
+        break;
+    case 'm':
+        o->session.model = value;
+        break;
+    case 'B':
+        o->session.believe = value;
+        break;
+    case 'o':
+        o->session.out = value;
+        break;
+    case 'f':
+        o->session.fast = true;
+        break;
+    case 'r':
+        code = number_option("rate", value, MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ,
+                             &o->session.rate_hz);
+        break;
+    case 's':
+        code = number_option("seed", value, 0, 9e15, &x);
+        o->session.seed = (uint64_t)x;
+        break;
+    case 'c':
+        o->check = true;
+        break;
+    case 'C':
+        o->commands = true;
+        break;
+    default: /* 'q' */
+        o->quiet = true;
+        break;
+    }
+    return code;
+}
+
+static int parse(int argc, char **argv, struct options *o)
+{
+    static const struct option names[] = {
+        {"board", required_argument, NULL, 'b'}, {"device", required_argument, NULL, 'd'},
+        {"model", required_argument, NULL, 'm'}, {"believe", required_argument, NULL, 'B'},
+        {"out", required_argument, NULL, 'o'},   {"rate", required_argument, NULL, 'r'},
+        {"seed", required_argument, NULL, 's'},  {"fast", no_argument, NULL, 'f'},
+        {"check", no_argument, NULL, 'c'},       {"commands", no_argument, NULL, 'C'},
+        {"quiet", no_argument, NULL, 'q'},       {NULL, 0, NULL, 0}};
+    int c;
+    opterr = 0;
+    optind = 1;
+    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
+        if (c == ':')
+            return report_usage("run", "%s needs a value", argv[optind - 1]);
+        if (c == '?')
+            return report_usage("run", "unknown option '%s'", argv[optind - 1]);
+        int code = take_option(o, c, optarg);
+        if (code != EXIT_OK)
+            return code;
+    }
+    if (o->commands)
+        return EXIT_OK;
+    if (optind >= argc)
+        return report_usage("run", "which command file?");
+    if (optind + 1 < argc)
+        return report_usage("run", "one command file at a time: '%s' is too much",
+                            argv[optind + 1]);
+    o->script = argv[optind];
+    return EXIT_OK;
+}
+
+static void say(void *user, const char *line)
+{
+    const struct options *o = user;
+    if (!o->quiet) {
+        puts(line);
+        fflush(stdout);
+    }
+}
+
+static void report_script_error(void *user, const struct mk_error *err)
+{
+    (void)user;
+    report_error(err);
+}
+
+static int list_commands(void)
+{
+    const struct cmd *c;
+    for (int i = 0; (c = cmd_at(i)) != NULL; i++)
+        printf("  %-11s %-20s %s\n", c->name, c->usage, c->help);
+    printf("  %-11s %-20s %s\n", "repeat", "N ... end", "a block of lines, N times");
+    printf("  %-11s %-20s %s\n", "source", "FILE", "another command file");
+    puts(
+        "\nConditions: balanced, running, idle, faulted, no-fault, a fault's name; comparisons of\n"
+        "t q1 q2 dq1 dq2 u ref late overruns lost ticks caught, e.g. |q2| < 0.1, u >= -2,\n"
+        "dq1 within 2% of 50; joined by `and`.\n\nSetups:");
+    const struct mk_ctrl_ops *ops;
+    for (int i = 0; (ops = mk_ctrl_setup(i)) != NULL; i++)
+        printf("  %-22s %s\n", ops->name, ops->help);
+    return EXIT_OK;
+}
+
+static int execute(struct options *o, const struct cmdfile *file)
+{
+    struct session session;
+    struct mk_error err = MK_ERROR_INIT;
+    o->session.say = say;
+    o->session.user = o;
+    o->session.cancel = &cancelled;
+    catch_signals();
+    enum mk_status st = session_open(&session, &o->session, &err);
+    int code = st == MK_OK ? EXIT_OK : report_error(&err);
+    if (st == MK_OK) {
+        st = cmdfile_execute(file, &session, &err);
+        if (st != MK_OK) {
+            report_error(&err);
+            code = EXIT_RUN_FAILED;
+        }
+        /* Whatever happened: motor off and the log complete before anything else. */
+        struct mk_error late = MK_ERROR_INIT;
+        if (session_halt(&session, &late) != MK_OK && st == MK_OK) {
+            report_error(&late);
+            code = EXIT_RUN_FAILED;
+        }
+    }
+    session_close(&session);
+    return code;
+}
+
+int sub_run(int argc, char **argv)
+{
+    struct options o = {.session = {.seed = 1}};
+    int code = parse(argc, argv, &o);
+    if (code != EXIT_OK)
+        return code;
+    if (o.commands)
+        return list_commands();
+    struct cmdfile *file;
+    struct mk_error err = MK_ERROR_INIT;
+    if (cmdfile_read(o.script, report_script_error, NULL, &file, &err) != MK_OK)
+        return EXIT_BAD_FILE;
+    if (o.check)
+        printf("%s: %zu commands, no errors\n", o.script, cmdfile_command_count(file));
+    else
+        code = execute(&o, file);
+    cmdfile_free(file);
+    return code;
+}
