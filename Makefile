@@ -127,7 +127,7 @@ $(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d)
+-include $(B)/tools/latency.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d)
 
 # --- targets ------------------------------------------------------------------------------------
 .PHONY: deps
@@ -145,6 +145,14 @@ check-tsan: ## the tests with threads under ThreadSanitizer
 .PHONY: run-tests
 run-tests: tests
 	@tools/run-tests.sh $(TESTS) $(VARIANT)
+
+# Not part of check: what it measures is the machine.
+SECONDS ?= 60
+.PHONY: latency
+latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECONDS=60)
+	@$(B)/latency $(SECONDS)
+$(B)/latency: $(B)/tools/latency.o $(LIB)
+	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 .PHONY: format format-check
 FORMAT_FILES := $(shell find include src tests tools -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)

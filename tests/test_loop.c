@@ -14,6 +14,7 @@
 
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
+#include "support/heap.h"
 
 /* --- a controller that does what a test wants ------------------------------------------------ */
 
@@ -211,6 +212,24 @@ START_TEST(a_loop_refuses_what_it_cannot_run)
     ck_assert_int_eq(mk_loop_start(b.loop, "/nonexistent/x.csv", NULL, 0, &err), MK_ERR_NOTFOUND);
     ck_assert_int_eq(look().state, MK_LOOP_IDLE);
     ck_assert_int_eq(mk_loop_wait(b.loop, NAN, NULL, NULL, NULL, &err), MK_ERR_RANGE);
+}
+END_TEST
+
+START_TEST(a_tick_allocates_nothing)
+{
+    use_plant((enum mk_plant_kind)_i);
+    build("at 50 drop; at 60 delay 5ms; at 70 jump 1 by 1");
+    ck_assert_int_eq(mk_loop_start(b.loop, NULL, NULL, 0, NULL), MK_OK);
+    wait_for(0.01);
+    set_law(2, 1, 1e18);
+    unsigned long before = heap_allocations();
+    enum mk_status st = wait_for(0.5);
+    unsigned long after = heap_allocations();
+    ck_assert_int_eq(st, MK_OK);
+    ck_assert_uint_eq(after, before);
+    /* The counting itself works: */
+    free(malloc(1 + (size_t)_i));
+    ck_assert_int_eq(heap_allocations() > before, heap_is_counted());
 }
 END_TEST
 
@@ -947,6 +966,7 @@ Suite *suite_loop(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_run_goes_through_its_states);
     tcase_add_test(t, a_loop_refuses_what_it_cannot_run);
+    tcase_add_loop_test(t, a_tick_allocates_nothing, 0, MK_PLANT_COUNT);
     tcase_add_test(t, waiting_ends_with_its_condition_its_time_or_a_cancel);
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);
     tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);

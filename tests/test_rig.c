@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mechkit/board.h"
 #include "mechkit/rig.h"
 
 #define COUNTS_PER_RAD (4000.0 / (2.0 * M_PI))
@@ -119,7 +120,7 @@ START_TEST(counters_wrap_at_24_bits)
         ck_assert_int_ge(count[0], -(1 << 23));
         ck_assert_int_lt(count[0], 1 << 23);
         wrapped = wrapped || count[0] < last;
-        total += ((int64_t)(count[0] - last) << 40) >> 40;
+        total += mk_counter_difference(count[0], last, 24);
         last = count[0];
     }
     ck_assert(wrapped);
