@@ -16,6 +16,7 @@
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(loop)                                                                                        \
+    X(loop_faults)                                                                                 \
     X(board)                                                                                       \
     X(fault_script)
 

@@ -1,6 +1,6 @@
-/* The control loop from inside. loop.c is the tick and what the host thread calls; loop_thread.c
- * the real-time thread; loop_writer.c the way of samples into the log; loop_stats.c the figures;
- * loop_start.c what comes before the first tick.
+/* The control loop from inside. loop_tick.c is the tick; loop.c what the host thread calls;
+ * loop_start.c what comes before the first tick; loop_thread.c the real-time thread; loop_writer.c
+ * the way of samples into the log; loop_stats.c the figures.
  *
  * Who may touch what while a run goes on in real time:
  *   - `run` and everything it reaches belongs to the loop thread;
@@ -151,7 +151,9 @@ void mk_loop_begin_ticks(struct mk_loop *loop);
 void mk_loop_end_ticks(struct mk_loop *loop);
 /* Latches a fault and zeroes the motor at once. RT. */
 void mk_loop_trip(struct mk_loop *loop, enum mk_fault fault, double t, int joint);
-/* Puts fault and state into the snapshot. */
+/* Takes over parameters that wait in the mailbox, marking the sample. RT. */
+void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s);
+/* Puts fault and state into the snapshot. RT. */
 void mk_loop_publish(struct mk_loop *loop);
 
 /* Zeroes the counters if need be and looks whether the links hang still: loop_start.c. */

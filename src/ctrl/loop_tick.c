@@ -1,0 +1,278 @@
+/* The tick: one sample from deadline to hand-over. All of this file is RT: it allocates, locks and
+ * prints nothing. */
+#include <math.h>
+#include <string.h>
+
+#include "ctrl/loop_priv.h"
+
+/* After a fault the run goes on for so long with the motor off, so that the log shows what the rig
+ * did; a board that is gone or a log that cannot be written ends it at once. */
+#define TAIL_S 0.2
+
+/* How many skipped samples the speed estimators are told of one by one. */
+#define EXTRAPOLATE_MAX 20u
+
+void mk_loop_publish(struct mk_loop *loop)
+{
+    struct mk_loop_snapshot *s = &loop->run.shown;
+    s->fault = loop->safety.fault;
+    s->fault_t = loop->safety.fault_t;
+    s->fault_joint = loop->safety.fault_joint;
+    mk_publish_put(loop->published, s);
+}
+
+void mk_loop_trip(struct mk_loop *loop, enum mk_fault fault, double t, int joint)
+{
+    struct mk_loop_run *r = &loop->run;
+    mk_safety_latch(&loop->safety, fault, t, joint);
+    (void)loop->board->ops->safe_state(loop->board);
+    r->u_next = r->u_held = 0.0;
+    bool useless = fault == MK_FAULT_UNPLUGGED || fault == MK_FAULT_LOG;
+    uint64_t tail = useless ? 0 : (uint64_t)llround(TAIL_S / loop->dt);
+    r->end_tick = r->tick + 1 + tail;
+}
+
+static void count_up(atomic_ullong *counter, uint64_t n)
+{
+    atomic_store_explicit(counter, atomic_load_explicit(counter, memory_order_relaxed) + n,
+                          memory_order_relaxed);
+}
+
+static int64_t deadline_of(const struct mk_loop *loop, uint64_t tick)
+{
+    return loop->run.t0_ns + (int64_t)((double)tick * 1e9 / loop->config.rate_hz + 0.5);
+}
+
+/* Sleeps to the next deadline. Deadlines that have passed whole are skipped: the time they were for
+ * is gone, and catching up would only crowd the samples that follow. */
+static void await_deadline(struct mk_loop *loop, struct mk_sample *s)
+{
+    struct mk_loop_run *r = &loop->run;
+    int64_t deadline = deadline_of(loop, r->tick);
+    mk_clock_sleep_until(loop->board->clock, deadline);
+    int64_t now = mk_clock_now_ns(loop->board->clock);
+    r->missed = 0;
+    if (now >= deadline_of(loop, r->tick + 1)) {
+        r->missed = (uint64_t)((double)(now - deadline) * 1e-9 * loop->config.rate_hz);
+        if (r->missed == 0)
+            r->missed = 1;
+        r->tick += r->missed;
+        deadline = deadline_of(loop, r->tick);
+        s->flags |= MK_FLAG_OVERRUN;
+        count_up(&loop->overruns, 1);
+    }
+    int64_t late_ns = now > deadline ? now - deadline : 0;
+    if (r->missed > 0 || (double)late_ns > 0.5e9 * loop->dt) {
+        s->flags |= MK_FLAG_LATE;
+        count_up(&loop->late, 1);
+    }
+    s->tick = r->tick;
+    s->t = (double)r->tick / loop->config.rate_hz;
+    /* Of an overrun the whole delay is told, not what is left of it modulo the period. */
+    double skipped_ns = (double)r->missed * 1e9 * loop->dt;
+    s->late_us = ((double)late_ns + skipped_ns) / 1e3;
+    mk_histogram_add(&loop->lateness, late_ns + (int64_t)skipped_ns);
+}
+
+/* Parameters change only here, all of them together. */
+void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s)
+{
+    struct mk_ctrl *ctrl = loop->ctrl;
+    if (!atomic_load_explicit(&loop->mail_waits, memory_order_acquire))
+        return;
+    memcpy(ctrl->value, loop->mail, sizeof ctrl->value);
+    atomic_store_explicit(&loop->mail_waits, false, memory_order_release);
+    if (ctrl->ops->changed)
+        ctrl->ops->changed(ctrl);
+    s->flags |= MK_FLAG_PARAMS;
+    if (loop->writer.log) {
+        struct mk_loop_change change = {.t = s->t};
+        memcpy(change.value, ctrl->value, sizeof change.value);
+        (void)mk_ring_push(loop->writer.changes, &change); /* the row's flag remains */
+    }
+}
+
+/* A good reading: unwraps the counters and advances the speed estimates. */
+static void take_reading(struct mk_loop *loop, const struct mk_board_sample *b, struct mk_sample *s)
+{
+    struct mk_loop_run *r = &loop->run;
+    uint32_t step = b->sequence - r->sequence;
+    if (step < 1 || step > 1u + (uint32_t)r->lost_since) {
+        s->flags |= MK_FLAG_GAP;
+        count_up(&loop->gaps, 1);
+    }
+    r->sequence = b->sequence;
+    r->lost_since = 0;
+    for (int j = 0; j < loop->plant->joints; j++) {
+        r->total[j] += mk_counter_difference(b->count[j], r->raw[j], loop->identity.counter_bits);
+        r->raw[j] = b->count[j];
+        s->count[j] = r->total[j];
+        s->q[j] = loop->plant->rest[j] + r->total[j] * loop->rad_per_count[j];
+        s->v[j] = mk_velocity_step(&r->speed[j], s->q[j]);
+    }
+    s->u = b->u_applied;
+}
+
+/* No reading: the row says so, the estimates go on. */
+static void miss_reading(struct mk_loop *loop, struct mk_sample *s)
+{
+    struct mk_loop_run *r = &loop->run;
+    s->flags |= MK_FLAG_LOST;
+    count_up(&loop->lost, 1);
+    r->lost_since++;
+    for (int j = 0; j < loop->plant->joints; j++) {
+        s->q[j] = NAN;
+        s->v[j] = mk_velocity_step(&r->speed[j], NAN);
+        s->count[j] = r->total[j];
+    }
+    s->u = r->u_held; /* a command that got lost leaves the old one in force */
+}
+
+/* Faults that the exchange itself shows. */
+static void check_link(struct mk_loop *loop, enum mk_status st, uint32_t board_status, double t)
+{
+    struct mk_safety *safety = &loop->safety;
+    bool lost = st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO;
+    enum mk_fault fault = MK_FAULT_NONE;
+    if (st == MK_ERR_NODEV)
+        fault = MK_FAULT_UNPLUGGED;
+    else if (st == MK_ERR_RANGE)
+        fault = MK_FAULT_COMMAND;
+    else if ((st != MK_OK && !lost) || (board_status & MK_BOARD_ST_FAULT))
+        fault = MK_FAULT_BOARD;
+    else if (board_status & MK_BOARD_ST_WATCHDOG)
+        fault = MK_FAULT_WATCHDOG;
+    mk_safety_latch(safety, fault, t, 0);
+    mk_safety_link(safety, t, lost);
+}
+
+static void exchange(struct mk_loop *loop, struct mk_sample *s)
+{
+    struct mk_loop_run *r = &loop->run;
+    struct mk_board_sample b = {0};
+    for (uint64_t k = 0; k < r->missed && k < EXTRAPOLATE_MAX; k++)
+        for (int j = 0; j < loop->plant->joints; j++)
+            mk_velocity_step(&r->speed[j], NAN);
+
+    enum mk_status st = mk_board_exchange(loop->board, r->u_next, &b);
+    if (st == MK_OK)
+        take_reading(loop, &b, s);
+    else
+        miss_reading(loop, s);
+    r->u_held = s->u;
+    r->since_good += loop->dt * (double)(1 + r->missed);
+    check_link(loop, st, b.status, s->t);
+    mk_safety_timing(&loop->safety, s->t, (s->flags & MK_FLAG_LATE) != 0);
+    if (st == MK_OK) {
+        mk_safety_check(&loop->safety, s->t, r->since_good, s->q, s->v, s->u);
+        r->since_good = 0.0;
+    }
+}
+
+static void step_controller(struct mk_loop *loop, struct mk_sample *s)
+{
+    struct mk_loop_run *r = &loop->run;
+    struct mk_ctrl_input in = {
+        .t = s->t, .dt = loop->dt * (double)(1 + r->missed), .tick = s->tick, .u = s->u};
+    for (int j = 0; j < loop->plant->joints; j++) {
+        in.q[j] = isnan(s->q[j]) ? r->speed[j].q : s->q[j];
+        in.v[j] = s->v[j];
+    }
+    struct mk_ctrl_output out = {.ref = NAN};
+    mk_ctrl_step(loop->ctrl, &in, &out);
+    s->ref = out.ref;
+    s->phase = out.phase;
+    if (!isfinite(out.u)) {
+        mk_safety_latch(&loop->safety, MK_FAULT_COMMAND, s->t, 0);
+        return;
+    }
+    double limit = loop->board->u_max;
+    if (fabs(out.u) > limit)
+        s->flags |= MK_FLAG_SATURATED;
+    r->u_next = fmax(-limit, fmin(limit, out.u));
+}
+
+static void follow_phase(struct mk_loop_snapshot *shown, const struct mk_sample *s)
+{
+    if (s->phase != MK_PHASE_BALANCE) {
+        shown->balanced_since = NAN;
+        return;
+    }
+    if (isnan(shown->balanced_since))
+        shown->balanced_since = s->t;
+    if (isnan(shown->caught_t))
+        shown->caught_t = s->t;
+}
+
+static void hand_over(struct mk_loop *loop, const struct mk_sample *s)
+{
+    struct mk_loop_snapshot *shown = &loop->run.shown;
+    count_up(&loop->ticks, 1);
+    if (loop->writer.log) {
+        struct mk_loop_record record = {
+            .sample = *s, .fault = loop->safety.fault, .fault_joint = loop->safety.fault_joint};
+        if (!mk_ring_push(loop->writer.samples, &record)) {
+            count_up(&loop->dropped, 1);
+            /* The writer has been standing still for the whole ring. */
+            if (loop->safety.fault == MK_FAULT_NONE)
+                mk_loop_trip(loop, MK_FAULT_LOG, s->t, 0);
+        }
+    }
+    shown->state = loop->safety.fault ? MK_LOOP_FAULTED : MK_LOOP_RUNNING;
+    shown->sample = *s;
+    shown->ticks++;
+    shown->late += (s->flags & MK_FLAG_LATE) != 0;
+    shown->overruns += (s->flags & MK_FLAG_OVERRUN) != 0;
+    shown->lost += (s->flags & MK_FLAG_LOST) != 0;
+    follow_phase(shown, s);
+    mk_loop_publish(loop);
+}
+
+bool mk_loop_tick(struct mk_loop *loop)
+{
+    struct mk_loop_run *r = &loop->run;
+    struct mk_sample s = {.ref = NAN};
+    await_deadline(loop, &s);
+    int64_t begin_ns = mk_clock_now_ns(loop->board->clock);
+    bool was_well = loop->safety.fault == MK_FAULT_NONE;
+
+    /* Reasons to stop that are known before the exchange: its command is already 0. */
+    if (atomic_load_explicit(&loop->estop, memory_order_relaxed))
+        mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, s.t, 0);
+    if (atomic_load_explicit(&loop->writer.status, memory_order_acquire) != MK_OK)
+        mk_safety_latch(&loop->safety, MK_FAULT_LOG, s.t, 0);
+    if (loop->safety.fault)
+        r->u_next = 0.0;
+
+    exchange(loop, &s);
+    mk_loop_take_mail(loop, &s);
+    if (!loop->safety.fault)
+        step_controller(loop, &s);
+    if (loop->safety.fault) {
+        s.flags |= MK_FLAG_FAULT;
+        s.phase = MK_PHASE_IDLE;
+        r->u_next = 0.0;
+        if (was_well) {
+            mk_loop_trip(loop, loop->safety.fault, s.t, loop->safety.fault_joint);
+            s.u = 0.0; /* the exchange's command lasted for microseconds */
+        }
+    }
+    hand_over(loop, &s);
+    mk_histogram_add(&loop->busy, mk_clock_now_ns(loop->board->clock) - begin_ns);
+    r->tick++;
+    return r->tick < r->end_tick;
+}
+
+void mk_loop_begin_ticks(struct mk_loop *loop)
+{
+    loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
+    /* In real time the first sample gets a period to wake up properly. */
+    if (!loop->simulated)
+        loop->run.t0_ns += (int64_t)(1e9 * loop->dt);
+}
+
+void mk_loop_end_ticks(struct mk_loop *loop)
+{
+    (void)loop->board->ops->safe_state(loop->board);
+    atomic_store_explicit(&loop->ended, true, memory_order_release);
+}

@@ -1,0 +1,48 @@
+/* A rig, a board and a loop with a controller that does what a test wants. */
+#ifndef MECHKIT_TESTS_BENCH_H
+#define MECHKIT_TESTS_BENCH_H
+
+#include "mechkit/loop.h"
+
+struct bench {
+    struct mk_model model;
+    struct mk_clock clock;
+    struct mk_board *board;
+    struct mk_ctrl ctrl;
+    struct mk_loop_config config;
+    struct mk_board_config board_config;
+    struct mk_loop *loop;
+    char path[64];
+};
+extern struct bench bench;
+
+/* Parameters of the test's law: u = bias * scale, no number from tick break_at on; phase balance
+ * from tick 100 on, ref = tick. */
+enum { BIAS, SCALE, BREAK_AT, PARAM_COUNT };
+
+/* Check fixtures: a pendubot in simulated time, nothing built yet, a temporary file at bench.path.
+ */
+void bench_setup(void);
+void bench_teardown(void);
+
+/* Before building. */
+void bench_use_plant(enum mk_plant_kind kind);
+void bench_use_real_time(double rate_hz);
+
+/* Board, controller and loop; `faults` is a fault script or NULL. */
+void bench_build(const char *faults);
+void bench_build_on(const char *backend);
+void bench_drop_loop(void);
+
+/* These fail the test when they do not succeed. */
+void bench_start(void); /* logs to bench.path */
+void bench_set_law(double bias, double scale, double break_at);
+struct mk_log *bench_read_log(void);
+
+enum mk_status bench_wait_for(double seconds);
+struct mk_loop_snapshot bench_look(void);
+
+/* The plant's own word: for 0.1 s it moves as a plant does that nothing drives. */
+void bench_assert_motor_is_off(void);
+
+#endif

@@ -1,0 +1,326 @@
+/* The control loop on boards that misbehave and vanish: every fault turns the motor off. */
+#include "suites.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "mechkit/loop.h"
+#include "mechkit/rig.h"
+#include "support/bench.h"
+
+/* Starts, drives, expects `fault`; the motor is off in the row that shows it and in the plant. */
+static void expect_fault(enum mk_fault fault)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench_start();
+    ck_assert_int_eq(mk_loop_wait(bench.loop, 5, NULL, NULL, NULL, &err), MK_ERR_FAULT);
+    ck_assert_ptr_nonnull(strstr(err.message, mk_fault_name(fault)));
+    ck_assert_int_eq(bench_look().state, MK_LOOP_FAULTED);
+    ck_assert_msg(bench_look().fault == fault, "%s", mk_fault_name(bench_look().fault));
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_STATE);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    ck_assert_int_eq(bench_look().fault, fault);
+
+    struct mk_log *log = bench_read_log();
+    const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
+    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "fault"), mk_fault_name(fault)));
+    bool seen = false;
+    for (size_t k = 0; k < log->rows; k++) {
+        seen = seen || ((int)flags[k] & MK_FLAG_FAULT);
+        if (seen)
+            ck_assert_double_eq(u[k], 0.0);
+    }
+    ck_assert(seen);
+    mk_log_free(log);
+    bench_assert_motor_is_off();
+
+    mk_loop_acknowledge(bench.loop);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_NONE);
+}
+
+START_TEST(travel_stops_the_motor)
+{
+    bench.config.limits.q_max[0] = -M_PI_2 + 0.2;
+    bench_build(NULL);
+    bench_set_law(6, 1, 1e18);
+    expect_fault(MK_FAULT_TRAVEL);
+}
+END_TEST
+
+START_TEST(speed_stops_the_motor)
+{
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench.config.limits.v_max[0] = 100;
+    bench_build(NULL);
+    bench_set_law(6, 1, 1e18);
+    expect_fault(MK_FAULT_SPEED);
+}
+END_TEST
+
+START_TEST(a_jumping_encoder_stops_the_motor)
+{
+    bench_build("at 100 jump 2 by 500");
+    bench_set_law(1, 1, 1e18);
+    expect_fault(MK_FAULT_JUMP);
+    ck_assert_int_eq(bench_look().fault_joint, 0);
+}
+END_TEST
+
+START_TEST(a_stuck_encoder_stops_the_motor)
+{
+    bench_build("at 0 stuck 1");
+    bench_set_law(9, 1, 1e18);
+    expect_fault(MK_FAULT_STUCK);
+}
+END_TEST
+
+/* A board whose motor is wired the wrong way round: the virtual one with its command negated. */
+static enum mk_status reversed_exchange(struct mk_board *board, double u,
+                                        struct mk_board_sample *out)
+{
+    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, -u, out);
+    out->u_applied = u;
+    return st;
+}
+
+START_TEST(a_motor_wired_backwards_stops)
+{
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench_build(NULL);
+    struct mk_board_ops reversed = *bench.board->ops;
+    const struct mk_board_ops *straight = bench.board->ops;
+    reversed.exchange = reversed_exchange;
+    bench.board->ops = &reversed;
+    bench_set_law(5, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_RUNAWAY);
+    ck_assert_double_lt(bench_look().fault_t, 0.05);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench.board->ops = straight;
+    bench_assert_motor_is_off();
+}
+END_TEST
+
+START_TEST(a_command_that_is_no_number_stops_the_motor)
+{
+    bench_build(NULL);
+    bench_set_law(2, 1, 100);
+    expect_fault(MK_FAULT_COMMAND);
+}
+END_TEST
+
+START_TEST(late_samples_in_a_row_stop_the_motor)
+{
+    bench_build("from 100 to 200 delay 3500us");
+    bench.config.watchdog_ms = 0;
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_OVERRUN);
+}
+END_TEST
+
+START_TEST(a_broken_link_stops_the_motor)
+{
+    bench_build("at 100 drop 5");
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_LINK);
+}
+END_TEST
+
+START_TEST(an_unplugged_board_ends_the_run)
+{
+    bench_build("at 100 disconnect");
+    bench_set_law(2, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_UNPLUGGED);
+    ck_assert_double_eq_tol(bench_look().fault_t, 0.2, 1e-12);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    /* Nobody reaches the board any more: its watchdog does. */
+    mk_clock_sleep_until(&bench.clock, mk_clock_now_ns(&bench.clock) + 25000000);
+    bench_assert_motor_is_off();
+    mk_loop_acknowledge(bench.loop);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_UNPLUGGED);
+}
+END_TEST
+
+START_TEST(the_watchdog_stops_the_motor_when_the_loop_stalls)
+{
+    bench.config.limits.late_limit = 1000;
+    bench_build("at 100 delay 100ms");
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_WATCHDOG);
+}
+END_TEST
+
+START_TEST(a_fault_of_the_board_stops_the_motor)
+{
+    bench_build("at 100 alarm for 1");
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_BOARD);
+}
+END_TEST
+
+START_TEST(the_stop_button_stops_the_motor)
+{
+    bench_build(NULL);
+    bench_set_law(2, 1, 1e18);
+    bench_start();
+    bench_wait_for(0.2);
+    mk_loop_estop(bench.loop);
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
+    ck_assert_double_eq_tol(bench_look().fault_t, 0.2, 1e-12);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_assert_motor_is_off();
+    mk_loop_acknowledge(bench.loop);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+}
+END_TEST
+
+START_TEST(a_stop_pressed_before_the_start_prevents_it)
+{
+    bench_build(NULL);
+    mk_loop_estop(bench.loop);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_STATE);
+    mk_loop_acknowledge(bench.loop);
+    bench_start();
+}
+END_TEST
+
+START_TEST(swinging_links_do_not_start)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench.board_config.start[0] = 0.1;
+    bench_build(NULL);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
+    ck_assert_ptr_nonnull(strstr(err.message, "moves"));
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_FAULTED);
+    bench_assert_motor_is_off();
+    /* Friction brings them to rest. */
+    mk_loop_acknowledge(bench.loop);
+    ck_assert_int_eq(bench_wait_for(60), MK_OK);
+    bench_start();
+}
+END_TEST
+
+START_TEST(a_link_held_away_from_rest_does_not_start_again)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build_on("null");
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    /* Rest is known now; pretend that it was somewhere else. */
+    bench.config.limits.rest_tolerance[1] = -1.0;
+    mk_loop_destroy(bench.loop);
+    ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &bench.loop, &err),
+                     MK_OK);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
+    ck_assert_ptr_nonnull(strstr(err.message, "joint 2"));
+}
+END_TEST
+
+START_TEST(whole_turns_are_forgotten_between_runs)
+{
+    bench.config.limits.v_max[0] = bench.config.limits.v_max[1] = 200;
+    bench.config.limits.jump_rad[0] = bench.config.limits.jump_rad[1] = 3;
+    bench_build(NULL);
+    bench_set_law(10, 1, 1e18);
+    bench_start();
+    struct mk_error err = MK_ERROR_INIT;
+    enum mk_status st = mk_loop_wait(bench.loop, 0.5, NULL, NULL, NULL, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    ck_assert_int_eq(bench_wait_for(120), MK_OK);
+    double rest = mk_rig_state(mk_board_virtual_rig(bench.board))[0] + M_PI_2;
+    bench_set_law(0, 1, 1e18);
+    bench_start();
+    bench_wait_for(0.01);
+    ck_assert_double_eq_tol(bench_look().sample.q[0], -M_PI_2 + remainder(rest, 2 * M_PI), 0.001);
+    ck_assert_double_gt(fabs(rest), 3.0);
+}
+END_TEST
+
+START_TEST(after_a_fault_the_log_shows_what_the_rig_did)
+{
+    bench_build("at 100 jump 2 by 500");
+    bench_set_law(3, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    ck_assert_uint_eq(log->rows, 101 + 100); /* 0.2 s */
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_full_disk_stops_the_motor_and_is_reported)
+{
+    pid_t pid = fork();
+    ck_assert_int_ge(pid, 0);
+    if (pid == 0) {
+        const struct rlimit small = {60000, 60000};
+        signal(SIGXFSZ, SIG_IGN);
+        setrlimit(RLIMIT_FSIZE, &small);
+        bench_build(NULL);
+        bench_set_law(2, 1, 1e18);
+        if (mk_loop_start(bench.loop, bench.path, NULL, 0, NULL) != MK_OK)
+            _exit(1);
+        enum mk_status st = MK_OK;
+        for (int k = 0; k < 100 && st == MK_OK; k++)
+            st = bench_wait_for(0.1);
+        if (st != MK_ERR_FAULT || bench_look().fault != MK_FAULT_LOG)
+            _exit(2);
+        if (bench_look().sample.u != 0.0)
+            _exit(3);
+        if (mk_loop_halt(bench.loop, NULL) != MK_ERR_NOSPACE)
+            _exit(4);
+        _exit(bench_look().state == MK_LOOP_FAULTED ? 0 : 5);
+    }
+    int status;
+    ck_assert_int_eq(waitpid(pid, &status, 0), pid);
+    ck_assert_msg(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %x", status);
+    struct mk_log *log = bench_read_log();
+    ck_assert_uint_gt(log->rows, 300);
+    mk_log_free(log);
+}
+END_TEST
+
+Suite *suite_loop_faults(void)
+{
+    Suite *s = suite_create("loop_faults");
+    TCase *t = tcase_create("faults");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 20);
+    tcase_add_test(t, travel_stops_the_motor);
+    tcase_add_test(t, speed_stops_the_motor);
+    tcase_add_test(t, a_jumping_encoder_stops_the_motor);
+    tcase_add_test(t, a_stuck_encoder_stops_the_motor);
+    tcase_add_test(t, a_motor_wired_backwards_stops);
+    tcase_add_test(t, a_command_that_is_no_number_stops_the_motor);
+    tcase_add_test(t, late_samples_in_a_row_stop_the_motor);
+    tcase_add_test(t, a_broken_link_stops_the_motor);
+    tcase_add_test(t, an_unplugged_board_ends_the_run);
+    tcase_add_test(t, the_watchdog_stops_the_motor_when_the_loop_stalls);
+    tcase_add_test(t, a_fault_of_the_board_stops_the_motor);
+    tcase_add_test(t, the_stop_button_stops_the_motor);
+    tcase_add_test(t, a_stop_pressed_before_the_start_prevents_it);
+    tcase_add_test(t, swinging_links_do_not_start);
+    tcase_add_test(t, a_link_held_away_from_rest_does_not_start_again);
+    tcase_add_test(t, whole_turns_are_forgotten_between_runs);
+    tcase_add_test(t, after_a_fault_the_log_shows_what_the_rig_did);
+    tcase_add_test(t, a_full_disk_stops_the_motor_and_is_reported);
+    suite_add_tcase(s, t);
+    return s;
+}
