@@ -7,6 +7,10 @@
 
 #include "mechkit/ctrl.h"
 
+extern const struct mk_ctrl_ops mk_ctrl_pendubot_mid;
+extern const struct mk_ctrl_ops mk_ctrl_pendubot_top;
+extern const struct mk_ctrl_ops mk_ctrl_reaction_wheel;
+extern const struct mk_ctrl_ops mk_ctrl_furuta;
 extern const struct mk_ctrl_ops mk_ctrl_pi_speed;
 extern const struct mk_ctrl_ops mk_ctrl_open_loop;
 

@@ -1,0 +1,123 @@
+/* Setup furuta: energy swing-up and balance of the Furuta pendulum.
+ *
+ * Swing-up: the energy of the pendulum is pumped through the acceleration of the arm (link_pump.h).
+ * Balance: u = -K [a da b db], b from the upward vertical, K an LQR of the believed model without
+ * friction. The equations are those of the errata (2.24), not of the report. */
+#include "ctrl/balance.h"
+#include "ctrl/link_pump.h"
+
+enum {
+    K_A,
+    K_DA,
+    K_B,
+    K_DB,
+    BOX_B,
+    BALANCE,
+    PUMP = BALANCE + MK_BALANCE_ROWS,
+    PARAM_COUNT = PUMP + MK_PUMP_ROWS
+};
+
+struct furuta {
+    struct mk_balance balance;
+    enum mk_phase phase;
+    double swing_from; /* s: when this swing-up began */
+};
+
+/* LQR weights on a, b, da, db and on u: the arm may wander, the pendulum may not. */
+static const double weight[MK_CTRL_STATES] = {0.4, 50.0, 1.0, 0.2};
+#define WEIGHT_U 0.26
+
+static double law(const void *user, const double *x)
+{
+    const struct mk_ctrl *ctrl = user;
+    const double *k = ctrl->value;
+    double feedback = k[K_A] * x[0] + k[K_DA] * x[2] + k[K_B] * mk_wrap(x[1]) + k[K_DB] * x[3];
+    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback;
+}
+
+static bool in_box(const struct mk_ctrl *ctrl, const double *x)
+{
+    return fabs(mk_wrap(x[1])) < ctrl->value[BOX_B];
+}
+
+static enum mk_status furuta_create(struct mk_ctrl *ctrl, struct mk_error *err)
+{
+    static const double upright[MK_MAX_JOINTS] = {0.0, 0.0};
+    struct furuta *s = ctrl->priv;
+    double k[MK_CTRL_STATES], p[MK_CTRL_STATES * MK_CTRL_STATES];
+    enum mk_status st = mk_balance_design(ctrl, upright, weight, WEIGHT_U, k, p, err);
+    if (st != MK_OK)
+        return st;
+    ctrl->value[K_A] = k[0];
+    ctrl->value[K_B] = k[1];
+    ctrl->value[K_DA] = k[2];
+    ctrl->value[K_DB] = k[3];
+
+    s->balance.first = BALANCE;
+    s->balance.in_box = in_box;
+    s->balance.fallen[0] = 2.5;
+    s->balance.fallen[1] = 1.2;
+    return mk_balance_prepare(&s->balance, ctrl, upright, p, law, err);
+}
+
+static void furuta_reset(struct mk_ctrl *ctrl)
+{
+    struct furuta *s = ctrl->priv;
+    mk_balance_reset(&s->balance);
+    s->phase = MK_PHASE_SWINGUP;
+    s->swing_from = NAN;
+}
+
+static void furuta_changed(struct mk_ctrl *ctrl)
+{
+    struct furuta *s = ctrl->priv;
+    mk_balance_changed(&s->balance, ctrl);
+}
+
+static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
+                        struct mk_ctrl_output *out)
+{
+    struct furuta *s = ctrl->priv;
+    out->u = 0.0;
+    out->ref = 0.0;
+    out->phase = s->phase;
+    if (!mk_ctrl_input_ok(ctrl, in))
+        return;
+
+    double x[MK_CTRL_STATES];
+    mk_balance_observe(&s->balance, ctrl, in, x);
+    enum mk_phase before = s->phase;
+    s->phase = mk_balance_phase(&s->balance, ctrl, before, x);
+    if (isnan(s->swing_from) || before == MK_PHASE_BALANCE)
+        s->swing_from = in->t;
+
+    out->phase = s->phase;
+    if (s->phase == MK_PHASE_BALANCE) {
+        out->u = law(ctrl, x);
+    } else {
+        double v1 = mk_link_pump(&ctrl->model, x, 0.0, in->t - s->swing_from, &ctrl->value[PUMP]);
+        out->u = mk_pfl_command(&ctrl->model, x, v1);
+    }
+}
+
+const struct mk_ctrl_ops mk_ctrl_furuta = {
+    .name = "furuta",
+    .help = "Furuta pendulum: the pendulum up",
+    .plants = MK_CTRL_PLANT(FURUTA),
+    .private_size = sizeof(struct furuta),
+    .param_count = PARAM_COUNT,
+    .param =
+        {
+            [K_A] = {"k_a", "1/rad", "gain on the angle of the arm", -1e4, 1e4, NAN, true},
+            [K_DA] = {"k_da", "s/rad", "gain on its speed", -1e4, 1e4, NAN, true},
+            [K_B] = {"k_b", "1/rad", "gain on the angle of the pendulum", -1e4, 1e4, NAN, true},
+            [K_DB] = {"k_db", "s/rad", "gain on its speed", -1e4, 1e4, NAN, true},
+            [BOX_B] = {"box_b", "rad", "box for the hand-over: the pendulum", 0.0, 3.0, 0.3, false},
+            MK_BALANCE_PARAMS(BALANCE, 0.0, 0.5, 0.65, 0.3),
+            MK_PUMP_PARAMS(PUMP, 45.0, 7.5, 0.05, 1.5, 100.0, 14.0, 15.0, 12.0, 1.8),
+        },
+    .create = furuta_create,
+    .reset = furuta_reset,
+    .changed = furuta_changed,
+    .step = furuta_step,
+};
