@@ -3,6 +3,8 @@
 # Variants live beside each other in build/<variant>/: release (default), debug, asan (with UBSan),
 # tsan, cov. `make VARIANT=asan tests` builds one; the check-* targets pick theirs.
 
+MAKEFLAGS += --no-builtin-rules
+
 VERSION := $(shell cat VERSION)
 VARIANT ?= release
 BUILD   ?= build
@@ -71,6 +73,7 @@ LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
 TEST_C   := $(wildcard tests/*.c tests/support/*.c)
+TEST_CXX := $(wildcard tests/*.cpp)
 
 # The fast path is one source compiled once per instruction set and chosen when the program runs.
 ISA_SRC   := src/sim/fast_kernel.cc
@@ -86,7 +89,7 @@ ISA_OBJ   := $(if $(wildcard $(ISA_SRC)),$(ISAS:%=$(B)/src/sim/fast_kernel.%.o))
 
 LIB_OBJ  := $(LIB_C:%.c=$(B)/%.o) $(LIB_CXX:%.cpp=$(B)/%.o) $(ISA_OBJ)
 APP_OBJ  := $(APP_C:%.c=$(B)/%.o)
-TEST_OBJ := $(TEST_C:%.c=$(B)/%.o)
+TEST_OBJ := $(TEST_C:%.c=$(B)/%.o) $(TEST_CXX:%.cpp=$(B)/%.o)
 LIB      := $(B)/libmechkit.a
 APP      := $(B)/mechkit
 TESTS    := $(B)/mechkit-tests
@@ -124,6 +127,7 @@ $(B)/src/sim/fast_kernel.%.o: $(ISA_SRC)
 
 # Check's macros convert freely; conversions are not errors in tests.
 $(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic
+$(TEST_OBJ): CXXFLAGS_ALL += -Wno-conversion -Wno-pedantic -Wno-format-extra-args
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 

@@ -12,6 +12,7 @@
     X(signal)                                                                                      \
     X(plants)                                                                                      \
     X(effects)                                                                                     \
+    X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
@@ -20,8 +21,14 @@
     X(board)                                                                                       \
     X(fault_script)
 
+#ifdef __cplusplus
+extern "C" {
+#endif
 #define MK_SUITE_DECL(name) Suite *suite_##name(void);
 MK_SUITES(MK_SUITE_DECL)
 #undef MK_SUITE_DECL
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -23,6 +23,14 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
+#ifdef MK_ISA
+// In the fast kernel the polynomials of simd.hpp serve plain doubles too: inlined, their latency
+// overlaps with the rest of a right-hand side.
+void sincos(double x, double &s, double &c);
+double sin(double x);
+double cos(double x);
+double tanh(double x);
+#else
 inline void sincos(double x, double &s, double &c)
 {
     ::sincos(x, &s, &c);
@@ -39,6 +47,7 @@ inline double tanh(double x)
 {
     return ::tanh(x);
 }
+#endif
 inline double exp(double x)
 {
     return ::exp(x);

@@ -1,0 +1,79 @@
+// Chooses the fast kernel that fits the machine.
+#include "sim/fast.hpp"
+
+#include <cmath>
+
+namespace mk
+{
+
+namespace isa_generic
+{
+extern const FastKernel kernel;
+}
+#ifdef __x86_64__
+namespace isa_avx2
+{
+extern const FastKernel kernel;
+}
+namespace isa_avx512
+{
+extern const FastKernel kernel;
+}
+#endif
+
+const FastKernel *fast_kernel(int index)
+{
+    const FastKernel *usable[3] = {&isa_generic::kernel, nullptr, nullptr};
+#ifdef __x86_64__
+    int count = 1;
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        usable[count++] = &isa_avx2::kernel;
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        usable[count++] = &isa_avx512::kernel;
+#endif
+    return index >= 0 && index < 3 ? usable[index] : nullptr;
+}
+
+} // namespace mk
+
+static enum mk_status check(const mk_batch *b, mk_error *err)
+{
+    if (b->model_count < 1 || b->samples < 0 || !(b->dt > 0.0) || !b->x0 || !b->x ||
+        !(b->u || b->drive))
+        return mk_error_set(err, MK_ERR_INVALID,
+                            "a batch needs models, samples, a start and a drive");
+    for (int i = 0; i < b->model_count; i++) {
+        const mk_model *m = &b->model[i];
+        if (!mk_model_is_smooth(m) || mk_model_command_delay(m) > 0.0)
+            return mk_error_set(err, MK_ERR_NOTSUP,
+                                "the fast path is for models without states, contact or delay");
+        if (m->plant != b->model[0].plant || m->effect_count != b->model[0].effect_count)
+            return mk_error_set(err, MK_ERR_INVALID, "the models of a batch must be of one kind");
+        for (int e = 0; e < m->effect_count; e++)
+            if (m->effect[e].index != b->model[0].effect[e].index ||
+                m->effect[e].joint != b->model[0].effect[e].joint)
+                return mk_error_set(err, MK_ERR_INVALID,
+                                    "the models of a batch must have the same effects");
+        enum mk_status st = mk_model_check(m, err);
+        if (st != MK_OK)
+            return st;
+    }
+    return MK_OK;
+}
+
+enum mk_status mk_simulate_batch(mk_batch *batch, mk_error *err)
+{
+    enum mk_status st = check(batch, err);
+    if (st != MK_OK)
+        return st;
+    if (!(batch->rtol > 0.0))
+        batch->rtol = 1e-8;
+    if (!(batch->atol > 0.0))
+        batch->atol = 1e-10;
+    batch->steps = 0;
+    const mk::FastKernel *best = mk::fast_kernel(0);
+    for (int i = 1; mk::fast_kernel(i); i++)
+        best = mk::fast_kernel(i);
+    return best->run(batch, err);
+}

@@ -1,0 +1,207 @@
+// The fast kernel of one instruction set (MK_ISA). Everything is in a namespace of its own and
+// calls no inline functions of the standard library, so that code for wide registers cannot leak
+// into the rest of the program through the linker.
+#include "model/rhs.hpp"
+#include "sim/dop853.hpp"
+#include "sim/fast.hpp"
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
+
+#if defined(__AVX512F__)
+constexpr int LANES = 8;
+#elif defined(__AVX__)
+constexpr int LANES = 4;
+#else
+constexpr int LANES = 2;
+#endif
+
+inline void put(double &x, int, double value)
+{
+    x = value;
+}
+template <int W>
+inline void put(Pack<W> &x, int lane, double value)
+{
+    x.set(lane, value);
+}
+inline double get(double x, int)
+{
+    return x;
+}
+template <int W>
+inline double get(const Pack<W> &x, int lane)
+{
+    return x[lane];
+}
+
+// Trajectories first .. first + used - 1 of a batch, in `lanes` lanes; spare lanes repeat the last
+// one.
+template <class S>
+struct Group {
+    const mk_batch *batch;
+    int first, used, lanes, ns;
+
+    int index(int lane) const { return first + (lane < used ? lane : used - 1); }
+    Compiled<S> compiled() const
+    {
+        Compiled<S> c = compile<S>(batch->model[first]);
+        for (int lane = 0; lane < lanes; lane++) {
+            const mk_model &m = batch->model[index(lane)];
+            for (int i = 0; i < c.parameter_count; i++)
+                put(c.p[i], lane, m.parameter[i]);
+            for (int e = 0; e < c.effect_count; e++)
+                for (int i = 0; i < MK_MAX_EFFECT_PARAMETERS; i++)
+                    put(c.effect[e].p[i], lane, m.effect[e].value[i]);
+        }
+        return c;
+    }
+    void load(S *y) const
+    {
+        for (int lane = 0; lane < lanes; lane++)
+            for (int i = 0; i < ns; i++)
+                put(y[i], lane, batch->x0[index(lane) * ns + i]);
+    }
+    void store(int k, const S *y) const
+    {
+        for (int lane = 0; lane < used; lane++) {
+            double *row = batch->x + (long)((first + lane) * (batch->samples + 1) + k) * ns;
+            for (int i = 0; i < ns; i++)
+                row[i] = get(y[i], lane);
+        }
+    }
+    void command(int k, S *u) const
+    {
+        for (int lane = 0; lane < lanes; lane++)
+            for (int i = 0; i < MK_MAX_INPUTS; i++)
+                put(u[i], lane,
+                    batch->u[(long)(index(lane) * batch->samples + k) * MK_MAX_INPUTS + i]);
+    }
+};
+
+template <class Law, class S>
+struct Rhs {
+    const Compiled<S> &c;
+    const mk_sine *drive; // of the group's first trajectory; NULL: u is held
+    S u[MK_MAX_INPUTS];
+    void operator()(double t, const S *y, S *dy)
+    {
+        if (drive)
+            u[0] = S(drive->amplitude * sin(drive->omega * t + drive->phase));
+        rhs_of<Law>(c, S(t), y, u, dy);
+    }
+};
+
+inline enum mk_status stuck(mk_error *err, double t)
+{
+    return mk_error_set(err, MK_ERR_NUMERIC, "the fast integrator cannot go on at t = %g s", t);
+}
+
+template <class Law, class S, int N>
+enum mk_status run_group(const Group<S> &g, mk_batch *batch, mk_error *err)
+{
+    Compiled<S> c = g.compiled();
+    Rhs<Law, S> f = {c, batch->drive, {S(0.0), S(0.0)}};
+    Dop853<S, N, Rhs<Law, S>> solver(f, batch->rtol, batch->atol);
+    S y[N];
+    g.load(y);
+    g.store(0, y);
+    if (!batch->drive)
+        g.command(0, f.u);
+    solver.start(batch->t0, y);
+    double t_end = batch->t0 + batch->dt * batch->samples;
+    for (int k = 0; k < batch->samples;) {
+        // Held commands: stop at every edge. Smooth drive: step freely and interpolate.
+        double t_stop = batch->drive ? t_end : batch->t0 + batch->dt * (k + 1);
+        solver.advance();
+        if (!solver.step(t_stop))
+            return stuck(err, solver.time());
+        if (batch->drive) {
+            for (; k < batch->samples; k++) {
+                double t = batch->t0 + batch->dt * (k + 1);
+                if (t > solver.time() && k + 1 < batch->samples)
+                    break;
+                if (k + 1 == batch->samples && solver.time() < t_end)
+                    break;
+                if (t >= solver.time()) {
+                    g.store(k + 1, solver.state());
+                } else {
+                    solver.interpolate(t, y);
+                    g.store(k + 1, y);
+                }
+            }
+        } else if (solver.time() >= t_stop) {
+            g.store(++k, solver.state());
+            if (k < batch->samples) {
+                g.command(k, f.u);
+                solver.advance();
+                solver.edge();
+            }
+        }
+    }
+    batch->steps += solver.steps * (uint64_t)g.used;
+    return MK_OK;
+}
+
+template <class S>
+enum mk_status run_lanes(mk_batch *batch, int first, int used, int lanes, mk_error *err)
+{
+    int joints = mk_plant(batch->model[0].plant)->joints;
+    Group<S> g = {batch, first, used, lanes, 2 * joints};
+    return with_plant(batch->model[0].plant, [&](auto law) {
+        using Law = decltype(law);
+        return joints == 1 ? run_group<Law, S, 2>(g, batch, err)
+                           : run_group<Law, S, 4>(g, batch, err);
+    });
+}
+
+static enum mk_status run(mk_batch *batch, mk_error *err)
+{
+    int done = 0;
+    while (done < batch->model_count) {
+        int left = batch->model_count - done, used = left < LANES ? left : LANES;
+        enum mk_status st = used == 1 ? run_lanes<double>(batch, done, 1, 1, err)
+                                      : run_lanes<Pack<LANES>>(batch, done, used, LANES, err);
+        if (st != MK_OK)
+            return st;
+        done += used;
+    }
+    return MK_OK;
+}
+
+template <class S>
+static S function_of(int which, const S &x)
+{
+    switch (which) {
+    case 0:
+        return sin(x);
+    case 1:
+        return cos(x);
+    case 2:
+        return tanh(x);
+    default:
+        return exp(x);
+    }
+}
+
+static void function(int which, int n, const double *x, double *y)
+{
+    for (int i = 0; i < n; i += LANES) {
+        Pack<LANES> lanes(0.0);
+        for (int k = 0; k < LANES && i + k < n; k++)
+            lanes.set(k, x[i + k]);
+        lanes = function_of(which, lanes);
+        for (int k = 0; k < LANES && i + k < n; k++)
+            y[i + k] = lanes[k];
+    }
+}
+
+#define MK_STRING2(x) #x
+#define MK_STRING(x) MK_STRING2(x)
+extern const FastKernel kernel;
+const FastKernel kernel = {MK_STRING(MK_ISA), LANES, run, function};
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
