@@ -152,6 +152,10 @@ run-tests: tests
 
 # Not part of check: what it measures is the machine.
 SECONDS ?= 60
+.PHONY: robustness
+robustness: all ## catch and hold 200 rigs a setup that are off the model (SEEDS=200)
+	@$(APP) robustness --seeds $(or $(SEEDS),200)
+
 .PHONY: latency
 latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECONDS=60)
 	@$(B)/latency $(SECONDS)

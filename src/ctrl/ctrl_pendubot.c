@@ -189,7 +189,7 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     [METHOD] = {"method", "", "swing-up: 0 energy of link 2, 1 the report's path", 0, 1, 0, false},\
     [KP] = {"kp", "1/s^2", "report's path: gain on the angle of link 1", 0, 1e4, kp, false},       \
     [KD] = {"kd", "1/s", "report's path: gain on its speed", 0, 1e3, kd, false},                   \
-    [ATTEMPT] = {"attempt", "s", "report's path: then the energy method", 0, 60, 4.0, false},      \
+    [ATTEMPT] = {"attempt", "s", "report's path: then the energy method", 0, 60, 2.5, false},      \
     [BOX_Q1] = {"box_q1", "rad", "report's box: link 1", 0, 3, 0.2, false},                        \
     [BOX_Q2] = {"box_q2", "rad", "report's box: link 2", 0, 3, 0.3, false},                        \
     [BOX_U] = {"box_u", "", "report's box: command of the linear law", 0, 1e4, box_u, false}
@@ -224,7 +224,7 @@ const struct mk_ctrl_ops mk_ctrl_pendubot_top = {
             COMMON_PARAMS(350.0, 24.3, 120.0),
             [PATH_SIZE] = {"back", "", "report's path: command in the wrong direction", -10.0, 10.0,
                            -3.0, false},
-            [PATH_TIME] = {"back_time", "s", "report's path: how long", 0.0, 5.0, 0.42, false},
+            [PATH_TIME] = {"back_time", "s", "report's path: how long", 0.0, 5.0, 0.51, false},
             MK_BALANCE_PARAMS(BALANCE, 0.0, 0.8, 0.8, 0.4),
             MK_PUMP_PARAMS(PUMP, 58.0, 19.0, 0.0, 1.5, 325.0, 15.0, 6.0, 37.0, 7.5),
         },

@@ -1,0 +1,278 @@
+/* mechkit robustness: many rigs a setup, none what the controller believes. */
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "console/robustness.h"
+#include "console/sub.h"
+#include "mechkit/json.h"
+#include "mechkit/number.h"
+
+#define SEEDS_MAX 100000
+#define PASS_SHARE 0.95
+
+static const char *const balancing_setups[] = {"pendubot-mid", "pendubot-top", "reaction-wheel",
+                                               "furuta"};
+#define SETUP_COUNT (sizeof balancing_setups / sizeof balancing_setups[0])
+
+struct options {
+    const char *setup, *json;
+    int seeds;
+    uint64_t first;
+    struct trial_spread spread;
+};
+
+struct outcome {
+    const struct mk_ctrl_ops *setup;
+    struct mk_model believed;
+    struct trial nominal;
+    struct trial *trial; /* `count` of them */
+    int count, held, falls;
+    double median_s, p95_s, longest_s; /* time of the catch that held; NAN: none held */
+    double u_peak;
+    double seconds; /* of the machine's time */
+};
+
+static int number(const char *name, const char *text, double low, double high, double *out)
+{
+    if (mk_parse_double_z(text, out) && *out >= low && *out <= high)
+        return EXIT_OK;
+    return report_usage("robustness", "--%s %s: expected a number from %g to %g", name, text, low,
+                        high);
+}
+
+static int take_option(struct options *o, int c, const char *value)
+{
+    double x = 0.0;
+    int code = EXIT_OK;
+    switch (c) {
+    case 's':
+        o->setup = value;
+        break;
+    case 'n':
+        code = number("seeds", value, 1, SEEDS_MAX, &x);
+        o->seeds = (int)x;
+        break;
+    case 'f':
+        code = number("first", value, 1, 9e15, &x);
+        o->first = (uint64_t)x;
+        break;
+    case 'r':
+        code = number("rate", value, 100, 2000, &o->spread.rate_hz);
+        break;
+    case 'd':
+        code = number("delay", value, 0, 100, &x);
+        o->spread.delay_samples = (int)x;
+        break;
+    default:
+        o->json = value;
+    }
+    return code;
+}
+
+static int parse(int argc, char **argv, struct options *o)
+{
+    static const struct option names[] = {{"setup", required_argument, NULL, 's'},
+                                          {"seeds", required_argument, NULL, 'n'},
+                                          {"first", required_argument, NULL, 'f'},
+                                          {"rate", required_argument, NULL, 'r'},
+                                          {"delay", required_argument, NULL, 'd'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {NULL, 0, NULL, 0}};
+    int c;
+    opterr = 0;
+    optind = 1;
+    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
+        if (c == ':')
+            return report_usage("robustness", "%s needs a value", argv[optind - 1]);
+        if (c == '?')
+            return report_usage("robustness", "unknown option '%s'", argv[optind - 1]);
+        int code = take_option(o, c, optarg);
+        if (code != EXIT_OK)
+            return code;
+    }
+    if (optind < argc)
+        return report_usage("robustness", "'%s' is too much", argv[optind]);
+    for (size_t i = 0; o->setup && i < SETUP_COUNT; i++)
+        if (strcmp(o->setup, balancing_setups[i]) == 0)
+            return EXIT_OK;
+    if (o->setup)
+        return report_usage("robustness", "--setup %s: expected one that balances (%s, %s, %s, %s)",
+                            o->setup, balancing_setups[0], balancing_setups[1], balancing_setups[2],
+                            balancing_setups[3]);
+    return EXIT_OK;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double d = *(const double *)a - *(const double *)b;
+    return (d > 0.0) - (d < 0.0);
+}
+
+/* The catch times of the runs that held, summed up. */
+static enum mk_status sum_up(struct outcome *o, struct mk_error *err)
+{
+    double *times = malloc((size_t)o->count * sizeof *times);
+    if (!times)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %d runs", o->count);
+    for (int i = 0; i < o->count; i++) {
+        const struct trial *t = &o->trial[i];
+        o->falls += t->falls;
+        o->u_peak = fmax(o->u_peak, t->u_peak);
+        if (t->end == TRIAL_HELD)
+            times[o->held++] = t->caught_s;
+    }
+    qsort(times, (size_t)o->held, sizeof *times, by_size);
+    o->median_s = o->held ? times[o->held / 2] : (double)NAN;
+    o->p95_s = o->held ? times[(int)ceil(0.95 * o->held) - 1] : (double)NAN;
+    o->longest_s = o->held ? times[o->held - 1] : (double)NAN;
+    free(times);
+    return MK_OK;
+}
+
+static enum mk_plant_kind plant_of(const struct mk_ctrl_ops *setup)
+{
+    int kind = 0;
+    while (!(setup->plants & (1u << kind)))
+        kind++;
+    return (enum mk_plant_kind)kind;
+}
+
+static enum mk_status run_setup(const char *name, const struct options *options, struct outcome *o,
+                                struct mk_error *err)
+{
+    memset(o, 0, sizeof *o);
+    o->setup = mk_ctrl_setup_by_name(name);
+    mk_model_default(plant_of(o->setup), &o->believed);
+    o->trial = calloc((size_t)options->seeds, sizeof *o->trial);
+    if (!o->trial)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %d runs", options->seeds);
+    clock_t start = clock();
+    enum mk_status st = trial_run(o->setup, &o->believed, &options->spread, 0, &o->nominal, err);
+    for (int i = 0; i < options->seeds && st == MK_OK; i++, o->count++)
+        st = trial_run(o->setup, &o->believed, &options->spread, options->first + (uint64_t)i,
+                       &o->trial[i], err);
+    o->seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+    return st == MK_OK ? sum_up(o, err) : st;
+}
+
+/* --- report ------------------------------------------------------------------------------------
+ */
+
+static void print_heading(const struct options *o)
+{
+    const struct trial_spread *s = &o->spread;
+    printf(
+        "%d rigs a setup: parameters +-%g %%, friction +-%g %%, encoder zero +-%g counts, "
+        "%d sample%s more delay, %g Hz\n"
+        "held: caught within %g s and then held for %g s; nominal: caught, then held for 20 s\n\n"
+        "%-15s %8s %9s %9s %7s %7s %7s %6s %6s %8s\n",
+        o->seeds, 100.0 * s->parameters, 100.0 * s->friction, s->offset_counts, s->delay_samples,
+        s->delay_samples == 1 ? "" : "s", s->rate_hz, s->catch_s, s->hold_s, "setup", "nominal",
+        "held", "share", "median", "p95", "longest", "falls", "peak", "took");
+}
+
+static void print_outcome(const struct outcome *o)
+{
+    char nominal[24];
+    if (o->nominal.end == TRIAL_HELD)
+        snprintf(nominal, sizeof nominal, "%.2f s", o->nominal.caught_s);
+    else
+        snprintf(nominal, sizeof nominal, "%s", "FAILED");
+    printf("%-15s %8s %4d/%-4d %7.1f %% %5.2f s %5.2f s %5.2f s %6d %6.2f %6.1f s\n",
+           o->setup->name, nominal, o->held, o->count, 100.0 * o->held / o->count, o->median_s,
+           o->p95_s, o->longest_s, o->falls, o->u_peak, o->seconds);
+}
+
+static void print_failures(const struct outcome *o)
+{
+    const struct mk_plant_info *plant = mk_plant(o->believed.plant);
+    for (int i = 0; i < o->count; i++) {
+        const struct trial *t = &o->trial[i];
+        if (t->end == TRIAL_HELD)
+            continue;
+        printf("  seed %llu: %s%s%s, %d falls; rig:", (unsigned long long)t->seed,
+               trial_end_name(t->end), t->fault[0] ? " " : "", t->fault, t->falls);
+        for (int k = 0; k < plant->parameter_count; k++)
+            printf(" %s %+.0f %%", plant->parameter[k].name,
+                   100.0 * (t->rig.parameter[k] / o->believed.parameter[k] - 1.0));
+        putchar('\n');
+    }
+}
+
+static cJSON *failures_json(const struct outcome *o)
+{
+    cJSON *list = cJSON_CreateArray();
+    for (int i = 0; i < o->count; i++) {
+        const struct trial *t = &o->trial[i];
+        if (t->end == TRIAL_HELD)
+            continue;
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddItemToObject(row, "seed", mk_json_number((double)t->seed));
+        cJSON_AddStringToObject(row, "why", trial_end_name(t->end));
+        cJSON_AddStringToObject(row, "fault", t->fault);
+        cJSON_AddItemToObject(row, "falls", mk_json_number(t->falls));
+        cJSON_AddItemToArray(list, row);
+    }
+    return list;
+}
+
+static cJSON *outcome_json(const struct outcome *o)
+{
+    cJSON *row = cJSON_CreateObject();
+    cJSON_AddStringToObject(row, "setup", o->setup->name);
+    cJSON_AddItemToObject(row, "nominal_caught_s", mk_json_number(o->nominal.caught_s));
+    cJSON_AddItemToObject(row, "rigs", mk_json_number(o->count));
+    cJSON_AddItemToObject(row, "held", mk_json_number(o->held));
+    cJSON_AddItemToObject(row, "share", mk_json_number((double)o->held / o->count));
+    cJSON_AddItemToObject(row, "caught_median_s", mk_json_number(o->median_s));
+    cJSON_AddItemToObject(row, "caught_p95_s", mk_json_number(o->p95_s));
+    cJSON_AddItemToObject(row, "caught_longest_s", mk_json_number(o->longest_s));
+    cJSON_AddItemToObject(row, "falls", mk_json_number(o->falls));
+    cJSON_AddItemToObject(row, "peak_command", mk_json_number(o->u_peak));
+    cJSON_AddItemToObject(row, "seconds", mk_json_number(o->seconds));
+    cJSON_AddItemToObject(row, "failures", failures_json(o));
+    return row;
+}
+
+static bool passed(const struct outcome *o)
+{
+    return o->nominal.end == TRIAL_HELD && o->held >= PASS_SHARE * o->count;
+}
+
+int sub_robustness(int argc, char **argv)
+{
+    struct options o = {.seeds = 200, .first = 1};
+    trial_spread_default(&o.spread);
+    int code = parse(argc, argv, &o);
+    if (code != EXIT_OK)
+        return code;
+    struct mk_error err = MK_ERROR_INIT;
+    cJSON *root = cJSON_CreateArray();
+    print_heading(&o);
+    for (size_t i = 0; i < SETUP_COUNT; i++) {
+        if (o.setup && strcmp(o.setup, balancing_setups[i]) != 0)
+            continue;
+        struct outcome outcome;
+        enum mk_status st = run_setup(balancing_setups[i], &o, &outcome, &err);
+        if (st == MK_OK) {
+            print_outcome(&outcome);
+            print_failures(&outcome);
+            fflush(stdout);
+            cJSON_AddItemToArray(root, outcome_json(&outcome));
+            code = passed(&outcome) ? code : EXIT_RUN_FAILED;
+        }
+        free(outcome.trial);
+        if (st != MK_OK) {
+            code = report_error(&err);
+            break;
+        }
+    }
+    if (o.json && mk_json_write(o.json, root, &err) != MK_OK)
+        code = report_error(&err);
+    cJSON_Delete(root);
+    return code;
+}
