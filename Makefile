@@ -162,6 +162,12 @@ latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECOND
 $(B)/latency: $(B)/tools/latency.o $(LIB)
 	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
+.PHONY: bench
+bench: $(B)/libmkbench.so ## time the simulation beside SciPy's (medians and ratios of one run)
+	$(PYTHON) tools/bench/bench.py $(BUILD) $(abspath $<)
+$(B)/libmkbench.so: tools/bench/bench_sim.cpp $(LIB)
+	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
 .PHONY: format format-check
 FORMAT_FILES := $(shell find include src tests tools -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
 format: ## format all sources
