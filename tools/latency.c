@@ -1,8 +1,8 @@
 /* How late the loop's samples come, beside cyclictest on the same machine: `make latency`.
  *
  * The loop runs the pendubot on the virtual board in real time at 1 kHz, with its log; cyclictest
- * runs at the same period and priority. First one after the other, then in short slices in turn, so
- * that a noisy minute of the machine does not fall on one side alone.
+ * runs at the same period and priority. First one after the other; then in short slices in turn and
+ * at the same time, so that a noisy minute of the machine does not fall on one side alone.
  */
 #include <math.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 
 #define RATE_HZ 1000.0
 #define PRIORITY 80
-#define SLICES 12
+#define SLICE_S 2.0
 #define CYCLICTEST_MAX_US 20000
 
 /* Lateness in whole us, as cyclictest counts it. */
@@ -158,13 +158,18 @@ static int run_loop(double seconds, struct tally *t, struct mk_loop_stats *stats
 
 /* --- cyclictest ------------------------------------------------------------------------------ */
 
-/* Lines of the histogram are "US COUNT"; the rest starts with '#'. */
-static int run_cyclictest(double seconds, struct tally *t)
+static FILE *start_cyclictest(double seconds)
 {
-    char command[160], line[256];
+    char command[160];
     snprintf(command, sizeof command, "cyclictest -q -m -t1 -p%d -i%.0f -l%.0f -h%d 2>/dev/null",
              PRIORITY, 1e6 / RATE_HZ, seconds * RATE_HZ, CYCLICTEST_MAX_US);
-    FILE *pipe = popen(command, "r");
+    return popen(command, "r");
+}
+
+/* Lines of the histogram are "US COUNT"; the rest starts with '#'. */
+static int finish_cyclictest(FILE *pipe, struct tally *t)
+{
+    char line[256];
     if (!pipe)
         return 1;
     while (fgets(line, sizeof line, pipe)) {
@@ -177,41 +182,72 @@ static int run_cyclictest(double seconds, struct tally *t)
     return pclose(pipe) == 0 && t->samples > 0 ? 0 : 1;
 }
 
+/* --- the comparisons ------------------------------------------------------------------------- */
+
+static struct tally loop, cyclic;
+
+static void begin(const char *what)
+{
+    printf("%s\n", what);
+    fflush(stdout);
+    tally_clear(&loop, "mechkit");
+    tally_clear(&cyclic, "cyclictest");
+}
+
+static int one_after_the_other(double seconds, int *have_cyclictest)
+{
+    struct mk_loop_stats stats;
+    if (run_loop(seconds, &loop, &stats))
+        return 1;
+    if (*have_cyclictest && finish_cyclictest(start_cyclictest(seconds), &cyclic))
+        *have_cyclictest = 0;
+    compare(&loop, &cyclic);
+    printf("  a tick takes %.1f us on average, %.1f at most; %s\n", stats.busy_mean_us,
+           stats.busy_max_us, stats.note[0] ? stats.note : "real-time priority, memory locked");
+    return 0;
+}
+
+static int in_turn(double seconds)
+{
+    struct mk_loop_stats stats;
+    for (double t = 0.0; t < seconds; t += SLICE_S)
+        if (run_loop(SLICE_S, &loop, &stats) ||
+            finish_cyclictest(start_cyclictest(SLICE_S), &cyclic))
+            return 1;
+    compare(&loop, &cyclic);
+    return 0;
+}
+
+static int at_the_same_time(double seconds)
+{
+    struct mk_loop_stats stats;
+    FILE *pipe = start_cyclictest(seconds);
+    int failed = run_loop(seconds, &loop, &stats);
+    if (finish_cyclictest(pipe, &cyclic) || failed)
+        return 1;
+    compare(&loop, &cyclic);
+    return 0;
+}
+
 int main(int argc, char **argv)
 {
-    static struct tally loop, cyclic;
-    struct mk_loop_stats stats = {.ticks = 0};
     double seconds = argc > 1 ? atof(argv[1]) : 60.0;
     if (!(seconds >= 1.0 && seconds <= 86400.0)) {
         fprintf(stderr, "latency: usage: latency [SECONDS]\n");
         return 2;
     }
     int have_cyclictest = system("command -v cyclictest >/dev/null 2>&1") == 0;
-
-    printf("one after the other, %.0f s each at %.0f Hz, priority %d\n", seconds, RATE_HZ,
-           PRIORITY);
-    fflush(stdout);
-    tally_clear(&loop, "mechkit");
-    tally_clear(&cyclic, "cyclictest");
-    if (run_loop(seconds, &loop, &stats))
+    printf("%.0f s each at %.0f Hz, priority %d\n", seconds, RATE_HZ, PRIORITY);
+    begin("one after the other");
+    if (one_after_the_other(seconds, &have_cyclictest))
         return 1;
-    if (have_cyclictest && run_cyclictest(seconds, &cyclic))
-        have_cyclictest = 0;
-    compare(&loop, &cyclic);
-    printf("  a tick takes %.1f us on average, %.1f at most; %s\n", stats.busy_mean_us,
-           stats.busy_max_us, stats.note[0] ? stats.note : "real-time priority, memory locked");
     if (!have_cyclictest) {
         printf("  skipped: cyclictest not installed or not permitted\n");
         return 0;
     }
-
-    printf("in turn, %d slices of %.1f s each\n", SLICES, seconds / SLICES);
-    fflush(stdout);
-    tally_clear(&loop, "mechkit");
-    tally_clear(&cyclic, "cyclictest");
-    for (int k = 0; k < SLICES; k++)
-        if (run_loop(seconds / SLICES, &loop, &stats) || run_cyclictest(seconds / SLICES, &cyclic))
-            return 1;
-    compare(&loop, &cyclic);
-    return 0;
+    begin("in turn, slices of 2 s");
+    if (in_turn(seconds))
+        return 1;
+    begin("at the same time");
+    return at_the_same_time(seconds);
 }
