@@ -16,6 +16,11 @@
     X(sim)                                                                                         \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
+    X(ctrl)                                                                                        \
+    X(balance)                                                                                     \
+    X(swingup)                                                                                     \
+    X(roa)                                                                                         \
+    X(robustness)                                                                                  \
     X(loop)                                                                                        \
     X(loop_faults)                                                                                 \
     X(board)                                                                                       \

@@ -5,6 +5,7 @@
 #include "mechkit/design.h"
 
 #define N MK_CTRL_STATES
+#define USUAL_LIMIT 10.0 /* of the command; what `r` is meant for */
 
 static double param(const struct mk_balance *b, const struct mk_ctrl *ctrl, int row)
 {
@@ -35,11 +36,17 @@ void mk_balance_changed(struct mk_balance *b, const struct mk_ctrl *ctrl)
     mk_observer_init(&b->observer, &ctrl->model, ctrl->dt, param(b, ctrl, MK_BALANCE_OBSERVER));
 }
 
-void mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
+bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
                         const struct mk_ctrl_input *in, double *x)
 {
     mk_observer_step(&b->observer, in, x);
     mk_ctrl_predict(&ctrl->model, x, in->u, ctrl->dt * param(b, ctrl, MK_BALANCE_LEAD));
+    for (int i = 0; i < N; i++)
+        if (!(fabs(x[i]) < 1e6)) {
+            mk_observer_reset(&b->observer);
+            return false;
+        }
+    return true;
 }
 
 static bool lost(const struct mk_balance *b, const double *x)
@@ -94,5 +101,7 @@ enum mk_status mk_balance_design(const struct mk_ctrl *ctrl, const double *equil
     mk_plant_linearise(&ctrl->model, equilibrium, false, a, b);
     for (int i = 0; i < N; i++)
         q[N * i + i] = weight[i];
-    return mk_design_lqrd(N, a, b, q, r, ctrl->dt, 0, k, p, err);
+    /* In shares of the command's limit, so that a model in N m gets the same design. */
+    double share = USUAL_LIMIT / ctrl->model.u_max;
+    return mk_design_lqrd(N, a, b, q, r * share * share, ctrl->dt, 0, k, p, err);
 }

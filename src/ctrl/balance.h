@@ -62,15 +62,16 @@ MK_NODISCARD enum mk_status mk_balance_prepare(struct mk_balance *b, struct mk_c
 void mk_balance_reset(struct mk_balance *b);
 void mk_balance_changed(struct mk_balance *b, const struct mk_ctrl *ctrl);
 
-/* State at the time when the command that is computed now will act. RT. */
-void mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
+/* State at the time when the command that is computed now will act. False when the readings lead to
+ * nothing finite: then x is not to be used. RT. */
+bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
                         const struct mk_ctrl_input *in, double *x);
 /* Next phase, from the present one: catches, falls, or stays. RT. */
 enum mk_phase mk_balance_phase(const struct mk_balance *b, const struct mk_ctrl *ctrl,
                                enum mk_phase phase, const double *x);
 
 /* LQR of the believed model without friction, sampled, at `equilibrium`; weights and k in joint
- * order, P for the region of attraction. */
+ * order, P for the region of attraction. `r` weighs the command of a rig with |u| <= 10. */
 MK_NODISCARD enum mk_status mk_balance_design(const struct mk_ctrl *ctrl, const double *equilibrium,
                                               const double *weight, double r, double *k, double *p,
                                               struct mk_error *err);

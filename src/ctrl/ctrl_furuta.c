@@ -81,11 +81,10 @@ static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     out->u = 0.0;
     out->ref = 0.0;
     out->phase = s->phase;
-    if (!mk_ctrl_input_ok(ctrl, in))
+    double x[MK_CTRL_STATES];
+    if (!mk_ctrl_input_ok(ctrl, in) || !mk_balance_observe(&s->balance, ctrl, in, x))
         return;
 
-    double x[MK_CTRL_STATES];
-    mk_balance_observe(&s->balance, ctrl, in, x);
     enum mk_phase before = s->phase;
     s->phase = mk_balance_phase(&s->balance, ctrl, before, x);
     if (isnan(s->swing_from) || before == MK_PHASE_BALANCE)

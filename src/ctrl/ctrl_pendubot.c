@@ -162,11 +162,10 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     out->u = 0.0;
     out->ref = s->target;
     out->phase = s->phase;
-    if (!mk_ctrl_input_ok(ctrl, in))
+    double x[MK_CTRL_STATES];
+    if (!mk_ctrl_input_ok(ctrl, in) || !mk_balance_observe(&s->balance, ctrl, in, x))
         return;
 
-    double x[MK_CTRL_STATES];
-    mk_balance_observe(&s->balance, ctrl, in, x);
     enum mk_phase before = s->phase;
     s->phase = mk_balance_phase(&s->balance, ctrl, before, x);
     if (before == MK_PHASE_BALANCE && s->phase == MK_PHASE_SWINGUP) {

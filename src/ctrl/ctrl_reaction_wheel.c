@@ -175,11 +175,10 @@ static void reaction_wheel_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input
     out->u = 0.0;
     out->ref = M_PI;
     out->phase = s->phase;
-    if (!mk_ctrl_input_ok(ctrl, in))
+    double x[MK_CTRL_STATES];
+    if (!mk_ctrl_input_ok(ctrl, in) || !mk_balance_observe(&s->balance, ctrl, in, x))
         return;
 
-    double x[MK_CTRL_STATES];
-    mk_balance_observe(&s->balance, ctrl, in, x);
     s->phase = mk_balance_phase(&s->balance, ctrl, s->phase, x);
     out->phase = s->phase;
     out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x);

@@ -151,8 +151,8 @@ enum mk_status mk_roa_estimate(struct mk_roa *roa, struct mk_error *err)
     if (!cholesky(roa->p, l))
         return mk_error_set(err, MK_ERR_NUMERIC, "region of attraction: the form is not positive");
 
-    /* First guess: the level at which the first weighed angle alone is off by a radian. */
-    double first = roa->p[0] > 0.0 ? roa->p[0] : roa->p[N + 1];
+    /* First guess: the level at which each angle alone may be off by a radian or more. */
+    double first = fmax(roa->p[0], roa->p[N + 1]);
     double level = first;
     uint64_t state = 12345;
     for (int n = 0; n < DIRECTIONS; n++) {
