@@ -82,9 +82,12 @@ ifeq ($(ARCH),x86_64)
 ISAS      := generic avx2 avx512
 endif
 ISAS      ?= generic
-# Fused multiply-adds; nothing here depends on the sign of zero or on floating-point traps.
-FUSED := -O3 -fno-tree-slp-vectorize -ffp-contract=fast -fno-math-errno -fno-trapping-math \
-         -fno-signed-zeros
+# Fused multiply-adds; nothing here depends on the sign of zero or on floating-point traps. Only the
+# release is worth the compiler's time.
+ifeq ($(VARIANT),release)
+FUSED := -O3 -fno-tree-slp-vectorize
+endif
+FUSED += -ffp-contract=fast -fno-math-errno -fno-trapping-math -fno-signed-zeros
 ISA_FLAGS_generic :=
 ISA_FLAGS_avx2    := -mavx2 -mfma $(FUSED)
 ISA_FLAGS_avx512  := $(FUSED) -mavx512f -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512

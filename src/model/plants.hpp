@@ -80,6 +80,7 @@ struct Regressor {
 
 // p1 a1 + f = u. Report (2.1).
 struct InertiaWheel {
+    static constexpr int joints = 1;
     template <class S, class Sink>
     static void law(const Motion<S> &, double, Sink &o)
     {
@@ -94,6 +95,7 @@ struct InertiaWheel {
 
 // p1 a1 + p2 sin q1 + f = u. Report (3.13), q1 from the downward vertical (errata 3.4).
 struct Pendulum {
+    static constexpr int joints = 1;
     template <class S, class Sink>
     static void law(const Motion<S> &m, double, Sink &o)
     {
@@ -109,6 +111,7 @@ struct Pendulum {
 
 // Report (2.5), (2.6), appendix A1.1; F13 as in errata 3.9.
 struct Pendubot {
+    static constexpr int joints = 2;
     template <class S, class Sink>
     static void law(const Motion<S> &m, double g, Sink &o)
     {
@@ -132,6 +135,7 @@ struct Pendubot {
 // Report (2.19)-(2.21) with q2 relative to the pendulum (errata 2.12): row 2 is p2 (a1 + a2) = u -
 // f; row 1 minus row 2 is p1 a1 + p3 g sin q1 = -(u - f).
 struct ReactionWheel {
+    static constexpr int joints = 2;
     template <class S, class Sink>
     static void law(const Motion<S> &m, double g, Sink &o)
     {
@@ -148,6 +152,7 @@ struct ReactionWheel {
 
 // Report (2.62)-(2.63) as corrected in errata 2.23, 2.24, 7.3; q1 arm, q2 pendulum from upright.
 struct Furuta {
+    static constexpr int joints = 2;
     template <class S, class Sink>
     static void law(const Motion<S> &m, double g, Sink &o)
     {

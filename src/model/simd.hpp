@@ -22,7 +22,7 @@ struct Register;
     template <>                                                                                    \
     struct Register<lanes> {                                                                       \
         typedef double Vector __attribute__((vector_size((lanes)*8)));                             \
-        typedef int64_t Bits __attribute__((vector_size((lanes)*8)));                              \
+        typedef uint64_t Bits __attribute__((vector_size((lanes)*8)));                             \
     };
 MK_REGISTER(2)
 MK_REGISTER(4)
@@ -60,9 +60,9 @@ inline typename Pack<W>::Bits bits_of(Pack<W> x)
     memcpy(&b, &x.v, sizeof b);
     return b;
 }
-inline int64_t bits_of(double x)
+inline uint64_t bits_of(double x)
 {
-    int64_t b;
+    uint64_t b;
     memcpy(&b, &x, sizeof b);
     return b;
 }
@@ -73,7 +73,7 @@ inline Pack<W> from_bits(typename Pack<W>::Bits b, Pack<W>)
     memcpy(&v, &b, sizeof v);
     return Pack<W>(v);
 }
-inline double from_bits(int64_t b, double)
+inline double from_bits(uint64_t b, double)
 {
     double x;
     memcpy(&x, &b, sizeof x);
@@ -85,7 +85,7 @@ inline Pack<W> select(typename Pack<W>::Bits mask, Pack<W> a, Pack<W> b)
 {
     return from_bits((mask & bits_of(a)) | (~mask & bits_of(b)), a);
 }
-inline double select(int64_t mask, double a, double b)
+inline double select(uint64_t mask, double a, double b)
 {
     return mask ? a : b;
 }
@@ -98,7 +98,7 @@ inline Pack<W> if_positive(const Pack<W> &x, const Pack<W> &a, const Pack<W> &b)
 template <int W>
 inline Pack<W> fabs(const Pack<W> &x)
 {
-    return from_bits(bits_of(x) & INT64_MAX, x);
+    return from_bits(bits_of(x) & (UINT64_MAX >> 1), x);
 }
 template <int W>
 inline Pack<W> sqrt(const Pack<W> &x)

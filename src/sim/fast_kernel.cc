@@ -148,12 +148,10 @@ enum mk_status run_group(const Group<S> &g, mk_batch *batch, mk_error *err)
 template <class S>
 enum mk_status run_lanes(mk_batch *batch, int first, int used, int lanes, mk_error *err)
 {
-    int joints = mk_plant(batch->model[0].plant)->joints;
-    Group<S> g = {batch, first, used, lanes, 2 * joints};
+    Group<S> g = {batch, first, used, lanes, mk_model_state_count(&batch->model[0])};
     return with_plant(batch->model[0].plant, [&](auto law) {
         using Law = decltype(law);
-        return joints == 1 ? run_group<Law, S, 2>(g, batch, err)
-                           : run_group<Law, S, 4>(g, batch, err);
+        return run_group<Law, S, 2 * Law::joints>(g, batch, err);
     });
 }
 
