@@ -168,6 +168,36 @@ latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECOND
 $(B)/latency: $(B)/tools/latency.o $(LIB)
 	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
+.PHONY: demo
+demo: ## run every setup on the virtual board, with logs and plots in build/demo
+	@tools/deps.sh
+	@echo "building (first time: about a minute) ..."
+	@mkdir -p $(BUILD)
+	@$(MAKE) --no-print-directory all >$(BUILD)/demo-build.log 2>&1 || \
+		{ cat $(BUILD)/demo-build.log; exit 1; }
+	@tools/demo.sh $(BUILD)
+
+.PHONY: install uninstall
+install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
+	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
+		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit/models/measured \
+		$(DESTDIR)$(DATADIR)/mechkit/scripts $(DESTDIR)$(DATADIR)/doc/mechkit
+	install -m 755 $(APP) $(DESTDIR)$(BINDIR)/mechkit
+	install -m 644 $(LIB) $(DESTDIR)$(LIBDIR)/libmechkit.a
+	install -m 644 include/mechkit/*.h $(DESTDIR)$(INCLUDEDIR)/mechkit
+	install -m 644 man/mechkit.1 $(DESTDIR)$(MANDIR)/man1/mechkit.1
+	install -m 644 models/*.ini $(DESTDIR)$(DATADIR)/mechkit/models
+	install -m 644 models/measured/*.ini $(DESTDIR)$(DATADIR)/mechkit/models/measured
+	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
+	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
+	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
+		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib|' \
+		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
+uninstall: ## remove what install put there
+	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \
+		$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit.1 \
+		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit
+
 .PHONY: bench
 bench: $(B)/libmkbench.so ## time the simulation beside SciPy's (medians and ratios of one run)
 	$(PYTHON) tools/bench/bench.py $(BUILD) $(abspath $<)

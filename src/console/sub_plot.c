@@ -148,6 +148,8 @@ static void put_panels(FILE *f, const struct options *o, const struct mk_log *lo
     fputs("set multiplot title ", f);
     quote(f, o->title ? o->title : title[0] ? title : o->log);
     fputs(" font ',14'\nset lmargin 9\n", f);
+    if (!with)
+        fputs("set key off\n", f); /* the axes say it */
     double caught = hand_over(log);
     if (!isnan(caught)) {
         fprintf(f, "set arrow 1 from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 5\n",
