@@ -78,8 +78,10 @@ TEST_CXX := $(wildcard tests/*.cpp)
 # The fast path is one source compiled once per instruction set and chosen when the program runs.
 ISA_SRC   := src/sim/fast_kernel.cc
 ARCH      := $(shell uname -m)
-ifeq ($(ARCH),x86_64)
+# Sanitizers and coverage look at one build of it: instrumented, it takes the compiler minutes.
+ifeq ($(ARCH)/$(filter release debug,$(VARIANT)),x86_64/$(VARIANT))
 ISAS      := generic avx2 avx512
+CPPFLAGS_ALL += -DMK_WIDE_KERNELS
 endif
 ISAS      ?= generic
 # Fused multiply-adds; nothing here depends on the sign of zero or on floating-point traps. Only the
@@ -139,6 +141,9 @@ $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $
 
 -include $(B)/tools/latency.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d)
 
+# demo and check build on all cores unless told how many (make -jN).
+JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
+
 # --- targets ------------------------------------------------------------------------------------
 .PHONY: deps
 deps: ## install missing packages (Debian, Ubuntu), or name them
@@ -147,11 +152,11 @@ deps: ## install missing packages (Debian, Ubuntu), or name them
 .PHONY: check check-asan check-tsan
 check: ## install what is missing, build, run the tests
 	@tools/deps.sh
-	@$(MAKE) --no-print-directory VARIANT=$(VARIANT) run-tests
+	@$(MAKE) --no-print-directory $(JOBS) VARIANT=$(VARIANT) run-tests
 check-asan: ## the tests under AddressSanitizer and UndefinedBehaviorSanitizer
-	@$(MAKE) --no-print-directory VARIANT=asan run-tests
+	@$(MAKE) --no-print-directory $(JOBS) VARIANT=asan run-tests
 check-tsan: ## the tests with threads under ThreadSanitizer
-	@$(MAKE) --no-print-directory VARIANT=tsan run-tests
+	@$(MAKE) --no-print-directory $(JOBS) VARIANT=tsan run-tests
 .PHONY: run-tests
 run-tests: tests
 	@tools/run-tests.sh $(TESTS) $(VARIANT)
@@ -173,7 +178,7 @@ demo: ## run every setup on the virtual board, with logs and plots in build/demo
 	@tools/deps.sh
 	@echo "building (first time: about a minute) ..."
 	@mkdir -p $(BUILD)
-	@$(MAKE) --no-print-directory all >$(BUILD)/demo-build.log 2>&1 || \
+	@$(MAKE) --no-print-directory $(JOBS) all >$(BUILD)/demo-build.log 2>&1 || \
 		{ cat $(BUILD)/demo-build.log; exit 1; }
 	@tools/demo.sh $(BUILD)
 

@@ -10,7 +10,7 @@ namespace isa_generic
 {
 extern const FastKernel kernel;
 }
-#ifdef __x86_64__
+#ifdef MK_WIDE_KERNELS // set by the Makefile where they are built
 namespace isa_avx2
 {
 extern const FastKernel kernel;
@@ -24,7 +24,7 @@ extern const FastKernel kernel;
 const FastKernel *fast_kernel(int index)
 {
     const FastKernel *usable[3] = {&isa_generic::kernel, nullptr, nullptr};
-#ifdef __x86_64__
+#ifdef MK_WIDE_KERNELS // set by the Makefile where they are built
     int count = 1;
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
         usable[count++] = &isa_avx2::kernel;
