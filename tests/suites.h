@@ -14,6 +14,7 @@
     X(effects)                                                                                     \
     X(fast)                                                                                        \
     X(sim)                                                                                         \
+    X(predict)                                                                                     \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \

@@ -46,6 +46,8 @@ static void rk4(const struct mk_model *m, double *x, double u, double h)
         x[i] += h / 6.0 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
 }
 
+static const enum mk_solver all_solvers[] = {MK_SOLVER_CVODE_ADAMS, MK_SOLVER_CVODE_BDF,
+                                             MK_SOLVER_ARKODE_ERK, MK_SOLVER_DOP853};
 static const enum mk_solver event_solvers[] = {MK_SOLVER_CVODE_ADAMS, MK_SOLVER_CVODE_BDF,
                                                MK_SOLVER_ARKODE_ERK};
 
@@ -56,8 +58,8 @@ START_TEST(every_solver_agrees_with_a_fine_fixed_step_integrator)
     mk_model_default(kind, &m);
     const struct mk_plant_info *plant = mk_plant(kind);
     double v[2] = {0.4, -0.3};
-    for (size_t s = 0; s < 3; s++) {
-        struct mk_sim *sim = make(&m, event_solvers[s], 1e-10);
+    for (size_t s = 0; s < 4; s++) {
+        struct mk_sim *sim = make(&m, all_solvers[s], 1e-10);
         start(sim, &m, plant->rest, v);
         double x[MK_MAX_STATES];
         mk_model_initial_state(&m, plant->rest, v, x);
@@ -69,7 +71,7 @@ START_TEST(every_solver_agrees_with_a_fine_fixed_step_integrator)
         }
         for (int i = 0; i < 2 * plant->joints; i++)
             ck_assert_msg(fabs(mk_sim_state(sim)[i] - x[i]) < 2e-6 * (1 + fabs(x[i])),
-                          "%s %s state %d: %g", plant->name, mk_solver_name(event_solvers[s]), i,
+                          "%s %s state %d: %g", plant->name, mk_solver_name(all_solvers[s]), i,
                           mk_sim_state(sim)[i] - x[i]);
         mk_sim_destroy(sim);
     }
@@ -226,6 +228,10 @@ START_TEST(nonsense_is_refused)
     m.parameter[0] = -1.0;
     ck_assert_int_eq(mk_sim_create(&m, NULL, &sim, &err), MK_ERR_RANGE);
     ck_assert_ptr_null(sim);
+    struct mk_model play = bare_wheel();
+    struct mk_sim_config smooth = {.solver = MK_SOLVER_DOP853};
+    ck_assert_int_eq(mk_model_add_effect(&play, "backlash", 1, &err), MK_OK);
+    ck_assert_int_eq(mk_sim_create(&play, &smooth, &sim, &err), MK_ERR_NOTSUP);
     ck_assert_int_eq(mk_solver_by_name("euler"), MK_SOLVER_COUNT);
     ck_assert_int_eq(mk_solver_by_name("cvode-bdf"), MK_SOLVER_CVODE_BDF);
 }

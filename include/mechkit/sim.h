@@ -25,7 +25,7 @@ enum mk_solver {
     MK_SOLVER_CVODE_ADAMS,
     MK_SOLVER_CVODE_BDF,
     MK_SOLVER_ARKODE_ERK,
-    MK_SOLVER_DOP853, /* smooth models only; MK_ERR_NOTSUP for effects with events */
+    MK_SOLVER_DOP853, /* smooth models only, else MK_ERR_NOTSUP */
     MK_SOLVER_COUNT
 };
 

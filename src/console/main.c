@@ -31,7 +31,7 @@ static const struct subcommand subcommands[] = {
      "t,q1,q2,dq1,dq2 on the log's own time base.\n"
      "\n"
      "  --window S      start again from the data every S seconds; adds a column window\n"
-     "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf\n"
+     "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf, dop853\n"
      "  --json FILE     figures per joint (rms, nrmse); \"-\": standard output\n",
      sub_simulate},
     {"design", "linearise a rig and compute feedback gains",

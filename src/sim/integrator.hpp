@@ -40,7 +40,7 @@ class Integrator
 struct SolverRow {
     enum mk_solver kind;
     const char *name;
-    bool handles_events;
+    bool any_model; // else models without states and events of effects
     // nullptr and *err on failure. The system must outlive the integrator.
     Integrator *(*create)(const System &system, mk_error *err);
 };
@@ -49,6 +49,7 @@ struct SolverRow {
 Integrator *create_cvode_adams(const System &system, mk_error *err);
 Integrator *create_cvode_bdf(const System &system, mk_error *err);
 Integrator *create_arkode_erk(const System &system, mk_error *err);
+Integrator *create_dop853(const System &system, mk_error *err);
 
 const SolverRow *solver_row(enum mk_solver kind);
 

@@ -21,6 +21,7 @@ const SolverRow rows[] = {
     {MK_SOLVER_CVODE_ADAMS, "cvode-adams", true, mk::create_cvode_adams},
     {MK_SOLVER_CVODE_BDF, "cvode-bdf", true, mk::create_cvode_bdf},
     {MK_SOLVER_ARKODE_ERK, "arkode-erk", true, mk::create_arkode_erk},
+    {MK_SOLVER_DOP853, "dop853", false, mk::create_dop853},
 };
 
 struct Edge {
@@ -85,8 +86,9 @@ enum mk_status mk_sim_create(const mk_model *model, const mk_sim_config *config,
     const SolverRow *row = mk::solver_row(config ? config->solver : MK_SOLVER_DEFAULT);
     if (!row)
         return mk_error_set(err, MK_ERR_INVALID, "unknown solver");
-    if (mk_model_event_count(model) > 0 && !row->handles_events)
-        return mk_error_set(err, MK_ERR_NOTSUP, "solver %s cannot follow effects that switch",
+    if (!row->any_model && !mk_model_is_smooth(model))
+        return mk_error_set(err, MK_ERR_NOTSUP,
+                            "solver %s is for models without contact and states of effects",
                             row->name);
     mk_sim *sim = new (std::nothrow) mk_sim();
     if (!sim)

@@ -1,0 +1,227 @@
+/* Prediction of logs: columns under their names, start states, windows, figures; measured logs of
+ * real rigs when they are there. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "mechkit/sim.h"
+#include "support/files.h"
+
+/* A log of the model itself, sampled at 500 Hz and rounded to counts (0: exact). */
+static struct mk_log *record(const struct mk_model *m, double count, double seconds)
+{
+    struct mk_log *log;
+    struct mk_sim *sim;
+    size_t rows = (size_t)(seconds * 500) + 1;
+    ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+    double *t = mk_log_add_column(log, "t"), *q[2], *u = mk_log_add_column(log, "u");
+    q[0] = mk_log_add_column(log, "q1");
+    q[1] = mk_log_add_column(log, "q2");
+    double v[2] = {0.5, -0.3}, x[MK_MAX_STATES], y[2];
+    ck_assert_int_eq(mk_sim_create(m, NULL, &sim, NULL), MK_OK);
+    mk_model_initial_state(m, mk_plant(m->plant)->rest, v, x);
+    ck_assert_int_eq(mk_sim_reset(sim, 0, x, NULL), MK_OK);
+    for (size_t k = 0; k < rows; k++) {
+        double command[2] = {1.5 * sin(6 * 0.002 * (double)k), 0};
+        mk_sim_measure(sim, y);
+        t[k] = 0.002 * (double)k;
+        u[k] = command[0];
+        for (int j = 0; j < 2; j++)
+            q[j][k] = count > 0 ? round(y[j] / count) * count : y[j];
+        ck_assert_int_eq(mk_sim_advance(sim, 0.002 * (double)(k + 1), command, NULL), MK_OK);
+    }
+    mk_sim_destroy(sim);
+    return log;
+}
+
+static struct mk_log *predict(const struct mk_model *m, const struct mk_log *log, double window,
+                              struct mk_predict_figures *f)
+{
+    struct mk_log *out;
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_predict_options o = {.window_s = window};
+    size_t failed;
+    ck_assert_msg(mk_predict(m, log, &o, &out, f, &failed, &err) == MK_OK, "%s", err.message);
+    ck_assert_uint_eq(failed, 0);
+    return out;
+}
+
+START_TEST(a_model_predicts_its_own_log)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 0, 5), *out = predict(&m, log, 0, &f);
+    /* The start state comes from the readings: good to a part of a count. */
+    ck_assert_double_lt(f.nrmse[0], 4e-3);
+    ck_assert_double_lt(f.nrmse[1], 4e-2);
+    ck_assert_uint_eq(out->rows, log->rows);
+    ck_assert_ptr_null(mk_log_get(out, "window"));
+    mk_log_free(out);
+    mk_log_free(log);
+    /* Through an encoder: the start state is as good as the counts allow. */
+    log = record(&m, 2 * M_PI / 4000, 5);
+    out = predict(&m, log, 1.0, &f);
+    ck_assert_double_lt(f.rms[0], 0.01);
+    ck_assert_double_lt(f.rms[1], 0.02);
+    ck_assert_uint_eq(f.windows, 6); /* the last row opens one */
+    const double *w = mk_log_get(out, "window");
+    ck_assert(w[0] == 0 && w[499] == 0 && w[500] == 1 && w[2499] == 4);
+    mk_log_free(out);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_wrong_model_shows_in_the_figures)
+{
+    struct mk_model m, wrong;
+    struct mk_predict_figures right, off;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    wrong = m;
+    wrong.parameter[3] *= 1.2;
+    struct mk_log *log = record(&m, 2 * M_PI / 4000, 5);
+    mk_log_free(predict(&m, log, 0, &right));
+    mk_log_free(predict(&wrong, log, 0, &off));
+    ck_assert_double_gt(off.nrmse[0], 10 * right.nrmse[0]);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(dropped_rows_and_readings_do_not_stop_a_prediction)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 2 * M_PI / 4000, 4);
+    for (size_t c = 1; c < log->column_count; c++)
+        for (size_t k = 3; k < log->rows; k += 17)
+            log->columns[c].data[k] = (double)NAN;
+    mk_log_free(predict(&m, log, 1.0, &f));
+    ck_assert_double_lt(f.rms[0], 0.02);
+    ck_assert_uint_lt(f.rows, log->rows);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(offsets_and_delays_of_the_model_are_in_the_prediction)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "encoder-offset", 1, &err), MK_OK);
+    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
+    m.effect[0].value[0] = 0.1;
+    m.effect[1].value[0] = 0.0113;
+    struct mk_log *log = record(&m, 0, 3);
+    mk_log_free(predict(&m, log, 0, &f));
+    ck_assert_double_lt(f.nrmse[0], 4e-3);
+    mk_log_free(log);
+}
+END_TEST
+
+static enum mk_status map(const char *text, enum mk_plant_kind kind, struct mk_record *rec,
+                          struct mk_log **log, struct mk_error *err)
+{
+    struct mk_model m;
+    mk_model_default(kind, &m);
+    ck_assert_int_eq(mk_log_read(scratch_text("map.csv", text), log, err), MK_OK);
+    return mk_record_from_log(*log, &m, rec, err);
+}
+
+START_TEST(commands_are_found_under_their_names)
+{
+    struct mk_record rec;
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(map("t,q1,q2,u\n0,0,0,7\n", MK_PLANT_PENDUBOT, &rec, &log, &err), MK_OK);
+    ck_assert(rec.u[0][0] == 7 && !rec.u[1] && !rec.si);
+    mk_log_free(log);
+    ck_assert_int_eq(map("t,q1,q2,tau1,tau2\n0,0,0,7,8\n", MK_PLANT_PENDUBOT, &rec, &log, &err),
+                     MK_OK);
+    ck_assert(rec.u[0][0] == 7 && rec.u[1][0] == 8 && rec.si && rec.u_to_torque == 1.0);
+    mk_log_free(log);
+    ck_assert_int_eq(map("t,q1,tau1\n0,0,7\n", MK_PLANT_PENDULUM, &rec, &log, &err), MK_OK);
+    ck_assert(rec.u[0][0] == 7 && rec.si);
+    mk_log_free(log);
+    ck_assert_int_eq(map("t,q1,q2\n0,0,0\n", MK_PLANT_PENDUBOT, &rec, &log, &err), MK_ERR_PARSE);
+    mk_log_free(log);
+    ck_assert_int_eq(map("t,q1,u\n0,0,0\n", MK_PLANT_PENDUBOT, &rec, &log, &err), MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "q2"));
+    mk_log_free(log);
+    ck_assert_int_eq(
+        map("# rig: furuta\nt,q1,q2,u\n0,0,0,0\n", MK_PLANT_PENDUBOT, &rec, &log, &err),
+        MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "furuta"));
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(logs_too_short_to_predict_are_refused)
+{
+    struct mk_model m;
+    struct mk_log *log, *out;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(mk_log_read(scratch_text("s.csv", "t,q1,u\n0,0,0\n"), &log, &err), MK_OK);
+    ck_assert_int_ne(mk_predict(&m, log, NULL, &out, NULL, NULL, &err), MK_OK);
+    ck_assert_ptr_null(out);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Folder of measured logs beside the sources, if there is one. */
+static bool measured(const char *name, char *path, size_t size)
+{
+    snprintf(path, size, MK_SOURCE_DIR "/../shared/data/%s", name);
+    if (access(path, R_OK) == 0)
+        return true;
+    fprintf(stderr, "skipped: no measured log %s\n", name);
+    return false;
+}
+
+START_TEST(models_of_real_rigs_follow_their_logs)
+{
+    static const struct {
+        const char *model, *log;
+        double window, nrmse;
+    } cases[] = {
+        {"double-pendulum-dfki-c1.ini", "pendubot-dfki-c1-sysid/run_143601.csv", 0.2, 0.06},
+        {"pendulum-dfki.ini", "single-pendulum-dfki/ddp.csv", 0.2, 0.02},
+        {"furuta-qube-servo1.ini", "furuta-qube-servo1/ep_163955.csv", 0.1, 0.6},
+    };
+    char path[512], model[512];
+    if (!measured(cases[_i].log, path, sizeof path))
+        return;
+    struct mk_model m;
+    struct mk_log *log;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    snprintf(model, sizeof model, MK_SOURCE_DIR "/models/measured/%s", cases[_i].model);
+    ck_assert_msg(mk_model_read(model, &m, &err) == MK_OK, "%s", err.message);
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    mk_log_free(predict(&m, log, cases[_i].window, &f));
+    ck_assert_msg(f.nrmse[0] < cases[_i].nrmse, "%s: %g", cases[_i].log, f.nrmse[0]);
+    mk_log_free(log);
+}
+END_TEST
+
+Suite *suite_predict(void)
+{
+    Suite *s = suite_create("predict");
+    TCase *t = tcase_create("logs");
+    tcase_set_timeout(t, 20);
+    tcase_add_test(t, a_model_predicts_its_own_log);
+    tcase_add_test(t, a_wrong_model_shows_in_the_figures);
+    tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
+    tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
+    tcase_add_test(t, commands_are_found_under_their_names);
+    tcase_add_test(t, logs_too_short_to_predict_are_refused);
+    tcase_add_loop_test(t, models_of_real_rigs_follow_their_logs, 0, 3);
+    suite_add_tcase(s, t);
+    return s;
+}
