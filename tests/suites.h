@@ -15,6 +15,8 @@
     X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(predict)                                                                                     \
+    X(model_file)                                                                                  \
+    X(console)                                                                                     \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \

@@ -23,7 +23,7 @@ static void clean_up(void)
 
 const char *scratch(const char *name)
 {
-    static char paths[8][256];
+    static char paths[64][256];
     static int turn;
     if (owner != getpid()) {
         snprintf(directory, sizeof directory, "/tmp/mechkit-test-XXXXXX");
@@ -32,7 +32,7 @@ const char *scratch(const char *name)
         owner = getpid();
         atexit(clean_up);
     }
-    char *path = paths[turn++ % 8];
+    char *path = paths[turn++ % 64];
     snprintf(path, sizeof paths[0], "%s/%s", directory, name);
     return path;
 }

@@ -2,7 +2,7 @@
 #ifndef MECHKIT_TESTS_SUPPORT_FILES_H
 #define MECHKIT_TESTS_SUPPORT_FILES_H
 
-/* Path of `name` in this process's scratch directory (made on first use). Static storage of eight
+/* Path of `name` in this process's scratch directory (made on first use). Static storage of 64
  * paths in turn. */
 const char *scratch(const char *name);
 

@@ -1,0 +1,378 @@
+/* Conditions, command files, and the program as a user meets it: exit codes, messages, files. */
+#include "suites.h"
+
+#include <fcntl.h>
+#include <math.h>
+#include <signal.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "console/cmd.h"
+#include "console/cmdfile.h"
+#include "console/condition.h"
+#include "mechkit/json.h"
+#include "mechkit/log.h"
+#include "support/files.h"
+
+/* --- conditions ---------------------------------------------------------------------------------
+ */
+
+START_TEST(conditions_mean_what_they_say)
+{
+    struct mk_loop_snapshot s;
+    memset(&s, 0, sizeof s);
+    s.state = MK_LOOP_RUNNING;
+    s.sample.t = 5, s.sample.q[0] = -1.5, s.sample.q[1] = 0.25, s.sample.v[0] = 49.5;
+    s.sample.u = -2, s.sample.ref = 50;
+    s.balanced_since = 4.0, s.caught_t = 1.5;
+    const char *yes[] = {"running",
+                         "balanced",
+                         "no-fault",
+                         "q1 < -1",
+                         "|q1| >= 1.5",
+                         "u == -2",
+                         "q2 != 0",
+                         "|q1 - q2| > 1.7",
+                         "dq1 within 2% of 50",
+                         "dq1 within 1 of ref",
+                         "running and q2 > 0.2 and caught < 2",
+                         "t > 4.9",
+                         "-q1 > 1",
+                         "q1 + q2 < 0"};
+    const char *no[] = {"idle",
+                        "faulted",
+                        "unplugged",
+                        "q1 > 0",
+                        "dq1 within 0.5% of 50",
+                        "running and idle",
+                        "overruns > 0"};
+    for (size_t i = 0; i < sizeof yes / sizeof yes[0]; i++) {
+        ck_assert_int_eq(condition_check(yes[i], NULL), MK_OK);
+        ck_assert_msg(condition_holds(yes[i], &s), "%s", yes[i]);
+    }
+    for (size_t i = 0; i < sizeof no / sizeof no[0]; i++) {
+        ck_assert_int_eq(condition_check(no[i], NULL), MK_OK);
+        ck_assert_msg(!condition_holds(no[i], &s), "%s", no[i]);
+    }
+    s.sample.ref = s.balanced_since = (double)NAN;
+    ck_assert(!condition_holds("balanced", &s) && !condition_holds("ref < 1", &s) &&
+              !condition_holds("ref >= 1", &s));
+    s.fault = MK_FAULT_JUMP;
+    ck_assert(condition_holds("encoder-jump", &s) && condition_holds("faulted", &s));
+}
+END_TEST
+
+START_TEST(bad_conditions_are_refused_at_their_character)
+{
+    const char *bad[] = {"",        "q3 < 1",         "q1",           "q1 <",  "q1 < 1 or q2",
+                         "|q1 < 1", "q1 within 2 50", "balanced and", "1 = 1", "q1 << 1",
+                         "((((",    "q1 < 1 2"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct mk_error err = MK_ERROR_INIT;
+        ck_assert_msg(condition_check(bad[i], &err) == MK_ERR_PARSE, "%s", bad[i]);
+        ck_assert_int_gt(err.column, 0);
+    }
+    static const char alphabet[] = "q12du <>=|+-.%andwithof0 9e";
+    struct mk_loop_snapshot s;
+    memset(&s, 0, sizeof s);
+    srand(6);
+    for (int i = 0; i < 20000; i++) {
+        char text[40];
+        int n = rand() % 30;
+        for (int k = 0; k < n; k++)
+            text[k] = alphabet[(size_t)rand() % (sizeof alphabet - 1)];
+        text[n] = 0;
+        (void)condition_holds(text, &s);
+    }
+}
+END_TEST
+
+/* --- command files ------------------------------------------------------------------------------
+ */
+
+struct complaints {
+    int count, line[16];
+    char first[600];
+};
+
+static void collect(void *user, const struct mk_error *err)
+{
+    struct complaints *c = user;
+    if (c->count == 0)
+        snprintf(c->first, sizeof c->first, "%s", err->message);
+    if (c->count < 16)
+        c->line[c->count] = err->line;
+    c->count++;
+}
+
+static struct cmdfile *parse(const char *text, struct complaints *c)
+{
+    struct cmdfile *file;
+    memset(c, 0, sizeof *c);
+    enum mk_status st = cmdfile_read(scratch_text("s.cmd", text), collect, c, &file, NULL);
+    ck_assert_int_eq(st == MK_OK, c->count == 0);
+    return file;
+}
+
+START_TEST(a_good_file_is_understood)
+{
+    struct complaints c;
+    struct cmdfile *file =
+        parse("# comment\n\n  setup pi-speed   # trailing\necho it's # not shown\n"
+              "repeat 3\n repeat 2\nwait 0.1\nend\nend\nsave \"a name.csv\"\n",
+              &c);
+    ck_assert_msg(c.count == 0, "%s", c.first);
+    ck_assert_uint_eq(cmdfile_command_count(file), 4);
+    cmdfile_free(file);
+}
+END_TEST
+
+START_TEST(every_mistake_is_reported_with_its_line)
+{
+    struct complaints c;
+    parse("setup nowhere\nfly\nwait\nwait -1\ngains one\nrepeat 0\nend\nexpect q9 > 1\nsave 'x\n"
+          "input 1+\nwait 1 2\n",
+          &c);
+    int want[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
+    ck_assert_int_eq(c.count, 11);
+    for (int i = 0; i < 11; i++)
+        ck_assert_int_eq(c.line[i], want[i]);
+    parse("repeat 2\nwait 1\n", &c);
+    ck_assert_int_eq(c.count, 1);
+    ck_assert_int_eq(c.line[0], 1);
+    parse("source nothing.cmd\n", &c);
+    ck_assert_int_eq(c.count, 1);
+    parse("source s.cmd\n", &c); /* itself */
+    ck_assert_ptr_nonnull(strstr(c.first, "too deeply"));
+}
+END_TEST
+
+/* --- the program --------------------------------------------------------------------------------
+ */
+
+struct outcome {
+    int code;
+    char out[8192], err[8192];
+};
+
+static void drain(int fd, char *text, size_t size)
+{
+    size_t used = 0;
+    ssize_t n;
+    while ((n = read(fd, text + used, size - used - 1)) > 0)
+        used += (size_t)n;
+    text[used] = '\0';
+    close(fd);
+}
+
+static pid_t spawn(const char *const *argv, const char *out, const char *err)
+{
+    pid_t child = fork();
+    if (child == 0) {
+        dup2(open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600), 1);
+        dup2(open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600), 2);
+        execv(MK_TEST_APP, (char *const *)(uintptr_t)argv);
+        _exit(99);
+    }
+    return child;
+}
+
+static struct outcome finish(pid_t child, const char *out, const char *err)
+{
+    struct outcome o;
+    int status;
+    waitpid(child, &status, 0);
+    o.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+    drain(open(out, O_RDONLY), o.out, sizeof o.out);
+    drain(open(err, O_RDONLY), o.err, sizeof o.err);
+    return o;
+}
+
+#define MECHKIT(...) mechkit((const char *const[]){"mechkit", __VA_ARGS__, NULL})
+
+static struct outcome mechkit(const char *const *argv)
+{
+    char out[256], err[256];
+    snprintf(out, sizeof out, "%s", scratch("stdout"));
+    snprintf(err, sizeof err, "%s", scratch("stderr"));
+    return finish(spawn(argv, out, err), out, err);
+}
+
+START_TEST(help_and_version_go_to_standard_output)
+{
+    const char *subs[] = {"run", "simulate", "design", "summary", "plot", "robustness"};
+    for (size_t i = 0; i < sizeof subs / sizeof subs[0]; i++) {
+        struct outcome o = MECHKIT(subs[i], "--help");
+        ck_assert_int_eq(o.code, 0);
+        ck_assert_ptr_nonnull(strstr(o.out, "usage: mechkit"));
+        ck_assert_str_eq(o.err, "");
+    }
+    ck_assert_int_eq(MECHKIT("--help").code, 0);
+    ck_assert_ptr_nonnull(strstr(MECHKIT("--version").out, "mechkit "));
+    ck_assert_ptr_nonnull(strstr(MECHKIT("run", "--commands").out, "pendubot-mid"));
+}
+END_TEST
+
+START_TEST(wrong_usage_is_2_and_a_bad_file_3)
+{
+    const char *script = scratch_text("bad.cmd", "setup pi-speed\nfly\n");
+    const char *model = scratch_text("bad.ini", "[rig]\nkind = kite\n");
+    const char *log = scratch_text("bad.csv", "t,q1,u\n0,0,0\n0,1,2\n");
+    ck_assert_int_eq(MECHKIT("fly").code, 2);
+    ck_assert_int_eq(MECHKIT("run").code, 2);
+    ck_assert_int_eq(MECHKIT("run", "--warp", "x.cmd").code, 2);
+    ck_assert_int_eq(MECHKIT("simulate", "--model", model).code, 2);
+    struct outcome o = MECHKIT("run", script, "--fast");
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "bad.cmd:2: there is no command 'fly'"));
+    o = MECHKIT("simulate", "--model", model, "--input", log, "--json", "-");
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "bad.ini:2: kind = 'kite'"));
+    o = MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/pendulum.ini", "--input", log,
+                "--json", "-");
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "bad.csv:3:"));
+    ck_assert_int_eq(strncmp(o.err, "mechkit: ", 9), 0);
+    ck_assert_int_eq(MECHKIT("run", "/no/such.cmd").code, 3);
+}
+END_TEST
+
+START_TEST(a_failing_command_is_1_with_its_line)
+{
+    const char *script =
+        scratch_text("f.cmd", "setup pi-speed\nstart\nwait 0.5\nexpect dq1 > 1000\nhalt\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("out"));
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_ptr_nonnull(strstr(o.err, "f.cmd:4: expect: expected dq1 > 1000"));
+    const char *idle = scratch_text("i.cmd", "wait 1\n");
+    ck_assert_int_eq(MECHKIT("run", idle, "--fast").code, 1);
+}
+END_TEST
+
+START_TEST(the_same_seed_gives_byte_identical_logs)
+{
+    const char *script = scratch_text("d.cmd", "setup furuta\nstart\nwait 3\nhalt\nsave d.csv\n");
+    char a[256], b[256];
+    snprintf(a, sizeof a, "%s", scratch("a"));
+    snprintf(b, sizeof b, "%s", scratch("b"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", a).code, 0);
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", b).code, 0);
+    strcat(a, "/d.csv"), strcat(b, "/d.csv");
+    char *x = slurp_file(a), *y = slurp_file(b);
+    ck_assert(x && y && strlen(x) > 100000);
+    ck_assert_int_eq(strcmp(x, y), 0);
+    free(x);
+    free(y);
+}
+END_TEST
+
+START_TEST(saving_never_overwrites)
+{
+    const char *script = scratch_text("v.cmd", "setup pi-speed\nrepeat 3\nstart\nwait 0.1\nhalt\n"
+                                               "save v.csv\nsetup pi-speed\nend\n");
+    char out[256], path[300];
+    snprintf(out, sizeof out, "%s", scratch("v"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    const char *names[] = {"v.csv", "v-2.csv", "v-3.csv"};
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s/%s", out, names[i]);
+        ck_assert_msg(access(path, R_OK) == 0, "%s", path);
+    }
+}
+END_TEST
+
+START_TEST(simulate_writes_the_log_s_own_time_base)
+{
+    const char *script =
+        scratch_text("o.cmd", "model " MK_SOURCE_DIR "/models/pendubot.ini\n"
+                              "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 2\n"
+                              "halt\nsave o.csv\n");
+    char out[256], log[300], prediction[300], json[300];
+    snprintf(out, sizeof out, "%s", scratch("o"));
+    snprintf(log, sizeof log, "%s/o.csv", out);
+    snprintf(prediction, sizeof prediction, "%s/p.csv", out);
+    snprintf(json, sizeof json, "%s/p.json", out);
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    struct outcome o =
+        MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/pendubot.ini", "--input", log,
+                "--out", prediction, "--window", "0.5", "--json", json);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    struct mk_log *a, *b;
+    cJSON *figures;
+    ck_assert_int_eq(mk_log_read(log, &a, NULL), MK_OK);
+    ck_assert_int_eq(mk_log_read(prediction, &b, NULL), MK_OK);
+    ck_assert_uint_eq(a->rows, b->rows);
+    ck_assert_int_eq(memcmp(mk_log_get(a, "t"), mk_log_get(b, "t"), a->rows * sizeof(double)), 0);
+    const char *columns[] = {"q1", "q2", "dq1", "dq2", "window"};
+    for (int i = 0; i < 5; i++)
+        ck_assert_ptr_nonnull(mk_log_get(b, columns[i]));
+    ck_assert_int_eq(mk_json_read(json, &figures, NULL), MK_OK);
+    ck_assert_double_lt(cJSON_GetArrayItem(cJSON_GetObjectItem(figures, "nrmse"), 0)->valuedouble,
+                        0.1);
+    cJSON_Delete(figures);
+    mk_log_free(a);
+    mk_log_free(b);
+}
+END_TEST
+
+START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
+{
+    const char *script = scratch_text("t.cmd", "setup pi-speed\nstart\nwait 60\n");
+    char dir[256], out[256], err[256], log[300];
+    snprintf(dir, sizeof dir, "%s", scratch("t"));
+    snprintf(out, sizeof out, "%s", scratch("t.out"));
+    snprintf(err, sizeof err, "%s", scratch("t.err"));
+    snprintf(log, sizeof log, "%s/run-001.csv", dir);
+    const char *const argv[] = {"mechkit", "run", script, "--out", dir, NULL};
+    pid_t child = spawn(argv, out, err);
+    struct stat info = {0};
+    for (int i = 0; i < 2000 && (stat(log, &info) != 0 || info.st_size < 20000); i++)
+        usleep(10000);
+    kill(child, SIGTERM);
+    struct outcome o = finish(child, out, err);
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_ptr_nonnull(strstr(o.err, "motor is off"));
+    struct mk_log *read;
+    struct mk_error why = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(log, &read, &why) == MK_OK, "%s", why.message);
+    ck_assert(!read->truncated && read->rows > 50);
+    mk_log_free(read);
+}
+END_TEST
+
+START_TEST(the_command_files_that_ship_do_what_they_promise)
+{
+    static const char *const names[] = {"pendubot-mid", "pendubot-top", "reaction-wheel",
+                                        "furuta",       "pi-speed",     "open-loop"};
+    char path[512];
+    snprintf(path, sizeof path, MK_SOURCE_DIR "/scripts/%s.cmd", names[_i]);
+    struct outcome o = MECHKIT("run", path, "--fast", "--out", scratch("ship"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+}
+END_TEST
+
+Suite *suite_console(void)
+{
+    Suite *s = suite_create("console");
+    TCase *t = tcase_create("program");
+    tcase_set_timeout(t, 40);
+    tcase_add_test(t, conditions_mean_what_they_say);
+    tcase_add_test(t, bad_conditions_are_refused_at_their_character);
+    tcase_add_test(t, a_good_file_is_understood);
+    tcase_add_test(t, every_mistake_is_reported_with_its_line);
+    tcase_add_test(t, help_and_version_go_to_standard_output);
+    tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
+    tcase_add_test(t, a_failing_command_is_1_with_its_line);
+    tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
+    tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
+    tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
+    tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 6);
+    suite_add_tcase(s, t);
+    return s;
+}

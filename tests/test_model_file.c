@@ -1,0 +1,211 @@
+/* Model files: what is written reads back; what is wrong is named with its line. */
+#include "suites.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "mechkit/model.h"
+#include "support/files.h"
+
+#define WHEEL "[rig]\nkind = inertia-wheel\n[parameters]\np1 = 0.0045\np2 = 0.0112\np3 = 0.35\n"
+
+static struct mk_model read_text(const char *text)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_model_read(scratch_text("m.ini", text), &m, &err) == MK_OK, "%s", err.message);
+    return m;
+}
+
+static void expect_error(const char *text, enum mk_status status, int line, const char *says)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    enum mk_status st = mk_model_read(scratch_text("bad.ini", text), &m, &err);
+    ck_assert_msg(st == status, "'%s' gave %s: %s", text, mk_status_name(st), err.message);
+    ck_assert_msg(err.line == line, "'%s': line %d: %s", text, err.line, err.message);
+    ck_assert_msg(strstr(err.message, says) != NULL, "%s", err.message);
+}
+
+START_TEST(a_model_that_is_written_reads_back_equal)
+{
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    m.parameter[0] = 1.0 / 3.0 * 0.2;
+    m.parameter_stderr[2] = 1e-5 / 3.0;
+    m.g = 9.80;
+    m.encoder_cpr[1] = 5000;
+    const char *names[] = {"viscous", "backlash", "viscous", "input-delay"};
+    int joints[] = {1, 2, 2, 0};
+    for (int i = 0; i < 4; i++)
+        ck_assert_int_eq(mk_model_add_effect(&m, names[i], joints[i], &err), MK_OK);
+    m.effect[2].value[0] = 0.1 / 7.0;
+    const char *path = scratch("w.ini");
+    ck_assert_int_eq(mk_model_write(path, &m, "two lines\nof comment", &err), MK_OK);
+    ck_assert_msg(mk_model_read(path, &back, &err) == MK_OK, "%s", err.message);
+    ck_assert_int_eq(memcmp(m.parameter, back.parameter, sizeof m.parameter), 0);
+    ck_assert(back.parameter_stderr[2] == m.parameter_stderr[2] && back.g == 9.80);
+    ck_assert_int_eq(back.encoder_cpr[1], 5000);
+    ck_assert_int_eq(back.effect_count, 4);
+    for (int i = 0; i < 4; i++) {
+        bool found = false;
+        for (int k = 0; k < 4; k++)
+            found = found || (back.effect[k].index == m.effect[i].index &&
+                              back.effect[k].joint == m.effect[i].joint &&
+                              memcmp(back.effect[k].value, m.effect[i].value,
+                                     sizeof m.effect[i].value) == 0);
+        ck_assert(found);
+    }
+}
+END_TEST
+
+START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
+{
+    struct mk_model m =
+        read_text("\xef\xbb\xbf# head\r\n; too\r\n[rig]\r\n  kind = pendulum  # which\r\n"
+                  "\tg=9.8 ; there\r\nencoder_cpr = 2048\r\n\r\n[parameters]\r\n"
+                  "p1 = 1e-2\np2=3\np3 = 0\np4 = .5");
+    ck_assert_int_eq(m.plant, MK_PLANT_PENDULUM);
+    ck_assert(m.g == 9.8 && m.parameter[0] == 0.01 && m.parameter[3] == 0.5);
+    ck_assert_int_eq(m.encoder_cpr[0], 2048);
+    ck_assert(m.u_max == 10 && m.u_to_torque == 0.00494 && m.rtol == 1e-8);
+}
+END_TEST
+
+START_TEST(sections_may_come_in_any_order)
+{
+    struct mk_model m =
+        read_text("[effect.coulomb]\nlevel = 0.1\njoint = 1\n[parameters]\np3 = 0.35\n"
+                  "p1 = 0.0045\np2 = 0.0112\n[rig]\nkind = inertia-wheel\n");
+    ck_assert_int_eq(m.effect_count, 1);
+    ck_assert_double_eq(m.effect[0].value[0], 0.1);
+}
+END_TEST
+
+START_TEST(bad_models_are_refused_with_their_line)
+{
+    expect_error("", MK_ERR_PARSE, 0, "kind is missing");
+    expect_error("[rig]\nkind = acrobot\n", MK_ERR_PARSE, 2, "pendubot");
+    expect_error("[rig]\nkind = pendulum\n[parameters]\np1 = 1\n", MK_ERR_PARSE, 0,
+                 "p2 is missing");
+    expect_error(WHEEL "p4 = 1\n", MK_ERR_PARSE, 7, "unknown key 'p4'");
+    expect_error(WHEEL "[rig]\ncolour = red\n", MK_ERR_PARSE, 8, "unknown key 'colour'");
+    expect_error(WHEEL "[wheels]\nn = 1\n", MK_ERR_PARSE, 8, "unknown section [wheels]");
+    expect_error(WHEEL "p1 = 2\n", MK_ERR_PARSE, 7, "twice");
+    expect_error(WHEEL "[effect.warp]\nx = 1\n", MK_ERR_PARSE, 8, "no effect 'warp'");
+    expect_error(WHEEL "[effect.viscous]\njoint = 1\n", MK_ERR_PARSE, 8, "coefficient is missing");
+    expect_error(WHEEL "[effect.viscous]\njoint = 3\ncoefficient = 1\n", MK_ERR_PARSE, 8, "joint");
+    expect_error(WHEEL "[effect.viscous]\njoint = 1\ncoefficient = 1\nspeed = 2\n", MK_ERR_PARSE,
+                 10, "unknown key 'speed'");
+    expect_error(WHEEL "[effect.viscous]\njoint = 1\ncoefficient = -1\n", MK_ERR_RANGE, 9,
+                 "at least");
+    expect_error(WHEEL "[effect.input-delay]\ndelay = 3\n", MK_ERR_RANGE, 8, "between");
+    expect_error("[rig]\nkind = inertia-wheel\n[parameters]\np1 = -1\np2 = 0\np3 = 0\n",
+                 MK_ERR_RANGE, 4, "at least");
+    expect_error("[rig]\nkind = inertia-wheel\n[parameters]\np1 = heavy\np2 = 0\np3 = 0\n",
+                 MK_ERR_PARSE, 4, "a finite number");
+    expect_error("[rig]\nkind = inertia-wheel\n[parameters]\np1 = inf\np2 = 0\np3 = 0\n",
+                 MK_ERR_PARSE, 4, "a finite number");
+    expect_error("[rig]\nkind = inertia-wheel\ng = 0\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
+                 MK_ERR_RANGE, 3, "positive");
+    expect_error(
+        "[rig]\nkind = inertia-wheel\nencoder_cpr = 0\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
+        MK_ERR_RANGE, 3, "counts");
+    expect_error("[rig]\nkind = inertia-wheel\nencoder_cpr = 4000 x\n[parameters]\np1 = 1\np2 = 0\n"
+                 "p3 = 0\n",
+                 MK_ERR_PARSE, 3, "whole number");
+    expect_error("[rig]\nkind = pendubot\n[parameters]\np1=1\np2=1\np3=2\np4=1\np5=1\np6=0\np7=0\n",
+                 MK_ERR_RANGE, 0, "p1 p2 must be larger");
+    expect_error(WHEEL "nonsense\n", MK_ERR_PARSE, 7, "key = value");
+    expect_error(WHEEL "[effect.viscous.x]\njoint = 1\n", MK_ERR_PARSE, 8, "unknown section");
+}
+END_TEST
+
+START_TEST(random_text_does_no_harm)
+{
+    static const char *const pieces[] = {"[rig]\n",
+                                         "kind = pendubot\n",
+                                         "[effect.",
+                                         "backlash]\n",
+                                         "p1 = ",
+                                         "1e400\n",
+                                         "=",
+                                         "\n",
+                                         "[",
+                                         "]",
+                                         "\x01",
+                                         "joint = 2",
+                                         "[parameters]",
+                                         "encoder_cpr = -1\n",
+                                         "#",
+                                         ";",
+                                         " "};
+    srand(4);
+    for (int i = 0; i < 3000; i++) {
+        char text[1200] = "";
+        struct mk_model m;
+        for (int k = rand() % 40; k > 0; k--)
+            strcat(text, pieces[(size_t)rand() % (sizeof pieces / sizeof pieces[0])]);
+        (void)!mk_model_read(scratch_text("fuzz.ini", text), &m, NULL);
+    }
+    char longer[3000];
+    memset(longer, 'a', sizeof longer - 1);
+    longer[sizeof longer - 1] = '\0';
+    expect_error(longer, MK_ERR_PARSE, 1, "too long");
+}
+END_TEST
+
+START_TEST(a_full_disk_keeps_the_old_model)
+{
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch_text("old.ini", WHEEL);
+    struct rlimit limit;
+    signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &limit);
+    limit.rlim_cur = 40;
+    setrlimit(RLIMIT_FSIZE, &limit);
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_model_write(path, &m, NULL, &err), MK_ERR_NOSPACE);
+    ck_assert_int_eq(mk_model_read(path, &back, &err), MK_OK);
+    ck_assert_int_eq(back.plant, MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_model_read(scratch("none.ini"), &back, &err), MK_ERR_NOTFOUND);
+    ck_assert_int_eq(mk_model_write("/no/such/place.ini", &m, NULL, &err), MK_ERR_NOTFOUND);
+}
+END_TEST
+
+START_TEST(the_models_that_ship_are_the_defaults)
+{
+    for (int kind = 0; kind < MK_PLANT_COUNT; kind++) {
+        char path[512];
+        struct mk_model m, want;
+        struct mk_error err = MK_ERROR_INIT;
+        snprintf(path, sizeof path, MK_SOURCE_DIR "/models/%s.ini",
+                 mk_plant((enum mk_plant_kind)kind)->name);
+        ck_assert_msg(mk_model_read(path, &m, &err) == MK_OK, "%s", err.message);
+        mk_model_default((enum mk_plant_kind)kind, &want);
+        ck_assert_int_eq(memcmp(m.parameter, want.parameter, sizeof m.parameter), 0);
+    }
+}
+END_TEST
+
+Suite *suite_model_file(void)
+{
+    Suite *s = suite_create("model_file");
+    TCase *t = tcase_create("files");
+    tcase_set_timeout(t, 20);
+    tcase_add_test(t, a_model_that_is_written_reads_back_equal);
+    tcase_add_test(t, comments_blanks_and_line_ends_of_all_kinds_are_understood);
+    tcase_add_test(t, sections_may_come_in_any_order);
+    tcase_add_test(t, bad_models_are_refused_with_their_line);
+    tcase_add_test(t, random_text_does_no_harm);
+    tcase_add_test(t, a_full_disk_keeps_the_old_model);
+    tcase_add_test(t, the_models_that_ship_are_the_defaults);
+    suite_add_tcase(s, t);
+    return s;
+}
