@@ -216,6 +216,10 @@ format: ## format all sources
 format-check: ## fail when a source is not formatted
 	$(CLANG_FORMAT) --dry-run -Werror $(FORMAT_FILES)
 
+.PHONY: floors
+floors: ## fail when a folder includes one it must not know
+	@tools/floors.sh
+
 .PHONY: tidy
 tidy: ## clang-tidy over all sources
 	$(CLANG_TIDY) --quiet $(LIB_C) $(APP_C) -- -std=c11 $(CPPFLAGS_ALL)
