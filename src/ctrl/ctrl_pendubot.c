@@ -6,7 +6,7 @@
  *
  * Swing-up, by `method`:
  *  0  energy of link 2 (link_pump.h), the default: it sees what link 2 does, tries again by itself,
- *     and catches 98 % of rigs whose parameters are 10 % off.
+ *     and catches 98 % or more of rigs whose parameters are 10 % off.
  *  1  the report's: partial feedback linearisation tracks a path of link 1. mid: one period of
  *     a sin(w t) - pi/2, then -pi/2 (2.18, errata 2.10); top: `back` open loop in the wrong
  *     direction for `back_time`, then a step to pi/2. Nothing feeds back link 2, so a path that
