@@ -99,8 +99,7 @@ START_TEST(the_driven_link_keeps_within_one_and_a_half_turns)
 }
 END_TEST
 
-/* --- gains ---------------------------------------------------------------------------------------
- */
+/* --- gains ------------------------------------------------------------------------------- */
 
 static const struct {
     const char *setup, *source;

@@ -87,8 +87,7 @@ START_TEST(the_locale_does_not_matter)
 }
 END_TEST
 
-/* --- ring ---------------------------------------------------------------------------------------
- */
+/* --- ring -------------------------------------------------------------------------------- */
 
 START_TEST(a_ring_gives_back_in_order_and_says_when_full_or_empty)
 {
@@ -144,8 +143,7 @@ START_TEST(nothing_is_lost_or_torn_between_two_threads)
 }
 END_TEST
 
-/* --- clocks -------------------------------------------------------------------------------------
- */
+/* --- clocks ------------------------------------------------------------------------------ */
 
 START_TEST(simulated_time_jumps_and_never_runs_back)
 {
@@ -170,8 +168,7 @@ START_TEST(the_monotonic_clock_sleeps_until_its_deadline)
 }
 END_TEST
 
-/* --- JSON ---------------------------------------------------------------------------------------
- */
+/* --- JSON -------------------------------------------------------------------------------- */
 
 START_TEST(json_keeps_numbers_exact_and_writes_null_for_nan)
 {

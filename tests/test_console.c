@@ -19,8 +19,7 @@
 #include "mechkit/log.h"
 #include "support/files.h"
 
-/* --- conditions ---------------------------------------------------------------------------------
- */
+/* --- conditions -------------------------------------------------------------------------- */
 
 START_TEST(conditions_mean_what_they_say)
 {
@@ -92,8 +91,7 @@ START_TEST(bad_conditions_are_refused_at_their_character)
 }
 END_TEST
 
-/* --- command files ------------------------------------------------------------------------------
- */
+/* --- command files ----------------------------------------------------------------------- */
 
 struct complaints {
     int count, line[16];
@@ -152,8 +150,7 @@ START_TEST(every_mistake_is_reported_with_its_line)
 }
 END_TEST
 
-/* --- the program --------------------------------------------------------------------------------
- */
+/* --- the program ------------------------------------------------------------------------- */
 
 struct outcome {
     int code;

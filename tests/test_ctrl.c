@@ -113,8 +113,7 @@ START_TEST(gains_are_designed_for_the_believed_model_also_in_si_units)
 }
 END_TEST
 
-/* --- open loop ---------------------------------------------------------------------------------
- */
+/* --- open loop --------------------------------------------------------------------------- */
 
 static struct mk_signal *signal_of(const char *text)
 {
@@ -155,8 +154,7 @@ START_TEST(open_loop_without_a_number_drives_nothing)
 }
 END_TEST
 
-/* --- speed control -----------------------------------------------------------------------------
- */
+/* --- speed control ----------------------------------------------------------------------- */
 
 START_TEST(pi_speed_follows_a_step_within_two_percent)
 {
@@ -237,8 +235,7 @@ START_TEST(pi_speed_without_a_signal_holds_its_parameter)
 }
 END_TEST
 
-/* --- every step ---------------------------------------------------------------------------------
- */
+/* --- every step -------------------------------------------------------------------------- */
 
 /* Feeds a spoilt input once and checks that the command is a number. */
 static void spoil(struct closed *c, int what)

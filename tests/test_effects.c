@@ -123,8 +123,7 @@ START_TEST(input_delay_is_for_the_simulation)
 }
 END_TEST
 
-/* --- play ---------------------------------------------------------------------------------------
- */
+/* --- play -------------------------------------------------------------------------------- */
 
 START_TEST(backlash_passes_nothing_inside_the_gap_and_a_spring_beyond)
 {
@@ -182,8 +181,7 @@ START_TEST(reaction_wheel_backlash_keeps_angular_momentum)
 }
 END_TEST
 
-/* --- derivatives --------------------------------------------------------------------------------
- */
+/* --- derivatives ------------------------------------------------------------------------- */
 
 static double *parameter_at(struct mk_model *m, int k)
 {

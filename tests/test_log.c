@@ -195,8 +195,7 @@ START_TEST(a_full_disk_keeps_the_old_file)
 }
 END_TEST
 
-/* --- row by row ---------------------------------------------------------------------------------
- */
+/* --- row by row -------------------------------------------------------------------------- */
 
 static struct mk_log_writer *open_writer(const char *path)
 {

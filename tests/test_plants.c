@@ -15,8 +15,7 @@ static double uniform(double low, double high)
     return low + (high - low) * (rand() / (double)RAND_MAX);
 }
 
-/* --- bodies -------------------------------------------------------------------------------------
- */
+/* --- bodies ------------------------------------------------------------------------------ */
 
 /* A rod of mass m from s0 to s1 along its axis, as points whose first three moments are exact. */
 #define POINTS 3
@@ -266,8 +265,7 @@ START_TEST(acceleration_inverts_inverse_dynamics)
 }
 END_TEST
 
-/* --- the report's print -------------------------------------------------------------------------
- */
+/* --- the report's print ------------------------------------------------------------------ */
 
 START_TEST(pendubot_regressor_is_that_of_the_corrected_report)
 {

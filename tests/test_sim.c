@@ -122,8 +122,7 @@ START_TEST(the_energy_balance_closes_with_friction_and_drive)
 }
 END_TEST
 
-/* --- edges --------------------------------------------------------------------------------------
- */
+/* --- edges ------------------------------------------------------------------------------- */
 
 /* A frictionless wheel under steps of u: speed and angle are sums of closed forms. */
 static struct mk_model bare_wheel(void)
@@ -178,8 +177,7 @@ START_TEST(an_input_delay_shifts_every_edge)
 }
 END_TEST
 
-/* --- events -------------------------------------------------------------------------------------
- */
+/* --- events ------------------------------------------------------------------------------ */
 
 START_TEST(a_body_rattles_in_its_gap_with_the_period_of_the_closed_form)
 {
@@ -210,8 +208,7 @@ START_TEST(a_body_rattles_in_its_gap_with_the_period_of_the_closed_form)
 }
 END_TEST
 
-/* --- refusals -----------------------------------------------------------------------------------
- */
+/* --- refusals ---------------------------------------------------------------------------- */
 
 START_TEST(nonsense_is_refused)
 {

@@ -30,8 +30,7 @@ static void frictionless(struct mk_model *m)
     m->parameter[n - 1] = m->parameter[n - 2] = 0.0;
 }
 
-/* --- partial feedback linearisation -------------------------------------------------------------
- */
+/* --- partial feedback linearisation ------------------------------------------------------ */
 
 START_TEST(feedback_linearisation_gives_link_1_the_acceleration_asked_for)
 {

@@ -40,8 +40,7 @@ static enum mk_status no_memory(struct reader *r)
     return mk_error_at(r->err, MK_ERR_NOMEM, r->path, 0, 0, "out of memory");
 }
 
-/* --- lines --------------------------------------------------------------------------------------
- */
+/* --- lines ------------------------------------------------------------------------------- */
 
 static enum mk_status fill(struct reader *r)
 {
@@ -124,8 +123,7 @@ static void trim(const char **a, const char **b)
         --*b;
 }
 
-/* --- metadata and header ------------------------------------------------------------------------
- */
+/* --- metadata and header ----------------------------------------------------------------- */
 
 static enum mk_status on_comment(struct reader *r, const char *a, const char *b)
 {
@@ -184,8 +182,7 @@ static enum mk_status on_header(struct reader *r, const char *a, const char *b)
     return MK_OK;
 }
 
-/* --- rows ---------------------------------------------------------------------------------------
- */
+/* --- rows -------------------------------------------------------------------------------- */
 
 static bool is_known(const char *name)
 {
@@ -339,8 +336,7 @@ static enum mk_status on_row(struct reader *r, const char *a, const char *b)
     return MK_OK;
 }
 
-/* --- the whole file -----------------------------------------------------------------------------
- */
+/* --- the whole file ---------------------------------------------------------------------- */
 
 static enum mk_status on_line(struct reader *r, const char *a, const char *b)
 {

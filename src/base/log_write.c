@@ -147,8 +147,7 @@ static int sink_close(struct sink *s)
     return s->failed;
 }
 
-/* --- a whole log --------------------------------------------------------------------------------
- */
+/* --- a whole log ------------------------------------------------------------------------- */
 
 static void put_log(struct sink *s, const struct mk_log *log)
 {
@@ -206,8 +205,7 @@ enum mk_status mk_log_write(const char *path, const struct mk_log *log, struct m
     return why ? mk_error_errno(err, why, path, "cannot write the log") : MK_OK;
 }
 
-/* --- row by row ---------------------------------------------------------------------------------
- */
+/* --- row by row -------------------------------------------------------------------------- */
 
 struct mk_log_writer {
     struct sink sink;

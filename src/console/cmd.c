@@ -1,4 +1,4 @@
-#include "console/cmd.h"
+#include "console/cmd_priv.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -9,10 +9,9 @@
 #include "console/summary.h"
 #include "mechkit/number.h"
 
-/* --- arguments ----------------------------------------------------------------------------------
- */
+/* --- arguments --------------------------------------------------------------------------- */
 
-static enum mk_status number_arg(const char *text, double *out, struct mk_error *err)
+enum mk_status cmd_number(const char *text, double *out, struct mk_error *err)
 {
     if (mk_parse_double_z(text, out) && isfinite(*out))
         return MK_OK;
@@ -23,7 +22,7 @@ static enum mk_status check_numbers(int argc, char **argv, struct mk_error *err)
 {
     double x;
     for (int i = 0; i < argc; i++)
-        if (number_arg(argv[i], &x, err) != MK_OK)
+        if (cmd_number(argv[i], &x, err) != MK_OK)
             return MK_ERR_PARSE;
     return MK_OK;
 }
@@ -32,7 +31,7 @@ static enum mk_status check_seconds(int argc, char **argv, struct mk_error *err)
 {
     double x;
     (void)argc;
-    if (number_arg(argv[0], &x, err) != MK_OK)
+    if (cmd_number(argv[0], &x, err) != MK_OK)
         return MK_ERR_PARSE;
     return x >= 0.0 ? MK_OK
                     : mk_error_set(err, MK_ERR_PARSE, "%s: seconds are not negative", argv[0]);
@@ -105,8 +104,7 @@ static enum mk_status check_wait_until(int argc, char **argv, struct mk_error *e
     return condition_check(text, err);
 }
 
-/* --- choosing -----------------------------------------------------------------------------------
- */
+/* --- choosing ---------------------------------------------------------------------------- */
 
 static enum mk_status do_setup(struct session *s, int argc, char **argv, struct mk_error *err)
 {
@@ -140,7 +138,7 @@ static enum mk_status do_rate(struct session *s, int argc, char **argv, struct m
 {
     double rate = 0.0;
     (void)argc;
-    enum mk_status st = number_arg(argv[0], &rate, err);
+    enum mk_status st = cmd_number(argv[0], &rate, err);
     if (st == MK_OK && !(rate >= MK_LOOP_RATE_MIN_HZ && rate <= MK_LOOP_RATE_MAX_HZ))
         st = mk_error_set(err, MK_ERR_RANGE, "rate %s: must be %g .. %g Hz", argv[0],
                           MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ);
@@ -153,7 +151,7 @@ static enum mk_status do_seed(struct session *s, int argc, char **argv, struct m
 {
     double seed;
     (void)argc;
-    enum mk_status st = number_arg(argv[0], &seed, err);
+    enum mk_status st = cmd_number(argv[0], &seed, err);
     if (st == MK_OK && !(seed >= 0.0 && seed <= 9e15))
         st = mk_error_set(err, MK_ERR_RANGE, "seed %s: a whole number from 0 on", argv[0]);
     if (st == MK_OK)
@@ -183,113 +181,7 @@ static enum mk_status do_signal(struct session *s, int argc, char **argv, struct
     return session_set_signal(s, argv[0], err);
 }
 
-/* --- parameters ---------------------------------------------------------------------------------
- */
-
-static enum mk_status need_setup(const struct session *s, struct mk_error *err)
-{
-    return s->ctrl ? MK_OK : mk_error_set(err, MK_ERR_STATE, "choose a setup first");
-}
-
-/* Checks and stores one value; the caller applies. */
-static enum mk_status put_value(struct session *s, int index, const char *text, double *value,
-                                struct mk_error *err)
-{
-    double x;
-    enum mk_status st = number_arg(text, &x, err);
-    if (st == MK_OK)
-        st = mk_ctrl_check(s->setup, index, x, err);
-    if (st == MK_OK)
-        value[index] = x;
-    return st;
-}
-
-static enum mk_status apply_values(struct session *s, const double *value, struct mk_error *err)
-{
-    double before[MK_CTRL_MAX_PARAMS];
-    memcpy(before, s->value, sizeof before);
-    memcpy(s->value, value, sizeof s->value);
-    enum mk_status st = session_apply(s, err);
-    if (st != MK_OK)
-        memcpy(s->value, before, sizeof before);
-    return st;
-}
-
-static enum mk_status do_gains(struct session *s, int argc, char **argv, struct mk_error *err)
-{
-    enum mk_status st = need_setup(s, err);
-    if (st != MK_OK)
-        return st;
-    int want = mk_ctrl_gain_count(s->setup);
-    if (argc != want)
-        return mk_error_set(err, MK_ERR_USAGE, "setup %s takes %d gains, not %d", s->setup->name,
-                            want, argc);
-    double value[MK_CTRL_MAX_PARAMS];
-    memcpy(value, s->value, sizeof value);
-    int k = 0;
-    for (int i = 0; st == MK_OK && i < s->setup->param_count; i++)
-        if (s->setup->param[i].gain)
-            st = put_value(s, i, argv[k++], value, err);
-    return st == MK_OK ? apply_values(s, value, err) : st;
-}
-
-static enum mk_status do_set(struct session *s, int argc, char **argv, struct mk_error *err)
-{
-    (void)argc;
-    enum mk_status st = need_setup(s, err);
-    if (st != MK_OK)
-        return st;
-    int index = mk_ctrl_param_index(s->setup, argv[0]);
-    if (index < 0)
-        return mk_error_set(err, MK_ERR_NOTFOUND,
-                            "setup %s has no parameter '%s'; `show gains` lists them",
-                            s->setup->name, argv[0]);
-    double value[MK_CTRL_MAX_PARAMS];
-    memcpy(value, s->value, sizeof value);
-    st = put_value(s, index, argv[1], value, err);
-    return st == MK_OK ? apply_values(s, value, err) : st;
-}
-
-/* "q1_min" and so on, to the limit's place. */
-static double *limit_at(struct session *s, const char *name)
-{
-    struct mk_safety_limits *l = &s->config.limits;
-    const struct {
-        const char *name;
-        double *at;
-    } rows[] = {{"q1_min", &l->q_min[0]},         {"q1_max", &l->q_max[0]},
-                {"q2_min", &l->q_min[1]},         {"q2_max", &l->q_max[1]},
-                {"dq1_max", &l->v_max[0]},        {"dq2_max", &l->v_max[1]},
-                {"jump1", &l->jump_rad[0]},       {"jump2", &l->jump_rad[1]},
-                {"rest1", &l->rest_tolerance[0]}, {"rest2", &l->rest_tolerance[1]},
-                {"stuck_s", &l->stuck_s},         {"stuck_u", &l->stuck_u},
-                {"runaway_s", &l->runaway_s}};
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
-        if (strcmp(rows[i].name, name) == 0)
-            return rows[i].at;
-    return NULL;
-}
-
-static enum mk_status do_limit(struct session *s, int argc, char **argv, struct mk_error *err)
-{
-    (void)argc;
-    double x;
-    enum mk_status st = need_setup(s, err);
-    if (st == MK_OK && s->running)
-        st = mk_error_set(err, MK_ERR_STATE, "limits are changed between runs: halt first");
-    double *at = st == MK_OK ? limit_at(s, argv[0]) : NULL;
-    if (st == MK_OK && !at)
-        st = mk_error_set(err, MK_ERR_NOTFOUND, "there is no limit '%s'; `show limits` lists them",
-                          argv[0]);
-    if (st == MK_OK)
-        st = number_arg(argv[1], &x, err);
-    if (st == MK_OK)
-        *at = x;
-    return st;
-}
-
-/* --- running ------------------------------------------------------------------------------------
- */
+/* --- running ----------------------------------------------------------------------------- */
 
 static enum mk_status do_start(struct session *s, int argc, char **argv, struct mk_error *err)
 {
@@ -342,7 +234,7 @@ static enum mk_status do_wait(struct session *s, int argc, char **argv, struct m
     (void)argc;
     enum mk_status st = need_run(s, err);
     if (st == MK_OK)
-        st = number_arg(argv[0], &seconds, err);
+        st = cmd_number(argv[0], &seconds, err);
     if (st == MK_OK)
         st = fault_ends_it(s, mk_loop_wait(s->loop, seconds, NULL, NULL, s->options.cancel, err),
                            err);
@@ -428,8 +320,7 @@ static enum mk_status do_ack(struct session *s, int argc, char **argv, struct mk
     return MK_OK;
 }
 
-/* --- results ------------------------------------------------------------------------------------
- */
+/* --- results ----------------------------------------------------------------------------- */
 
 static enum mk_status save(struct session *s, const char *name, bool overwrite,
                            struct mk_error *err)
@@ -475,7 +366,7 @@ static void show_limits(struct session *s)
                                         "dq2_max", "jump1",   "jump2",    "rest1",  "rest2",
                                         "stuck_s", "stuck_u", "runaway_s"};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
-        session_say(s, "  %-12s %g", names[i], *limit_at(s, names[i]));
+        session_say(s, "  %-12s %g", names[i], *cmd_limit_at(s, names[i]));
 }
 
 static void show_stats(struct session *s)
@@ -506,7 +397,7 @@ static enum mk_status check_show(int argc, char **argv, struct mk_error *err)
 static enum mk_status do_show(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     (void)argc;
-    enum mk_status st = need_setup(s, err);
+    enum mk_status st = cmd_need_setup(s, err);
     if (st != MK_OK)
         return st;
     if (strcmp(argv[0], "gains") == 0)
@@ -533,16 +424,15 @@ static enum mk_status do_quit(struct session *s, int argc, char **argv, struct m
     return session_halt(s, err);
 }
 
-/* --- table --------------------------------------------------------------------------------------
- */
+/* --- table ------------------------------------------------------------------------------- */
 
 static const struct cmd commands[] = {
     {"setup", "NAME", "choose what to run: board, controller and limits", 1, 1, false, check_setup,
      do_setup},
     {"gains", "K1 K2 ...", "the setup's feedback gains, in order; also while it runs", 1,
-     MK_CTRL_MAX_PARAMS, false, check_numbers, do_gains},
+     MK_CTRL_MAX_PARAMS, false, check_numbers, cmd_do_gains},
     {"set", "NAME VALUE", "a parameter of the setup; also while it runs", 2, 2, false,
-     check_second_number, do_set},
+     check_second_number, cmd_do_set},
     {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1)", 1, 1, true, check_signal,
      do_signal},
     {"input", "SIGNAL", "command of open-loop, e.g. 1.5*sin(6*t) or @FILE", 1, 1, true,
@@ -566,7 +456,7 @@ static const struct cmd commands[] = {
      do_rate},
     {"log", "on|off", "whether runs are logged; default on", 1, 1, false, check_on_off, do_log},
     {"limit", "NAME VALUE", "a safety limit, until the next setup", 2, 2, false,
-     check_second_number, do_limit},
+     check_second_number, cmd_do_limit},
     {"seed", "N", "noise of the virtual rig, from the next setup on", 1, 1, false, check_numbers,
      do_seed},
     {"faults", "SCRIPT", "faults of the virtual board (docs/faults.md), from the next setup on", 1,
@@ -591,94 +481,6 @@ const struct cmd *cmd_by_name(const char *name)
         if (strcmp(c->name, name) == 0)
             return c;
     return NULL;
-}
-
-/* --- lines --------------------------------------------------------------------------------------
- */
-
-static char *skip_blanks(char *at)
-{
-    return at + strspn(at, " \t\r");
-}
-
-static void trim_end(char *text)
-{
-    size_t n = strlen(text);
-    while (n > 0 && strchr(" \t\r\n", text[n - 1]))
-        text[--n] = '\0';
-}
-
-/* Cuts the next word off; quotes keep blanks. NULL: no more; sets *open when a quote is not closed.
- */
-static char *next_word(char **at, bool *open)
-{
-    char *from = skip_blanks(*at), *to = from, *out = from;
-    if (!*from)
-        return NULL;
-    char quote = '\0';
-    for (; *to && (quote || !strchr(" \t\r", *to)); to++) {
-        if (quote ? *to == quote : (*to == '"' || *to == '\''))
-            quote = quote ? '\0' : *to;
-        else
-            *out++ = *to;
-    }
-    *open = quote != '\0';
-    *at = *to ? to + 1 : to;
-    *out = '\0';
-    return from;
-}
-
-/* A # starts a comment at the line's beginning or after a blank, outside quotes. */
-static void cut_comment(char *line)
-{
-    char quote = '\0';
-    for (char *at = line; *at; at++) {
-        if (quote ? *at == quote : (*at == '"' || *at == '\''))
-            quote = quote ? '\0' : *at;
-        else if (*at == '#' && !quote && (at == line || at[-1] == ' ' || at[-1] == '\t')) {
-            *at = '\0';
-            return;
-        }
-    }
-}
-
-static enum mk_status wrong_count(const struct cmd *c, struct mk_error *err)
-{
-    return mk_error_set(err, MK_ERR_PARSE, "usage: %s %s", c->name, c->usage);
-}
-
-enum mk_status cmd_parse(char *line, struct cmd_line *out, struct mk_error *err)
-{
-    bool open = false;
-    memset(out, 0, sizeof *out);
-    cut_comment(line);
-    trim_end(line);
-    char *at = line, *name = next_word(&at, &open);
-    if (!name)
-        return MK_OK;
-    const struct cmd *c = cmd_by_name(name);
-    if (!c)
-        return mk_error_set(err, MK_ERR_PARSE, "there is no command '%s'; `help` lists them", name);
-    if (c->raw) {
-        at = skip_blanks(at);
-        if (*at)
-            out->argv[out->argc++] = at;
-    } else {
-        char *word;
-        while ((word = next_word(&at, &open)) != NULL) {
-            if (out->argc == CMD_MAX_ARGS)
-                return wrong_count(c, err);
-            out->argv[out->argc++] = word;
-        }
-    }
-    if (open)
-        return mk_error_set(err, MK_ERR_PARSE, "a quote is not closed");
-    if (out->argc < c->min_args || out->argc > c->max_args)
-        return wrong_count(c, err);
-    enum mk_status st = c->check ? c->check(out->argc, out->argv, err) : MK_OK;
-    if (st == MK_OK)
-        out->cmd = c;
-    return st;
 }
 
 int cmd_execute(struct session *s, struct cmd_line *line, struct mk_error *err)

@@ -57,8 +57,7 @@ static bool accept_word(struct parser *p, const char *word)
     return true;
 }
 
-/* --- numbers ------------------------------------------------------------------------------------
- */
+/* --- numbers ----------------------------------------------------------------------------- */
 
 static bool find_value(const struct mk_loop_snapshot *s, const char *at, size_t n, double *out)
 {
@@ -131,8 +130,7 @@ static double sum(struct parser *p)
     }
 }
 
-/* --- truths -------------------------------------------------------------------------------------
- */
+/* --- truths ------------------------------------------------------------------------------ */
 
 static bool state_word(struct parser *p, bool *truth)
 {

@@ -23,8 +23,7 @@ void session_say(struct session *s, const char *fmt, ...)
     s->options.say(s->options.user, line);
 }
 
-/* --- opening ------------------------------------------------------------------------------------
- */
+/* --- opening ----------------------------------------------------------------------------- */
 
 static enum mk_status make_directory(const char *path, struct mk_error *err)
 {
@@ -127,8 +126,7 @@ void session_close(struct session *s)
     s->signal = NULL;
 }
 
-/* --- setup --------------------------------------------------------------------------------------
- */
+/* --- setup ------------------------------------------------------------------------------- */
 
 static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *ops,
                                    struct mk_error *err)
@@ -199,8 +197,7 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
     return st;
 }
 
-/* --- running ------------------------------------------------------------------------------------
- */
+/* --- running ----------------------------------------------------------------------------- */
 
 static void path_in_out(const struct session *s, const char *name, char *path, size_t size)
 {
@@ -295,8 +292,7 @@ enum mk_status session_set_signal(struct session *s, const char *text, struct mk
     return MK_OK;
 }
 
-/* --- saving -------------------------------------------------------------------------------------
- */
+/* --- saving ------------------------------------------------------------------------------ */
 
 /* "dir/name.csv" with `n` (from 2 on) to "dir/name-2.csv". */
 static void numbered(const char *path, int n, char *out, size_t size)

@@ -51,8 +51,7 @@ static int parse(int argc, char **argv, struct options *o)
     return EXIT_OK;
 }
 
-/* --- script -------------------------------------------------------------------------------------
- */
+/* --- script ------------------------------------------------------------------------------ */
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -197,8 +196,7 @@ static enum mk_status write_script(const char *path, const struct options *o,
     return MK_OK;
 }
 
-/* --- gnuplot ------------------------------------------------------------------------------------
- */
+/* --- gnuplot ----------------------------------------------------------------------------- */
 
 static enum mk_status run_gnuplot(const char *script, struct mk_error *err)
 {

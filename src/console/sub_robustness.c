@@ -159,8 +159,7 @@ static enum mk_status run_setup(const char *name, const struct options *options,
     return st == MK_OK ? sum_up(o, err) : st;
 }
 
-/* --- report ------------------------------------------------------------------------------------
- */
+/* --- report ------------------------------------------------------------------------------ */
 
 static void print_heading(const struct options *o)
 {

@@ -8,8 +8,7 @@
 #include "ctrl/signal_priv.h"
 #include "mechkit/log.h"
 
-/* --- functions ----------------------------------------------------------------------------------
- */
+/* --- functions --------------------------------------------------------------------------- */
 
 #define UNARY(name, expression)                                                                    \
     static double f_##name(double t, const double *a)                                              \
@@ -120,8 +119,7 @@ const struct signal_function mk_signal_functions[] = {
 };
 const int mk_signal_function_count = sizeof mk_signal_functions / sizeof mk_signal_functions[0];
 
-/* --- creation -----------------------------------------------------------------------------------
- */
+/* --- creation ---------------------------------------------------------------------------- */
 
 static enum mk_status load_samples(struct mk_signal *s, const char *path, struct mk_error *err)
 {
@@ -176,8 +174,7 @@ double mk_signal_duration(const struct mk_signal *signal)
     return signal->log ? signal->t[signal->rows - 1] : (double)INFINITY;
 }
 
-/* --- evaluation ---------------------------------------------------------------------------------
- */
+/* --- evaluation -------------------------------------------------------------------------- */
 
 /* Value held since the last sample at or before t; 0 before the first and after the last. */
 static double sample_at(const struct mk_signal *s, double t)

@@ -32,8 +32,7 @@ struct reader {
     struct entry entry[MAX_ENTRIES];
 };
 
-/* --- reading lines ------------------------------------------------------------------------------
- */
+/* --- reading lines ----------------------------------------------------------------------- */
 
 static enum mk_status fail(struct reader *r, enum mk_status status, int line, const char *what)
 {
@@ -105,8 +104,7 @@ static int on_entry(void *user, const char *section, const char *key, const char
     return 1;
 }
 
-/* --- values -------------------------------------------------------------------------------------
- */
+/* --- values ------------------------------------------------------------------------------ */
 
 static enum mk_status bad_value(struct reader *r, const struct entry *e, const char *want)
 {
@@ -180,8 +178,7 @@ static enum mk_status get_counts(struct reader *r, struct mk_model *m)
     return MK_OK;
 }
 
-/* --- sections -----------------------------------------------------------------------------------
- */
+/* --- sections ---------------------------------------------------------------------------- */
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
 {
@@ -380,8 +377,7 @@ enum mk_status mk_model_read(const char *path, struct mk_model *out, struct mk_e
     return st;
 }
 
-/* --- writing ------------------------------------------------------------------------------------
- */
+/* --- writing ----------------------------------------------------------------------------- */
 
 static void put(FILE *f, const char *key, double value)
 {

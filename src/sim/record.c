@@ -5,8 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* --- columns ------------------------------------------------------------------------------------
- */
+/* --- columns ----------------------------------------------------------------------------- */
 
 static enum mk_status missing(const struct mk_log *log, struct mk_error *err, const char *what)
 {
@@ -60,8 +59,7 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     return st;
 }
 
-/* --- state at a row -----------------------------------------------------------------------------
- */
+/* --- state at a row ---------------------------------------------------------------------- */
 
 #define DEGREE 4
 #define TERMS (DEGREE + 1)
