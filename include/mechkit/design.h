@@ -15,8 +15,8 @@ extern "C" {
 #define MK_DESIGN_MAX 8
 
 /* Rank of the controllability matrix [B AB .. A^(n-1) B] (report 4.3, errata 4.2) by singular
- * values relative to `tolerance` (0: n * eps), and its condition number (NULL allowed). Rank is >=
- * 0. */
+ * values relative to `tolerance` (0: n * eps), and its condition number (NULL allowed). 0 when A
+ * or B is not finite. */
 int mk_design_controllability(int n, const double *a, const double *b, double tolerance,
                               double *condition);
 
@@ -31,15 +31,16 @@ MK_NODISCARD enum mk_status mk_design_ackermann(int n, const double *a, const do
                                                 const double *re, const double *im, double *k,
                                                 struct mk_error *err);
 
-/* Pole placement by orthogonal reduction to controller-Hessenberg form and an implicit single-input
- * algorithm (Miminis and Paige 1982 / Varga): backward stable where Ackermann is not. */
+/* Pole placement by unitary transformations of the Schur form, one pole at a time (Varga 1981):
+ * accurate where Ackermann is not. Codes as Ackermann's. */
 MK_NODISCARD enum mk_status mk_design_place(int n, const double *a, const double *b,
                                             const double *re, const double *im, double *k,
                                             struct mk_error *err);
 
 /* Continuous LQR: minimises integral x'Qx + r u^2; q is n x n, symmetric >= 0, r > 0. Riccati by
  * the ordered Schur vectors of the Hamiltonian, refined by Newton-Kleinman steps. `p` (n x n) may
- * be NULL. */
+ * be NULL. MK_ERR_NUMERIC when B does not reach a mode that does not decay, or Q does not see one
+ * on the border of stability. */
 MK_NODISCARD enum mk_status mk_design_lqr(int n, const double *a, const double *b, const double *q,
                                           double r, double *k, double *p, struct mk_error *err);
 
@@ -47,18 +48,19 @@ MK_NODISCARD enum mk_status mk_design_lqr(int n, const double *a, const double *
 MK_NODISCARD enum mk_status mk_design_c2d(int n, const double *a, const double *b, double dt,
                                           double *ad, double *bd, struct mk_error *err);
 
-/* Discrete LQR for x+ = A x + B u by a structure-preserving doubling algorithm. */
+/* Discrete LQR for x+ = A x + B u by a structure-preserving doubling algorithm; else as the
+ * continuous one. */
 MK_NODISCARD enum mk_status mk_design_dlqr(int n, const double *a, const double *b, const double *q,
                                            double r, double *k, double *p, struct mk_error *err);
 
 /* Discrete LQR of the continuous problem (as lqrd: cost, plant and `delay` samples of input delay,
- * 0 or 1, sampled with period dt). With a delay of one sample the state is [x, u_previous] and K
- * has n + 1 entries. */
+ * 0 or 1, sampled with period dt). With a delay of one sample the state is [x, u_previous]: k has
+ * n + 1 entries and p (n + 1)^2. */
 MK_NODISCARD enum mk_status mk_design_lqrd(int n, const double *a, const double *b, const double *q,
                                            double r, double dt, int delay, double *k, double *p,
                                            struct mk_error *err);
 
-/* Solves A' P + P A = -Q (Lyapunov). MK_ERR_NUMERIC when A is not Hurwitz. */
+/* Solves A' P + P A = -Q (Lyapunov), Q symmetric. MK_ERR_NUMERIC when A is not Hurwitz. */
 MK_NODISCARD enum mk_status mk_design_lyapunov(int n, const double *a, const double *q, double *p,
                                                struct mk_error *err);
 
