@@ -6,7 +6,10 @@
 
 #define MK_SUITES(X)                                                                               \
     X(status)                                                                                      \
-    X(base)                                                                                        \
+    X(number)                                                                                      \
+    X(ring)                                                                                        \
+    X(clock)                                                                                       \
+    X(json)                                                                                        \
     X(log)                                                                                         \
     X(design)                                                                                      \
     X(signal)                                                                                      \

@@ -17,8 +17,8 @@ cJSON *mk_json_number(double value);
 /* An array of `count` numbers. */
 cJSON *mk_json_numbers(const double *values, size_t count);
 
-/* Writes `root` as indented text with a final newline, atomically (temporary file and rename);
- * path "-" means standard output. `root` stays the caller's. */
+/* Writes `root` as indented text with a final newline, atomically (temporary file and rename; a
+ * device in place); path "-" means standard output. `root` stays the caller's. */
 MK_NODISCARD enum mk_status mk_json_write(const char *path, const cJSON *root,
                                           struct mk_error *err);
 

@@ -20,15 +20,16 @@ static void monotonic_sleep_until(struct mk_clock *clock, int64_t deadline_ns)
         continue;
 }
 
+/* Other threads may look at the time while the one that sleeps on it moves it. */
 static int64_t simulated_now(const struct mk_clock *clock)
 {
-    return clock->now_ns;
+    return __atomic_load_n(&clock->now_ns, __ATOMIC_ACQUIRE);
 }
 
 static void simulated_sleep_until(struct mk_clock *clock, int64_t deadline_ns)
 {
     if (deadline_ns > clock->now_ns)
-        clock->now_ns = deadline_ns;
+        __atomic_store_n(&clock->now_ns, deadline_ns, __ATOMIC_RELEASE);
 }
 
 void mk_clock_init_monotonic(struct mk_clock *clock)

@@ -1,13 +1,14 @@
 #include "mechkit/json.h"
 
 #include <errno.h>
+#include <locale.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
+#include "base/out_file.h"
 #include "mechkit/number.h"
 
 cJSON *mk_json_number(double value)
@@ -16,101 +17,163 @@ cJSON *mk_json_number(double value)
     if (!isfinite(value))
         return cJSON_CreateNull();
     mk_format_double(text, value);
-    return cJSON_CreateRaw(text);
+    return cJSON_CreateRaw(text); /* cJSON's own numbers are rounded */
 }
 
 cJSON *mk_json_numbers(const double *values, size_t count)
 {
     cJSON *array = cJSON_CreateArray();
-    for (size_t i = 0; array && i < count; i++)
-        cJSON_AddItemToArray(array, mk_json_number(values[i]));
+    for (size_t i = 0; array && i < count; i++) {
+        cJSON *item = mk_json_number(values[i]);
+        if (!item || !cJSON_AddItemToArray(array, item)) {
+            cJSON_Delete(item);
+            cJSON_Delete(array);
+            return NULL;
+        }
+    }
     return array;
 }
 
-/* Text to a stream, flushed; 0 or an errno. */
-static int put_text(FILE *f, const char *text, bool sync)
+static enum mk_status no_memory(const char *path, struct mk_error *err)
 {
-    errno = 0;
-    if (fputs(text, f) < 0 || fputc('\n', f) == EOF || fflush(f) != 0 ||
-        (sync && fsync(fileno(f)) != 0))
-        return errno ? errno : EIO;
-    return 0;
+    return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
 }
 
-static int write_atomically(const char *path, const char *text)
+/* cJSON reads and prints its own numbers in the locale of the thread: give it the plain one. */
+static char *print_plain(const cJSON *root)
 {
-    size_t size = strlen(path) + 16;
-    char *temporary = malloc(size);
-    if (!temporary)
-        return ENOMEM;
-    snprintf(temporary, size, "%s.tmp%d", path, (int)getpid());
-    FILE *f = fopen(temporary, "w");
-    int why = f ? put_text(f, text, true) : errno;
-    if (f && fclose(f) != 0 && !why)
-        why = errno;
-    if (f && !why && rename(temporary, path) != 0)
-        why = errno;
-    if (f && why)
-        unlink(temporary);
-    free(temporary);
-    return why;
+    locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    if (plain == (locale_t)0)
+        return NULL;
+    locale_t before = uselocale(plain);
+    char *text = cJSON_Print(root);
+    uselocale(before);
+    freelocale(plain);
+    return text;
+}
+
+static cJSON *parse_plain(const char *text, const char **stopped)
+{
+    locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    if (plain == (locale_t)0)
+        return NULL;
+    locale_t before = uselocale(plain);
+    cJSON *root = cJSON_ParseWithOpts(text, stopped, true);
+    uselocale(before);
+    freelocale(plain);
+    return root;
+}
+
+static enum mk_status write_stdout(const char *text, struct mk_error *err)
+{
+    errno = 0;
+    if (fputs(text, stdout) < 0 || putchar('\n') < 0 || fflush(stdout) != 0)
+        return mk_error_errno(err, errno ? errno : EIO, "standard output", "cannot write");
+    return MK_OK;
+}
+
+static enum mk_status write_file(const char *path, const char *text, struct mk_error *err)
+{
+    struct mk_out_file file;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st != MK_OK)
+        return st;
+    st = mk_out_file_write(&file, text, strlen(text), err);
+    if (st == MK_OK)
+        st = mk_out_file_write(&file, "\n", 1, err);
+    if (st == MK_OK)
+        return mk_out_file_commit(&file, err);
+    mk_out_file_abandon(&file);
+    return st;
 }
 
 enum mk_status mk_json_write(const char *path, const cJSON *root, struct mk_error *err)
 {
-    char *text = cJSON_Print(root);
+    char *text = print_plain(root);
     if (!text)
-        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
-    int why = strcmp(path, "-") == 0 ? put_text(stdout, text, false) : write_atomically(path, text);
+        return no_memory(path, err);
+    enum mk_status st =
+        strcmp(path, "-") == 0 ? write_stdout(text, err) : write_file(path, text, err);
     cJSON_free(text);
-    return why ? mk_error_errno(err, why, path, "cannot write") : MK_OK;
+    return st;
 }
 
-static char *slurp(const char *path, int *why)
+/* The whole file, NUL-terminated; the caller frees it. */
+static enum mk_status read_file(const char *path, char **text, size_t *size, struct mk_error *err)
 {
-    FILE *f = fopen(path, "rb");
-    if (!f) {
-        *why = errno;
-        return NULL;
-    }
-    size_t used = 0, room = 1 << 14;
-    char *text = malloc(room);
-    while (text) {
-        used += fread(text + used, 1, room - used - 1, f);
-        if (used + 1 < room)
+    FILE *file = fopen(path, "rbe");
+    if (!file)
+        return mk_error_errno(err, errno, path, "cannot read");
+    enum mk_status st = MK_OK;
+    size_t room = 0, used = 0;
+    char *all = NULL;
+    for (bool more = true; st == MK_OK && more;) {
+        room = room ? 2 * room : 1u << 16;
+        char *larger = realloc(all, room);
+        if (!larger) {
+            st = no_memory(path, err);
             break;
-        char *more = realloc(text, room *= 2);
-        if (!more)
-            free(text);
-        text = more;
+        }
+        all = larger;
+        errno = 0;
+        size_t wanted = room - 1 - used, got = fread(all + used, 1, wanted, file);
+        used += got;
+        more = got == wanted;
+        if (ferror(file))
+            st = mk_error_errno(err, errno ? errno : EIO, path, "cannot read");
     }
-    *why = !text ? ENOMEM : ferror(f) ? (errno ? errno : EIO) : 0;
-    fclose(f);
-    if (*why) {
-        free(text);
-        return NULL;
+    fclose(file);
+    if (st != MK_OK) {
+        free(all);
+        return st;
     }
-    text[used] = '\0';
-    return text;
+    all[used] = '\0';
+    *text = all;
+    *size = used;
+    return MK_OK;
+}
+
+/* Line and column (both from 1) of `at`, and what stands there. */
+static enum mk_status malformed(const char *path, const char *text, const char *at,
+                                struct mk_error *err)
+{
+    int line = 1;
+    const char *start = text;
+    for (const char *p = text; p < at; p++)
+        if (*p == '\n') {
+            line++;
+            start = p + 1;
+        }
+    int column = (int)(at - start) + 1;
+    char found[24];
+    size_t n = 0;
+    for (; at[n] >= ' ' && at[n] < 0x7f && n < sizeof found - 1; n++)
+        found[n] = at[n];
+    found[n] = '\0';
+    if (!text[strspn(text, " \t\r\n")])
+        return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "the file is empty: expected JSON");
+    return mk_error_at(err, MK_ERR_PARSE, path, line, column, "malformed JSON %s%s%s",
+                       n ? "at '" : "here: it ends, or has a character that cannot be shown", found,
+                       n ? "'" : "");
 }
 
 enum mk_status mk_json_read(const char *path, cJSON **out, struct mk_error *err)
 {
-    int why = 0;
     *out = NULL;
-    char *text = slurp(path, &why);
-    if (!text)
-        return mk_error_errno(err, why, path, "cannot read");
-    const char *end = NULL;
-    *out = cJSON_ParseWithOpts(text, &end, true);
-    enum mk_status st = MK_OK;
-    if (!*out) {
-        int line = 1, column = 1;
-        for (const char *c = text; end && c < end; c++) {
-            column = *c == '\n' ? 1 : column + 1;
-            line += *c == '\n';
-        }
-        st = mk_error_at(err, MK_ERR_PARSE, path, line, column, "this is not JSON");
+    char *text = NULL;
+    size_t size = 0;
+    enum mk_status st = read_file(path, &text, &size, err);
+    if (st != MK_OK)
+        return st;
+    const char *stopped = text;
+    cJSON *root = parse_plain(text, &stopped);
+    if (!root) {
+        st = malformed(path, text, stopped, err);
+    } else if (strlen(text) < size) { /* cJSON took a NUL byte for the end */
+        st = malformed(path, text, text + strlen(text), err);
+        cJSON_Delete(root);
+    } else {
+        *out = root;
     }
     free(text);
     return st;

@@ -1,51 +1,133 @@
+/* <charconv> is the one formatter in the standard libraries that gives the shortest exact text and
+ * knows no locale. */
 #include "mechkit/number.h"
 
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
+#include <limits>
 
-size_t mk_format_double(char buf[MK_NUMBER_MAX], double value)
+#include "base/number_priv.h"
+
+namespace
 {
-    // Shortest text that reads back as the same double (Ryu); never depends on the locale.
-    std::to_chars_result r = std::to_chars(buf, buf + MK_NUMBER_MAX - 1, value);
-    if (std::isnan(value))
-        r.ptr = buf + 3, memcpy(buf, "nan", 3); // without the sign that to_chars keeps
-    *r.ptr = '\0';
-    return static_cast<size_t>(r.ptr - buf);
-}
 
-static bool blank(char c)
+// Below this every whole number is a double of its own, so its digits are exact.
+constexpr double whole_limit = 1e15;
+
+bool is_blank(char c)
 {
     return c == ' ' || c == '\t' || c == '\r';
 }
 
-bool mk_parse_double(const char *begin, const char *end, double *value)
+bool is_digit(char c)
 {
-    while (begin < end && blank(*begin))
-        begin++;
-    while (end > begin && blank(end[-1]))
-        end--;
-    if (begin < end && *begin == '+' && begin + 1 < end && begin[1] != '-' && begin[1] != '+')
-        begin++;
-    double parsed = 0.0;
-    std::from_chars_result r = std::from_chars(begin, end, parsed);
-    if (r.ptr != end || begin == end)
-        return false;
-    if (r.ec == std::errc::result_out_of_range) {
-        // from_chars tells neither overflow from underflow: a negative exponent means underflow.
-        const char *e = begin;
-        while (e < end && *e != 'e' && *e != 'E')
-            e++;
-        bool tiny = e + 1 < end ? e[1] == '-' : memchr(begin, '.', 3) != nullptr;
-        parsed = std::copysign(tiny ? 0.0 : HUGE_VAL, *begin == '-' ? -1.0 : 1.0);
-    } else if (r.ec != std::errc()) {
-        return false;
+    return c >= '0' && c <= '9';
+}
+
+bool is_word(const char *begin, const char *end, const char *word)
+{
+    for (; begin < end && *word; begin++, word++)
+        if ((*begin | 0x20) != *word)
+            return false;
+    return begin == end && !*word;
+}
+
+// What a number whose text is right but which no double can hold comes to: infinity when it is too
+// large, 0 when too small. [at, end) has no sign.
+double limit_of(const char *at, const char *end)
+{
+    const char *e = at;
+    while (e < end && (*e | 0x20) != 'e')
+        e++;
+    const char *point = at;
+    while (point < e && *point != '.')
+        point++;
+    const char *first = at; // first digit that counts
+    while (first < e && (*first == '0' || *first == '.'))
+        first++;
+    // The decimal exponent of that digit, were there no "e" part.
+    std::int64_t magnitude = first < point ? point - first - 1 : point - first;
+    if (e < end) {
+        std::int64_t exponent = 0;
+        const char *from = e + 1 < end && e[1] == '+' ? e + 2 : e + 1;
+        auto parsed = std::from_chars(from, end, exponent);
+        if (parsed.ec == std::errc::result_out_of_range)
+            exponent = *from == '-' ? -4000000000000 : 4000000000000;
+        magnitude += exponent;
     }
-    *value = parsed;
+    return magnitude > 0 ? std::numeric_limits<double>::infinity() : 0.0;
+}
+
+// An unsigned number or word that fills [at, end).
+bool parse_magnitude(const char *at, const char *end, double *out)
+{
+    if (at == end)
+        return false;
+    if (!is_digit(*at) && *at != '.') {
+        bool nan = is_word(at, end, "nan");
+        if (!nan && !is_word(at, end, "inf") && !is_word(at, end, "infinity"))
+            return false;
+        *out = nan ? std::numeric_limits<double>::quiet_NaN()
+                   : std::numeric_limits<double>::infinity();
+        return true;
+    }
+    auto parsed = std::from_chars(at, end, *out);
+    if (parsed.ptr != end)
+        return false;
+    if (parsed.ec == std::errc::result_out_of_range)
+        *out = limit_of(at, end);
+    return parsed.ec == std::errc() || parsed.ec == std::errc::result_out_of_range;
+}
+
+// Writes at most MK_NUMBER_MAX - 1 bytes, no NUL; returns the end.
+inline char *format(char *buf, double value)
+{
+    if (std::fabs(value) < whole_limit) {
+        auto whole = static_cast<std::int64_t>(value);
+        if (static_cast<double>(whole) == value && (whole != 0 || !std::signbit(value)))
+            return std::to_chars(buf, buf + MK_NUMBER_MAX - 1, whole).ptr;
+    } else if (std::isnan(value)) {
+        std::memcpy(buf, "nan", 3); // to_chars would keep its sign
+        return buf + 3;
+    }
+    return std::to_chars(buf, buf + MK_NUMBER_MAX - 1, value).ptr;
+}
+
+} // namespace
+
+extern "C" size_t mk_format_double(char buf[MK_NUMBER_MAX], double value)
+{
+    char *end = format(buf, value);
+    *end = '\0';
+    return static_cast<size_t>(end - buf);
+}
+
+extern "C" char *mk_format_field(char *at, double value, char separator)
+{
+    char *end = std::isnan(value) ? at : format(at, value);
+    *end = separator;
+    return end + 1;
+}
+
+extern "C" bool mk_parse_double(const char *begin, const char *end, double *value)
+{
+    while (begin < end && is_blank(*begin))
+        begin++;
+    while (end > begin && is_blank(end[-1]))
+        end--;
+    bool negative = begin < end && *begin == '-';
+    if (begin < end && (*begin == '-' || *begin == '+'))
+        begin++;
+    double magnitude;
+    if (!parse_magnitude(begin, end, &magnitude))
+        return false;
+    *value = negative ? -magnitude : magnitude;
     return true;
 }
 
-bool mk_parse_double_z(const char *text, double *value)
+extern "C" bool mk_parse_double_z(const char *text, double *value)
 {
-    return mk_parse_double(text, text + strlen(text), value);
+    return mk_parse_double(text, text + std::strlen(text), value);
 }

@@ -35,11 +35,13 @@ enum mk_status mk_ring_create(size_t capacity, size_t record_size, struct mk_rin
     memset(ring, 0, sizeof *ring);
     ring->mask = n - 1;
     ring->record_size = record_size;
-    ring->records = calloc(n, record_size);
+    ring->records = malloc(n * record_size);
     if (!ring->records) {
         free(ring);
         return MK_ERR_NOMEM;
     }
+    /* Touched now, so that the first lap of a real-time writer meets no page fault. */
+    memset(ring->records, 0, n * record_size);
     atomic_init(&ring->writer.index, 0);
     atomic_init(&ring->reader.index, 0);
     *out = ring;
@@ -87,8 +89,11 @@ bool mk_ring_pop(struct mk_ring *ring, void *record)
 
 size_t mk_ring_count(const struct mk_ring *ring)
 {
+    /* The reader's index first: it never passes a writer's index that is loaded after it. A third
+     * thread may see both move in between. */
     size_t r = atomic_load_explicit(&ring->reader.index, memory_order_acquire);
-    return atomic_load_explicit(&ring->writer.index, memory_order_acquire) - r;
+    size_t count = atomic_load_explicit(&ring->writer.index, memory_order_acquire) - r;
+    return count <= ring->mask ? count : ring->mask + 1;
 }
 
 size_t mk_ring_capacity(const struct mk_ring *ring)

@@ -1,9 +1,12 @@
 #include "support/files.h"
 
 #include <ftw.h>
+#include <glob.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 static char directory[64];
@@ -44,6 +47,23 @@ const char *scratch_text(const char *name, const char *text)
     if (!f || fputs(text, f) < 0 || fclose(f) != 0)
         abort();
     return path;
+}
+
+void limit_file_size(unsigned long bytes)
+{
+    struct rlimit limit;
+    signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &limit);
+    limit.rlim_cur = bytes ? bytes : limit.rlim_max;
+    setrlimit(RLIMIT_FSIZE, &limit);
+}
+
+int count_files(const char *pattern)
+{
+    glob_t found;
+    int count = glob(scratch(pattern), 0, NULL, &found) == 0 ? (int)found.gl_pathc : 0;
+    globfree(&found);
+    return count;
 }
 
 char *slurp_file(const char *path)

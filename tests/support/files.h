@@ -9,6 +9,13 @@ const char *scratch(const char *name);
 /* Writes text to a scratch file and returns its path. */
 const char *scratch_text(const char *name, const char *text);
 
+/* The largest size a file may have from here on: a disk that fills up. 0: no limit (checks report
+ * through a file of their own, so lift it before the next one). */
+void limit_file_size(unsigned long bytes);
+
+/* How many files of the scratch directory match a shell pattern. */
+int count_files(const char *pattern);
+
 /* Whole content of a file as a NUL-terminated string to free; NULL when it cannot be read. */
 char *slurp_file(const char *path);
 

@@ -1,0 +1,121 @@
+#include "base/out_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+int mk_write_all(int fd, const char *data, size_t size, size_t *written)
+{
+    size_t done = 0;
+    int failure = 0;
+    while (done < size && failure == 0) {
+        ssize_t n = write(fd, data + done, size - done);
+        if (n >= 0)
+            done += (size_t)n;
+        else if (errno != EINTR)
+            failure = errno;
+    }
+    if (written)
+        *written = done;
+    return failure;
+}
+
+int mk_sync(int fd)
+{
+    while (fsync(fd) != 0) {
+        /* Pipes and devices have nothing to bring to a disk. */
+        if (errno == EINVAL || errno == EROFS || errno == ENOTSUP)
+            return 0;
+        if (errno != EINTR)
+            return errno;
+    }
+    return 0;
+}
+
+/* A new file beside the target; O_EXCL finds a name that is free. */
+static int open_temporary(struct mk_out_file *file, mode_t mode)
+{
+    size_t size = strlen(file->target) + 48;
+    file->temporary = malloc(size);
+    if (!file->temporary)
+        return ENOMEM;
+    for (unsigned attempt = 0; attempt < 1000; attempt++) {
+        snprintf(file->temporary, size, "%s.%ld-%u.tmp", file->target, (long)getpid(), attempt);
+        file->fd = open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
+        if (file->fd >= 0)
+            return 0;
+        if (errno != EEXIST)
+            return errno;
+    }
+    return EEXIST;
+}
+
+static int open_target(struct mk_out_file *file)
+{
+    struct stat info;
+    bool exists = stat(file->path, &info) == 0;
+    if (exists && S_ISDIR(info.st_mode))
+        return EISDIR;
+    file->target = exists ? realpath(file->path, NULL) : strdup(file->path);
+    if (!file->target)
+        return errno;
+    if (exists && !S_ISREG(info.st_mode)) {
+        file->fd = open(file->target, O_WRONLY | O_CLOEXEC);
+        return file->fd < 0 ? errno : 0;
+    }
+    if (exists && access(file->target, W_OK) != 0)
+        return errno;
+    int failure = open_temporary(file, 0666);
+    if (failure == 0 && exists) /* its permissions stay where they can; not worth failing for */
+        (void)!fchmod(file->fd, info.st_mode & 07777);
+    return failure;
+}
+
+enum mk_status mk_out_file_open(struct mk_out_file *file, const char *path, struct mk_error *err)
+{
+    *file = (struct mk_out_file){.fd = -1, .path = path};
+    int failure = open_target(file);
+    if (failure == 0)
+        return MK_OK;
+    free(file->target);
+    free(file->temporary);
+    return mk_error_errno(err, failure, path, "cannot write");
+}
+
+enum mk_status mk_out_file_write(struct mk_out_file *file, const char *data, size_t size,
+                                 struct mk_error *err)
+{
+    int failure = mk_write_all(file->fd, data, size, NULL);
+    return failure ? mk_error_errno(err, failure, file->path, "cannot write") : MK_OK;
+}
+
+enum mk_status mk_out_file_commit(struct mk_out_file *file, struct mk_error *err)
+{
+    int failure = mk_sync(file->fd);
+    if (close(file->fd) != 0 && failure == 0 && errno != EINTR)
+        failure = errno;
+    file->fd = -1;
+    if (failure == 0 && file->temporary && rename(file->temporary, file->target) != 0)
+        failure = errno;
+    if (failure) {
+        mk_out_file_abandon(file);
+        return mk_error_errno(err, failure, file->path, "cannot write");
+    }
+    free(file->temporary);
+    free(file->target);
+    return MK_OK;
+}
+
+void mk_out_file_abandon(struct mk_out_file *file)
+{
+    if (file->fd >= 0)
+        close(file->fd);
+    if (file->temporary)
+        unlink(file->temporary);
+    free(file->temporary);
+    free(file->target);
+}
