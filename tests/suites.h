@@ -11,6 +11,7 @@
     X(clock)                                                                                       \
     X(json)                                                                                        \
     X(log)                                                                                         \
+    X(log_writer)                                                                                  \
     X(design)                                                                                      \
     X(signal)                                                                                      \
     X(plants)                                                                                      \

@@ -6,7 +6,9 @@
  *     0,-1.5707963267949,0,0
  *
  * Angles in rad, times in s. A missing value (empty field, "nan") is NaN. Columns that mechkit does
- * not know are kept as they are: numbers as doubles, anything else as text. A path that ends in
+ * not know are kept: numbers as doubles, and to the letter as text when a cell is no number or is a
+ * whole number that a double cannot hold. A "#" line without a colon is a comment, kept as metadata
+ * with an empty key. A path that ends in
  * ".gz" is compressed. Not RT-safe (allocates, does I/O); a struct mk_log may be read by many
  * threads while none writes it.
  */
@@ -47,9 +49,11 @@ struct mk_log {
 /* Reads a whole log. Errors name file, line and column (column = 1-based field):
  * MK_ERR_NOTFOUND, MK_ERR_PERM, MK_ERR_IO (also a damaged .gz), MK_ERR_NOMEM, MK_ERR_PARSE (no
  * header, a header without `t`, a column name twice, a wrong number of fields, text in a known
- * column, time missing or not strictly increasing, no rows). An incomplete last line (no
- * newline and too few fields or a damaged number) is left out and `truncated` is set. A row with
- * empty fields is kept with NaN, whatever the number of NaN; time itself must be there.
+ * column, time missing or not strictly increasing, no rows, another format version). A last line
+ * without a newline is left out and `truncated` is set when fields are missing or a number is
+ * damaged; in a log with "mechkit-log" metadata always, since there every whole line has one and a
+ * number may have lost its last digits. A row with empty fields is kept with NaN, whatever the
+ * number of NaN, but time itself must be there; a line of commas alone is skipped.
  * On success the caller owns *out: mk_log_free. */
 MK_NODISCARD enum mk_status mk_log_read(const char *path, struct mk_log **out,
                                         struct mk_error *err);
@@ -67,11 +71,15 @@ const double *mk_log_get(const struct mk_log *log, const char *name);
 
 /* Metadata value of the first line with that key, NULL when absent. */
 const char *mk_log_find_meta(const struct mk_log *log, const char *key);
+/* Replaces that value or appends a line. MK_ERR_NOMEM; MK_ERR_INVALID: no key, or a colon or line
+ * break in it. */
 MK_NODISCARD enum mk_status mk_log_set_meta(struct mk_log *log, const char *key, const char *value);
 
 /* Writes the whole log to a temporary file beside `path` and renames it, so that `path` is either
  * the old file or the whole new one. Numbers are written so that they read back as the same
- * double. MK_ERR_IO, MK_ERR_NOSPACE, MK_ERR_PERM, MK_ERR_NOMEM. */
+ * double. A device or a pipe is written in place. MK_ERR_IO, MK_ERR_NOSPACE, MK_ERR_PERM,
+ * MK_ERR_NOTFOUND (no such folder), MK_ERR_NOMEM, MK_ERR_INVALID (columns that could not be read
+ * back: no `t`, a name twice, a comma in a name). */
 MK_NODISCARD enum mk_status mk_log_write(const char *path, const struct mk_log *log,
                                          struct mk_error *err);
 
@@ -94,7 +102,8 @@ MK_NODISCARD enum mk_status mk_log_writer_row(struct mk_log_writer *w, const dou
 /* Hands what is buffered to the operating system (only whole lines are ever handed over). */
 MK_NODISCARD enum mk_status mk_log_writer_flush(struct mk_log_writer *w, struct mk_error *err);
 
-/* Appends a "# key: value" line between rows (an event; readers take it as metadata). */
+/* Appends a "# key: value" line between rows (an event; readers take it as metadata). Line breaks
+ * in the value become blanks. MK_ERR_INVALID (which does not last): no key, or a colon in it. */
 MK_NODISCARD enum mk_status mk_log_writer_note(struct mk_log_writer *w, const char *key,
                                                const char *value);
 

@@ -5,6 +5,19 @@
 
 #include "base/log_priv.h"
 
+bool mk_log_column_is_known(const char *name)
+{
+    static const char *const known[] = {
+        "t",     "q1",   "q2",      "u",     "tau",     "u1",       "u2",
+        "tau1",  "tau2", "dq1",     "dq2",   "enc1",    "enc2",     "ref",
+        "phase", "tick", "late_us", "flags", "tau_cmd", "tau1_cmd", "tau2_cmd",
+    };
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (strcmp(known[i], name) == 0)
+            return true;
+    return false;
+}
+
 enum mk_status mk_log_create(size_t rows, struct mk_log **out)
 {
     *out = calloc(1, sizeof **out);
@@ -76,22 +89,28 @@ const char *mk_log_find_meta(const struct mk_log *log, const char *key)
 enum mk_status mk_log_append_meta(struct mk_log *log, const char *key, size_t key_length,
                                   const char *value, size_t value_length)
 {
-    struct mk_log_meta *meta = realloc(log->meta, (log->meta_count + 1) * sizeof *meta);
-    if (!meta)
-        return MK_ERR_NOMEM;
-    log->meta = meta;
+    /* Grows at the powers of two: the count alone tells the room. */
+    size_t n = log->meta_count;
+    if ((n & (n - 1)) == 0) {
+        struct mk_log_meta *meta = realloc(log->meta, (n ? 2 * n : 1) * sizeof *meta);
+        if (!meta)
+            return MK_ERR_NOMEM;
+        log->meta = meta;
+    }
     struct mk_log_meta line = {strndup(key, key_length), strndup(value, value_length)};
     if (!line.key || !line.value) {
         free(line.key);
         free(line.value);
         return MK_ERR_NOMEM;
     }
-    meta[log->meta_count++] = line;
+    log->meta[log->meta_count++] = line;
     return MK_OK;
 }
 
 enum mk_status mk_log_set_meta(struct mk_log *log, const char *key, const char *value)
 {
+    if (!key[0] || strpbrk(key, ":\r\n"))
+        return MK_ERR_INVALID;
     for (size_t i = 0; i < log->meta_count; i++) {
         if (strcmp(log->meta[i].key, key) != 0)
             continue;

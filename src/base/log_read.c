@@ -1,420 +1,447 @@
-/* Reading logs: streamed line by line (plain or gzip), so that memory is the columns alone. */
-#include <errno.h>
-#include <fcntl.h>
+/* Reads a log line by line: only the columns stay in memory, and they grow as rows come. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
-#include <zlib.h>
 
+#include "base/line_source.h"
 #include "base/log_priv.h"
 #include "mechkit/number.h"
 
-#define CHUNK ((size_t)1 << 16)
-#define LINE_MAX_BYTES ((size_t)1 << 20) /* beyond that it is no text file */
+#define SHOWN 40 /* characters of the file that a message repeats */
 
 struct reader {
-    const char *path;
-    struct mk_error *err;
-    gzFile file;
-    char *buffer; /* one line and what was read beyond it */
-    size_t size, begin, end;
-    bool at_end;
-    int line;        /* number of the current line */
-    bool terminated; /* the current line ended in a newline */
+    struct mk_line_source source;
     struct mk_log *log;
-    size_t capacity; /* rows there is room for */
-    int time_column;
-    double last_time;
-    bool ours; /* has mechkit-log metadata: complete lines end in a newline */
+    bool *known;   /* by column: only numbers */
+    bool *textual; /* by column: text from the first row on */
+    size_t time_column;
+    size_t room_rows;
+    size_t taken;     /* fields of the current row that are stored */
+    bool ours;        /* says mechkit-log: its complete lines end in a newline */
+    bool start_again; /* a column turned out to be text after rows of numbers */
 };
 
-static enum mk_status fail(struct reader *r, enum mk_status status, int column, const char *what)
-{
-    return mk_error_at(r->err, status, r->path, r->line, column, "%s", what);
-}
+#define FAIL(r, field, ...)                                                                        \
+    mk_error_at((r)->source.err, MK_ERR_PARSE, (r)->source.path, (r)->source.line, (int)(field),   \
+                __VA_ARGS__)
 
 static enum mk_status no_memory(struct reader *r)
 {
-    return mk_error_at(r->err, MK_ERR_NOMEM, r->path, 0, 0, "out of memory");
+    return mk_error_at(r->source.err, MK_ERR_NOMEM, r->source.path, r->source.line, 0,
+                       "out of memory");
 }
 
-/* --- lines ------------------------------------------------------------------------------- */
-
-static enum mk_status fill(struct reader *r)
+/* Text of the file for a message: short and printable. */
+static const char *shown(struct mk_span s, char out[SHOWN + 4])
 {
-    if (r->begin > 0) {
-        memmove(r->buffer, r->buffer + r->begin, r->end - r->begin);
-        r->end -= r->begin;
-        r->begin = 0;
+    size_t n = 0;
+    for (; s.begin < s.end && n < SHOWN; s.begin++)
+        out[n++] = *s.begin >= ' ' && *s.begin < 0x7f ? *s.begin : '?';
+    strcpy(out + n, s.begin < s.end ? "..." : "");
+    return out;
+}
+
+static struct mk_span trimmed(struct mk_span s)
+{
+    while (s.begin < s.end && (*s.begin == ' ' || *s.begin == '\t'))
+        s.begin++;
+    while (s.end > s.begin && (s.end[-1] == ' ' || s.end[-1] == '\t'))
+        s.end--;
+    return s;
+}
+
+/* The field from `at` on; s.end is where its comma or the end of the line is. */
+static struct mk_span field_at(const char *at, const char *line_end)
+{
+    const char *comma = memchr(at, ',', (size_t)(line_end - at));
+    return (struct mk_span){at, comma ? comma : line_end};
+}
+
+static size_t count_fields(struct mk_span line)
+{
+    size_t n = 1;
+    for (const char *p = line.begin; p < line.end; p++)
+        n += *p == ',';
+    return n;
+}
+
+/* --- metadata and header -------------------------------------------------------------- */
+
+/* `line` begins with '#'. Without a colon it is a plain comment: kept, with an empty key. */
+static enum mk_status take_meta(struct reader *r, struct mk_span line)
+{
+    struct mk_span all = trimmed((struct mk_span){line.begin + 1, line.end});
+    const char *colon = memchr(all.begin, ':', (size_t)(all.end - all.begin));
+    struct mk_span key = {all.begin, all.begin};
+    if (colon) {
+        key = trimmed((struct mk_span){all.begin, colon});
+        all = trimmed((struct mk_span){colon + 1, all.end});
     }
-    if (r->size - r->end < CHUNK) {
-        if (r->end > LINE_MAX_BYTES)
-            return fail(r, MK_ERR_PARSE, 0, "the line is longer than 1 MiB: this is no log");
-        char *more = realloc(r->buffer, r->size + CHUNK);
-        if (!more)
-            return no_memory(r);
-        r->buffer = more;
-        r->size += CHUNK;
-    }
-    int n = gzread(r->file, r->buffer + r->end, (unsigned)CHUNK);
-    if (n < 0 || (n == 0 && !gzeof(r->file))) {
-        int code = 0;
-        const char *why = gzerror(r->file, &code);
-        return mk_error_at(r->err, MK_ERR_IO, r->path, 0, 0, "cannot read: %s",
-                           code == Z_ERRNO ? strerror(errno) : why);
-    }
-    if (n == 0) {
-        int code = 0;
-        gzerror(r->file, &code);
-        if (code == Z_BUF_ERROR)
-            return mk_error_at(r->err, MK_ERR_IO, r->path, 0, 0,
-                               "the compressed file ends in the middle: it is damaged");
-        r->at_end = true;
-    }
-    r->end += (size_t)n;
-    return MK_OK;
-}
-
-/* The next line, without its end, in [*text, *stop). MK_ERR_NOTFOUND at the end of the file. */
-static enum mk_status next_line(struct reader *r, char **text, char **stop)
-{
-    size_t looked = 0;
-    for (;;) {
-        char *from = r->buffer + r->begin + looked;
-        char *newline = memchr(from, '\n', r->end - r->begin - looked);
-        looked = r->end - r->begin;
-        if (!newline && !r->at_end) {
-            enum mk_status st = fill(r);
-            if (st != MK_OK)
-                return st;
-            continue;
-        }
-        if (!newline && looked == 0)
-            return MK_ERR_NOTFOUND;
-        *text = r->buffer + r->begin;
-        *stop = newline ? newline : r->buffer + r->end;
-        r->terminated = newline != NULL;
-        r->begin = (size_t)(*stop - r->buffer) + (newline ? 1 : 0);
-        r->line++;
-        if (memchr(*text, '\0', (size_t)(*stop - *text)))
-            return fail(r, MK_ERR_PARSE, 0, "a zero byte: this is no text file");
-        if (*stop > *text && (*stop)[-1] == '\r')
-            --*stop;
-        if (r->line == 1 && *stop - *text >= 3 && memcmp(*text, "\xef\xbb\xbf", 3) == 0)
-            *text += 3;
-        return MK_OK;
-    }
-}
-
-static bool is_blank(const char *a, const char *b)
-{
-    while (a < b && (*a == ' ' || *a == '\t'))
-        a++;
-    return a == b;
-}
-
-static void trim(const char **a, const char **b)
-{
-    while (*a < *b && (**a == ' ' || **a == '\t'))
-        ++*a;
-    while (*b > *a && ((*b)[-1] == ' ' || (*b)[-1] == '\t'))
-        --*b;
-}
-
-/* --- metadata and header ----------------------------------------------------------------- */
-
-static enum mk_status on_comment(struct reader *r, const char *a, const char *b)
-{
-    const char *colon = memchr(a, ':', (size_t)(b - a));
-    const char *key = a + 1, *key_end = colon ? colon : a + 1;
-    const char *value = colon ? colon + 1 : a + 1, *value_end = b;
-    trim(&key, &key_end);
-    trim(&value, &value_end);
-    enum mk_status st = mk_log_append_meta(r->log, key, (size_t)(key_end - key), value,
-                                           (size_t)(value_end - value));
-    if (st == MK_OK && mk_log_find_meta(r->log, "mechkit-log"))
-        r->ours = true;
-    return st == MK_OK ? MK_OK : no_memory(r);
-}
-
-static enum mk_status add_named_column(struct reader *r, const char *a, const char *b, int number)
-{
-    trim(&a, &b);
-    if (b - a >= 2 && *a == '"' && b[-1] == '"')
-        a++, b--;
-    double number_value;
-    if (a == b)
-        return fail(r, MK_ERR_PARSE, number, "a column without a name in the header line");
-    if (mk_parse_double(a, b, &number_value) && !isnan(number_value))
-        return fail(r, MK_ERR_PARSE, number,
-                    "a number where the header line should name a column, e.g. t,q1,q2,u");
-    char *name = strndup(a, (size_t)(b - a));
-    if (!name)
+    size_t key_length = (size_t)(key.end - key.begin);
+    size_t length = (size_t)(all.end - all.begin);
+    if (mk_log_append_meta(r->log, key.begin, key_length, all.begin, length) != MK_OK)
         return no_memory(r);
-    enum mk_status st = MK_OK;
-    for (size_t c = 0; c < r->log->column_count; c++)
-        if (strcmp(r->log->columns[c].name, name) == 0)
-            st = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, number,
-                             "column '%s' is there twice", name);
-    if (st == MK_OK && !mk_log_add_column(r->log, name))
-        st = no_memory(r);
-    if (st == MK_OK && strcmp(name, "t") == 0)
-        r->time_column = number - 1;
-    free(name);
-    return st;
-}
-
-static enum mk_status on_header(struct reader *r, const char *a, const char *b)
-{
-    for (int number = 1;; number++) {
-        const char *comma = memchr(a, ',', (size_t)(b - a));
-        enum mk_status st = add_named_column(r, a, comma ? comma : b, number);
-        if (st != MK_OK)
-            return st;
-        if (!comma)
-            break;
-        a = comma + 1;
-    }
-    if (r->time_column < 0)
-        return fail(r, MK_ERR_PARSE, 0, "the header line names no column t (time in seconds)");
+    const struct mk_log_meta *m = &r->log->meta[r->log->meta_count - 1];
+    if (strcmp(m->key, MK_LOG_VERSION_KEY) != 0)
+        return MK_OK;
+    r->ours = true;
+    if (strcmp(m->value, MK_LOG_VERSION) != 0)
+        return FAIL(r, 0, "log format version '%s': this program reads version " MK_LOG_VERSION,
+                    shown(all, (char[SHOWN + 4]){0}));
     return MK_OK;
 }
 
-/* --- rows -------------------------------------------------------------------------------- */
-
-static bool is_known(const char *name)
+static bool has_control_characters(struct mk_span s)
 {
-    static const char *const known[] = {
-        "t",     "q1",   "q2",      "u",     "tau",     "u1",       "u2",
-        "tau1",  "tau2", "dq1",     "dq2",   "enc1",    "enc2",     "ref",
-        "phase", "tick", "late_us", "flags", "tau_cmd", "tau1_cmd", "tau2_cmd"};
-    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
-        if (strcmp(known[i], name) == 0)
+    for (; s.begin < s.end; s.begin++)
+        if ((unsigned char)*s.begin < ' ' || *s.begin == 0x7f)
             return true;
     return false;
 }
 
-static enum mk_status grow(struct reader *r)
+static enum mk_status check_name(struct reader *r, struct mk_span name, size_t column)
 {
-    size_t capacity = r->capacity ? r->capacity * 2 : 1024;
-    for (size_t c = 0; c < r->log->column_count; c++) {
-        struct mk_log_column *column = &r->log->columns[c];
-        double *data = realloc(column->data, capacity * sizeof *data);
+    char text[SHOWN + 4];
+    double number;
+    size_t length = (size_t)(name.end - name.begin);
+    if (length == 0)
+        return FAIL(r, column + 1, "a column without a name in the header line");
+    if (has_control_characters(name))
+        return FAIL(r, column + 1, "'%s' cannot name a column: is this a log?", shown(name, text));
+    if (mk_parse_double(name.begin, name.end, &number) && !isnan(number))
+        return FAIL(r, column + 1,
+                    "the number %s where the header line should name a column, as in t,q1,q2,u",
+                    shown(name, text));
+    for (size_t i = 0; i < column; i++) {
+        const char *other = r->log->columns[i].name;
+        if (strlen(other) == length && memcmp(other, name.begin, length) == 0)
+            return FAIL(r, column + 1, "column '%s' is there twice; the first is column %zu", other,
+                        i + 1);
+    }
+    return MK_OK;
+}
+
+/* A header without `t`: what might have been meant. */
+static enum mk_status no_time(struct reader *r, struct mk_span line)
+{
+    char text[SHOWN + 4];
+    size_t length = (size_t)(line.end - line.begin);
+    if (memchr(line.begin, ';', length) || memchr(line.begin, '\t', length))
+        return FAIL(r, 0, "fields are separated by commas, but the header line is '%s'",
+                    shown(line, text));
+    return FAIL(r, 0, "the header line names no column t (time in seconds): '%s'",
+                shown(line, text));
+}
+
+/* Some programs put names in quotes. */
+static struct mk_span unquoted(struct mk_span s)
+{
+    bool quoted = s.end - s.begin >= 2 && *s.begin == '"' && s.end[-1] == '"';
+    return quoted ? (struct mk_span){s.begin + 1, s.end - 1} : s;
+}
+
+static enum mk_status take_header(struct reader *r, struct mk_span line)
+{
+    struct mk_log *log = r->log;
+    size_t count = count_fields(line);
+    if (memchr(line.begin, '\0', (size_t)(line.end - line.begin)))
+        return FAIL(r, 0, "a zero byte instead of column names: this is no text file");
+    log->columns = calloc(count, sizeof *log->columns);
+    if (!r->known)
+        r->known = calloc(2 * count, sizeof *r->known);
+    if (!log->columns || !r->known)
+        return no_memory(r);
+    r->textual = r->known + count;
+    r->time_column = count;
+    const char *at = line.begin;
+    for (size_t i = 0; i < count; i++) {
+        struct mk_span field = field_at(at, line.end);
+        struct mk_span name = unquoted(trimmed(field));
+        enum mk_status st = check_name(r, name, i);
+        if (st != MK_OK)
+            return st;
+        char *copy = strndup(name.begin, (size_t)(name.end - name.begin));
+        if (!copy)
+            return no_memory(r);
+        log->columns[log->column_count++].name = copy;
+        r->known[i] = mk_log_column_is_known(copy);
+        if (strcmp(copy, "t") == 0)
+            r->time_column = i;
+        at = field.end + 1;
+    }
+    return r->time_column < count ? MK_OK : no_time(r, line);
+}
+
+/* --- columns -------------------------------------------------------------------------- */
+
+static bool resize(struct mk_log *log, size_t rows)
+{
+    for (size_t i = 0; i < log->column_count; i++) {
+        struct mk_log_column *c = &log->columns[i];
+        void *data = c->text ? realloc(c->text, rows * sizeof *c->text)
+                             : realloc(c->data, rows * sizeof *c->data);
         if (!data)
-            return no_memory(r);
-        column->data = data;
-        if (!column->text)
-            continue;
-        char **text = realloc(column->text, capacity * sizeof *text);
-        if (!text)
-            return no_memory(r);
-        column->text = text;
+            return false;
+        if (c->text)
+            c->text = data;
+        else
+            c->data = data;
     }
-    r->capacity = capacity;
-    return MK_OK;
+    return true;
 }
 
-/* A column that turned out to hold text: what was read as numbers becomes text again. */
-static enum mk_status make_text_column(struct reader *r, struct mk_log_column *column)
+static enum mk_status make_room(struct reader *r)
 {
-    char **text = calloc(r->capacity, sizeof *text);
-    if (!text)
+    if (r->log->rows < r->room_rows)
+        return MK_OK;
+    size_t rows = r->room_rows ? r->room_rows + r->room_rows / 2 : 1024;
+    if (!resize(r->log, rows))
         return no_memory(r);
-    column->text = text;
-    for (size_t i = 0; i < r->log->rows; i++) {
-        char number[MK_NUMBER_MAX] = "";
-        if (!isnan(column->data[i]))
-            mk_format_double(number, column->data[i]);
-        if (!(text[i] = strdup(number)))
-            return no_memory(r);
-    }
+    r->room_rows = rows;
     return MK_OK;
 }
 
-static enum mk_status bad_cell(struct reader *r, const struct mk_log_column *column, int number,
-                               const char *a, const char *b)
+/* A column of numbers becomes one of text. Its cells so far come back from the numbers, which is
+ * not to the letter; so it happens before the first row, or where the file cannot be read again. */
+static enum mk_status make_textual(struct reader *r, size_t column)
 {
-    int n = b - a > 40 ? 40 : (int)(b - a);
-    return mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, number,
-                       "'%.*s' is not a number (column %s)", n, a, column->name);
-}
-
-static enum mk_status on_cell(struct reader *r, size_t c, const char *a, const char *b)
-{
-    struct mk_log_column *column = &r->log->columns[c];
-    size_t row = r->log->rows;
-    double value = (double)NAN;
-    bool number = is_blank(a, b) || mk_parse_double(a, b, &value);
-    if (!number && is_known(column->name))
-        return bad_cell(r, column, (int)c + 1, a, b);
-    if (!number && !column->text) {
-        enum mk_status st = make_text_column(r, column);
-        if (st != MK_OK)
-            return st;
+    struct mk_log_column *c = &r->log->columns[column];
+    char **text = calloc(r->room_rows, sizeof *text);
+    bool complete = text;
+    for (size_t row = 0; complete && row < r->log->rows; row++) {
+        char number[MK_NUMBER_MAX];
+        mk_format_double(number, c->data[row]);
+        text[row] = strdup(isnan(c->data[row]) ? "" : number);
+        complete = text[row];
     }
-    column->data[row] = value;
-    if (column->text && !(column->text[row] = strndup(a, (size_t)(b - a))))
+    if (!complete) {
+        for (size_t row = 0; text && row < r->log->rows; row++)
+            free(text[row]);
+        free(text);
         return no_memory(r);
+    }
+    free(c->data);
+    c->data = NULL;
+    c->text = text;
     return MK_OK;
 }
 
-static void drop_row_text(struct reader *r)
+/* A whole number that a double cannot hold (a time in ns, an identifier) would not survive. */
+static bool loses_digits(struct mk_span cell, double value)
 {
-    for (size_t c = 0; c < r->log->column_count; c++) {
-        struct mk_log_column *column = &r->log->columns[c];
-        if (column->text) {
-            free(column->text[r->log->rows]);
-            column->text[r->log->rows] = NULL;
-        }
-    }
+    size_t length = (size_t)(cell.end - cell.begin);
+    if (length <= 15 || memchr(cell.begin, '.', length) || fabs(value) < 9007199254740992.0)
+        return false;
+    for (const char *p = cell.begin; p < cell.end; p++)
+        if ((*p < '0' || *p > '9') && *p != '+' && *p != '-')
+            return false; /* an exponent, inf */
+    return true;
 }
 
-static int count_fields(const char *a, const char *b)
+static enum mk_status take_unknown_text(struct reader *r, size_t column)
 {
-    int n = 1;
-    for (; a < b; a++)
-        n += *a == ',';
-    return n;
-}
-
-/* Time must be there and increase; a row that is empty altogether is a dropped sample without one.
- */
-static enum mk_status check_time(struct reader *r, bool *skip)
-{
-    double t = r->log->columns[r->time_column].data[r->log->rows];
-    *skip = false;
-    if (!isfinite(t)) {
-        for (size_t c = 0; c < r->log->column_count; c++)
-            if (!isnan(r->log->columns[c].data[r->log->rows]))
-                return fail(r, MK_ERR_PARSE, r->time_column + 1, "the time is missing");
-        *skip = true;
-        return MK_OK;
-    }
-    if (r->log->rows > 0 && !(t > r->last_time))
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, r->time_column + 1,
-                           "time must increase: %.10g s after %.10g s", t, r->last_time);
-    r->last_time = t;
+    r->textual[column] = true;
+    if (r->log->rows == 0 || !r->source.can_rewind)
+        return make_textual(r, column);
+    r->start_again = true;
     return MK_OK;
 }
 
-static enum mk_status on_row(struct reader *r, const char *a, const char *b)
+static enum mk_status take_text(struct reader *r, size_t column, struct mk_span field)
 {
-    size_t columns = r->log->column_count;
-    int fields = count_fields(a, b);
-    if ((size_t)fields != columns)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line,
-                           fields < (int)columns ? fields : (int)columns + 1,
-                           "the row has %d fields, the header names %zu", fields, columns);
-    if (r->log->rows == r->capacity) {
-        enum mk_status st = grow(r);
-        if (st != MK_OK)
-            return st;
-    }
-    for (size_t c = 0; c < columns; c++)
-        if (r->log->columns[c].text)
-            r->log->columns[c].text[r->log->rows] = NULL;
-    for (size_t c = 0; c < columns; c++) {
-        const char *comma = memchr(a, ',', (size_t)(b - a));
-        enum mk_status st = on_cell(r, c, a, comma ? comma : b);
-        if (st != MK_OK) {
-            drop_row_text(r);
-            return st;
-        }
-        a = comma ? comma + 1 : b;
-    }
-    bool skip;
-    enum mk_status st = check_time(r, &skip);
-    if (st != MK_OK || skip) {
-        drop_row_text(r);
-        return st;
-    }
-    if (r->log->rows == 0)
-        r->log->first_row_line = r->line;
-    r->log->rows++;
+    struct mk_log_column *c = &r->log->columns[column];
+    char *copy = strndup(field.begin, (size_t)(field.end - field.begin));
+    if (!copy)
+        return no_memory(r);
+    c->text[r->log->rows] = copy;
     return MK_OK;
 }
 
-/* --- the whole file ---------------------------------------------------------------------- */
-
-static enum mk_status on_line(struct reader *r, const char *a, const char *b)
+static enum mk_status take_field(struct reader *r, size_t column, struct mk_span field)
 {
-    if (is_blank(a, b))
-        return MK_OK;
-    if (*a == '#')
-        return on_comment(r, a, b);
-    if (r->log->column_count == 0)
-        return on_header(r, a, b);
-    /* A crash leaves half a line; ours always end in a newline, others may leave out the last one.
-     */
-    if (!r->terminated && r->ours) {
-        r->log->truncated = true;
-        return MK_OK;
+    struct mk_log_column *c = &r->log->columns[column];
+    if (c->text)
+        return take_text(r, column, field);
+    double value = NAN;
+    struct mk_span cell = trimmed(field);
+    bool number = cell.begin == cell.end || mk_parse_double(cell.begin, cell.end, &value);
+    if (r->known[column] && !number)
+        return FAIL(r, column + 1,
+                    "'%s' is not a number (column %s); a missing value is an empty field or nan",
+                    shown(field, (char[SHOWN + 4]){0}), c->name);
+    if (!r->known[column] && (!number || r->textual[column] || loses_digits(cell, value))) {
+        enum mk_status st = take_unknown_text(r, column);
+        return st != MK_OK || r->start_again ? st : take_text(r, column, field);
     }
-    enum mk_status st = on_row(r, a, b);
-    if (st == MK_ERR_PARSE && !r->terminated && r->log->rows > 0) {
-        if (r->err)
-            *r->err = (struct mk_error)MK_ERROR_INIT;
-        r->log->truncated = true;
-        st = MK_OK;
+    c->data[r->log->rows] = value;
+    return MK_OK;
+}
+
+/* --- rows ----------------------------------------------------------------------------- */
+
+static enum mk_status check_time(struct reader *r)
+{
+    const double *t = r->log->columns[r->time_column].data;
+    size_t row = r->log->rows, field = r->time_column + 1;
+    char now[MK_NUMBER_MAX], before[MK_NUMBER_MAX];
+    if (isnan(t[row]))
+        return FAIL(r, field, "the time is missing");
+    if (isinf(t[row]))
+        return FAIL(r, field, "the time is infinite");
+    if (row == 0 || t[row] > t[row - 1])
+        return MK_OK;
+    mk_format_double(now, t[row]);
+    mk_format_double(before, t[row - 1]);
+    return FAIL(r, field, "time must increase from row to row: %s s follows %s s", now, before);
+}
+
+/* Whether the last line, which has no newline, stops before its end. A log of our own always ends
+ * in one; in others a field is missing, or what is left of it is no number. */
+static bool is_cut_off(const struct reader *r, struct mk_span line)
+{
+    const struct mk_log *log = r->log;
+    if (r->ours || memchr(line.begin, '\0', (size_t)(line.end - line.begin)) ||
+        count_fields(line) < log->column_count || line.end[-1] == ',')
+        return true;
+    const char *at = line.begin;
+    for (size_t i = 0; i < log->column_count; i++) {
+        struct mk_span field = field_at(at, line.end), cell = trimmed(field);
+        double value;
+        bool numeric = r->known[i] || (log->rows > 0 && !log->columns[i].text);
+        if (numeric && cell.begin < cell.end && !mk_parse_double(cell.begin, cell.end, &value))
+            return true;
+        at = field.end + 1;
+    }
+    return false;
+}
+
+static enum mk_status take_fields(struct reader *r, struct mk_span line)
+{
+    size_t count = r->log->column_count, fields = count_fields(line);
+    if (fields != count)
+        return FAIL(r, fields < count ? fields : count + 1,
+                    "the row has %zu field%s, the header names %zu", fields, fields == 1 ? "" : "s",
+                    count);
+    enum mk_status st = make_room(r);
+    const char *at = line.begin;
+    for (size_t i = 0; i < count && st == MK_OK && !r->start_again; i++) {
+        struct mk_span field = field_at(at, line.end);
+        st = take_field(r, i, field);
+        r->taken += st == MK_OK && !r->start_again;
+        at = field.end + 1;
     }
     return st;
 }
 
-static enum mk_status read_all(struct reader *r)
+/* The text of a row that is not going to count. */
+static void drop_row(struct reader *r)
 {
-    char *text, *stop;
-    enum mk_status st;
-    while ((st = next_line(r, &text, &stop)) == MK_OK) {
-        st = on_line(r, text, stop);
-        if (st != MK_OK)
-            return st;
+    for (size_t i = 0; i < r->taken; i++)
+        if (r->log->columns[i].text)
+            free(r->log->columns[i].text[r->log->rows]);
+}
+
+/* A sample that was dropped and left only its commas. */
+static bool is_blank(struct mk_span line)
+{
+    while (line.begin < line.end && (*line.begin == ',' || *line.begin == ' '))
+        line.begin++;
+    return line.begin == line.end;
+}
+
+static enum mk_status take_row(struct reader *r, struct mk_span line)
+{
+    if (r->source.unterminated && is_cut_off(r, line)) {
+        r->log->truncated = true;
+        return MK_OK;
     }
-    if (st != MK_ERR_NOTFOUND)
+    if (memchr(line.begin, '\0', (size_t)(line.end - line.begin)))
+        return FAIL(r, 0, "a zero byte in the row: the file is damaged here, or is no text file");
+    if (is_blank(line) && count_fields(line) == r->log->column_count)
+        return MK_OK;
+    r->taken = 0;
+    enum mk_status st = take_fields(r, line);
+    if (st == MK_OK && !r->start_again)
+        st = check_time(r);
+    if (st != MK_OK || r->start_again) {
+        drop_row(r);
         return st;
-    if (r->log->column_count == 0)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
-                           "no header line: expected column names such as t,q1,q2,u");
-    if (r->log->rows == 0)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "the log has no rows");
+    }
+    if (r->log->rows++ == 0)
+        r->log->first_row_line = r->source.line;
     return MK_OK;
 }
 
-static enum mk_status open_file(struct reader *r)
+static enum mk_status take_line(struct reader *r, struct mk_span line)
 {
-    struct stat info;
-    int fd = open(r->path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return mk_error_errno(r->err, errno, r->path, "cannot open the log");
-    if (fstat(fd, &info) == 0 && S_ISDIR(info.st_mode)) {
-        close(fd);
-        return mk_error_at(r->err, MK_ERR_IO, r->path, 0, 0, "this is a directory, not a log");
-    }
-    r->file = gzdopen(fd, "rb");
-    if (!r->file) {
-        close(fd);
-        return no_memory(r);
-    }
-    gzbuffer(r->file, 1 << 17);
+    struct mk_span content = trimmed(line);
+    if (content.begin == content.end)
+        return MK_OK;
+    if (*content.begin != '#')
+        return r->log->column_count ? take_row(r, line) : take_header(r, line);
+    if (!r->source.unterminated || !r->ours)
+        return take_meta(r, content);
+    r->log->truncated = true;
     return MK_OK;
+}
+
+/* --- the whole ------------------------------------------------------------------------ */
+
+static enum mk_status end_log(struct reader *r)
+{
+    const char *missing = NULL;
+    if (r->log->column_count == 0)
+        missing = "no header line: expected column names such as t,q1,q2,u";
+    else if (r->log->rows == 0 && r->log->truncated)
+        missing = "the log has no rows: the only one is incomplete";
+    else if (r->log->rows == 0)
+        missing = "the log has no rows";
+    if (missing)
+        return mk_error_at(r->source.err, MK_ERR_PARSE, r->source.path, 0, 0, "%s", missing);
+    return resize(r->log, r->log->rows) ? MK_OK : no_memory(r);
+}
+
+static enum mk_status read_lines(struct reader *r)
+{
+    enum mk_status st;
+    bool more = true;
+    do {
+        struct mk_span line;
+        st = mk_line_source_next(&r->source, &line, &more);
+        if (st == MK_OK && more)
+            st = take_line(r, line);
+    } while (st == MK_OK && more && !r->start_again);
+    return st;
+}
+
+static enum mk_status read_log(struct reader *r)
+{
+    for (;;) {
+        if (mk_log_create(0, &r->log) != MK_OK || !(r->log->path = strdup(r->source.path)))
+            return no_memory(r);
+        enum mk_status st = read_lines(r);
+        if (st != MK_OK || !r->start_again)
+            return st == MK_OK ? end_log(r) : st;
+        mk_log_free(r->log);
+        r->log = NULL;
+        st = mk_line_source_rewind(&r->source);
+        if (st != MK_OK)
+            return st;
+        r->room_rows = 0;
+        r->start_again = r->ours = false;
+    }
 }
 
 enum mk_status mk_log_read(const char *path, struct mk_log **out, struct mk_error *err)
 {
-    struct reader r = {.path = path, .err = err, .time_column = -1};
+    struct reader r = {0};
     *out = NULL;
-    enum mk_status st = open_file(&r);
+    enum mk_status st = mk_line_source_open(&r.source, path, err);
     if (st != MK_OK)
         return st;
-    st = mk_log_create(0, &r.log);
-    if (st == MK_OK) {
-        r.log->path = strdup(path);
-        r.buffer = malloc(r.size = 2 * CHUNK);
-        st = r.buffer && r.log->path ? read_all(&r) : no_memory(&r);
-    }
-    free(r.buffer);
-    gzclose(r.file);
+    st = read_log(&r);
+    mk_line_source_close(&r.source);
+    free(r.known);
     if (st == MK_OK)
         *out = r.log;
     else

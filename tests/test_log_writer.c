@@ -1,0 +1,261 @@
+/* Logs written while a run goes on: whatever ends it, whole lines are there. */
+#include "suites.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "mechkit/log.h"
+#include "support/comma_locale.h"
+#include "support/files.h"
+
+static struct mk_log_writer *open_writer(const char *path)
+{
+    static const char *const columns[] = {"t", "q1", "u"};
+    char key[] = "rig", value[] = "pendulum";
+    struct mk_log_meta meta[] = {{key, value}};
+    struct mk_log_writer *w;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_writer_open(path, false, meta, 1, columns, 3, &w, &err) == MK_OK, "%s",
+                  err.message);
+    return w;
+}
+
+START_TEST(rows_written_during_a_run_are_a_log)
+{
+    const char *path = scratch("run.csv");
+    struct mk_log_writer *w = open_writer(path);
+    struct mk_error err = MK_ERROR_INIT;
+    for (int i = 0; i < 5000; i++) {
+        double row[] = {i * 0.1, i % 7 ? i / 3.0 : (double)NAN, -i};
+        ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK);
+        if (i == 2500)
+            ck_assert_int_eq(mk_log_writer_note(w, "event", "gains\nchanged"), MK_OK);
+    }
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    struct mk_log *log;
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    ck_assert_uint_eq(log->rows, 5000);
+    ck_assert_str_eq(mk_log_find_meta(log, "event"), "gains changed");
+    ck_assert(mk_log_get(log, "q1")[4] == 4 / 3.0);
+    mk_log_free(log);
+    static const char *const columns[] = {"t"};
+    ck_assert_int_ne(mk_log_writer_open(path, false, NULL, 0, columns, 1, &w, &err), MK_OK);
+}
+END_TEST
+
+START_TEST(kill_9_leaves_whole_lines)
+{
+    char path[256];
+    snprintf(path, sizeof path, "%s", scratch("killed.csv"));
+    int ready[2];
+    ck_assert_int_eq(pipe(ready), 0);
+    pid_t child = fork();
+    if (child == 0) {
+        struct mk_log_writer *w = open_writer(path);
+        for (long i = 0;; i++) {
+            double row[] = {i * 0.001, i / 3.0, i};
+            if (mk_log_writer_row(w, row) != MK_OK)
+                _exit(1);
+            if (i == 20000 && write(ready[1], "x", 1) != 1)
+                _exit(1);
+        }
+    }
+    char c;
+    ck_assert_int_eq(read(ready[0], &c, 1), 1);
+    kill(child, SIGKILL);
+    waitpid(child, NULL, 0);
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    ck_assert_uint_gt(log->rows, 10000);
+    for (size_t i = 0; i < log->rows; i++)
+        ck_assert(mk_log_get(log, "u")[i] == (double)i);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_full_disk_is_reported_and_leaves_whole_lines)
+{
+    const char *path = scratch("full.csv");
+    limit_file_size(300000);
+    struct mk_log_writer *w = open_writer(path);
+    enum mk_status st = MK_OK;
+    for (int i = 0; st == MK_OK && i < 1000000; i++) {
+        double row[] = {i * 0.001, i / 3.0, i};
+        st = mk_log_writer_row(w, row);
+    }
+    limit_file_size(0);
+    ck_assert_int_eq(st, MK_ERR_NOSPACE);
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_ERR_NOSPACE);
+    struct mk_log *log;
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    ck_assert(!log->truncated);
+    ck_assert_uint_gt(log->rows, 1000);
+    for (size_t i = 0; i < log->rows; i++)
+        ck_assert(mk_log_get(log, "u")[i] == (double)i);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_full_device_is_reported_once_and_for_all)
+{
+    static const char *const columns[] = {"t", "q1"};
+    struct mk_log_writer *w;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_log_writer_open("/dev/full", true, NULL, 0, columns, 2, &w, &err),
+                     MK_ERR_NOSPACE);
+    ck_assert_ptr_null(w);
+    ck_assert_str_eq(err.file, "/dev/full");
+
+    const char *path = scratch("limit.csv");
+    ck_assert_int_eq(mk_log_writer_open(path, false, NULL, 0, columns, 2, &w, &err), MK_OK);
+    double row[] = {0, 0.1};
+    for (int i = 0; i < 10; i++, row[0]++)
+        ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK); /* buffered */
+    limit_file_size(44);
+    enum mk_status st = mk_log_writer_flush(w, &err);
+    limit_file_size(0); /* room again, but a log with a hole would be worse than its end */
+    ck_assert_int_eq(st, MK_ERR_NOSPACE);
+    ck_assert_str_eq(err.file, path);
+    ck_assert_int_eq(mk_log_writer_row(w, row), MK_ERR_NOSPACE);
+    ck_assert_int_eq(mk_log_writer_note(w, "event", "late"), MK_ERR_NOSPACE);
+    ck_assert_int_eq(mk_log_writer_flush(w, NULL), MK_ERR_NOSPACE);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_ERR_NOSPACE);
+    char *text = slurp_file(path);
+    ck_assert_str_eq(text, "# mechkit-log: 1\nt,q1\n0,0.1\n1,0.1\n2,0.1\n"); /* 40 of 44 bytes */
+    free(text);
+}
+END_TEST
+
+START_TEST(what_is_flushed_is_in_the_file_to_the_letter)
+{
+    static const char *const columns[] = {"t", "q1", "tick"};
+    char key[] = "rig", value[] = "furuta\nor so", version[] = "mechkit-log", one[] = "1";
+    struct mk_log_meta meta[] = {{key, value}, {version, one}};
+    struct mk_log_writer *w;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("exact.csv");
+    ck_assert_int_eq(mk_log_writer_open(path, false, meta, 2, columns, 3, &w, &err), MK_OK);
+    double rows[][3] = {{0, -0.0, 99999}, {0.002, NAN, 100000}, {0.004, 1.0 / 3, 100001}};
+    ck_assert_int_eq(mk_log_writer_row(w, rows[0]), MK_OK);
+    ck_assert_int_eq(mk_log_writer_note(w, "event", "start"), MK_OK);
+    ck_assert_int_eq(mk_log_writer_row(w, rows[1]), MK_OK);
+    ck_assert_int_eq(mk_log_writer_flush(w, &err), MK_OK);
+    char *text = slurp_file(path);
+    ck_assert_str_eq(text, "# rig: furuta or so\n# mechkit-log: 1\nt,q1,tick\n0,-0,99999\n"
+                           "# event: start\n0.002,,100000\n");
+    free(text);
+    ck_assert_int_eq(mk_log_writer_row(w, rows[2]), MK_OK);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    text = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(text, "\n0.004,0.3333333333333333,100001\n"));
+    free(text);
+}
+END_TEST
+
+START_TEST(an_old_log_is_overwritten_only_when_asked)
+{
+    static const char *const columns[] = {"t"};
+    struct mk_log_writer *w;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch_text("there.csv", "t,q1\n0,1\n");
+    ck_assert_int_eq(mk_log_writer_open(path, false, NULL, 0, columns, 1, &w, &err), MK_ERR_IO);
+    ck_assert_ptr_nonnull(strstr(err.message, "exists already"));
+    char *text = slurp_file(path);
+    ck_assert_str_eq(text, "t,q1\n0,1\n");
+    free(text);
+    ck_assert_int_eq(mk_log_writer_open(path, true, NULL, 0, columns, 1, &w, &err), MK_OK);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    text = slurp_file(path);
+    ck_assert_str_eq(text, "# mechkit-log: 1\nt\n");
+    free(text);
+    ck_assert_int_eq(mk_log_writer_open(scratch("no/x.csv"), true, NULL, 0, columns, 1, &w, &err),
+                     MK_ERR_NOTFOUND);
+    ck_assert_int_eq(mk_log_writer_open("/tmp", true, NULL, 0, columns, 1, &w, &err), MK_ERR_IO);
+    ck_assert_int_eq(mk_log_writer_close(NULL, NULL), MK_OK);
+}
+END_TEST
+
+START_TEST(columns_that_could_not_be_read_back_are_refused)
+{
+    static const char *const bad[][2] = {{"t", "t"},    {"q1", "u"}, {"t", "a,b"},
+                                         {"t", "a\nb"}, {"t", ""},   {"#t", "t"}};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct mk_log_writer *w;
+        struct mk_error err = MK_ERROR_INIT;
+        ck_assert_int_eq(mk_log_writer_open(scratch("bad.csv"), true, NULL, 0, bad[i], 2, &w, &err),
+                         MK_ERR_INVALID);
+        ck_assert_int_eq(count_files("bad.csv"), 0);
+    }
+    struct mk_log_writer *w;
+    ck_assert_int_eq(mk_log_writer_open(scratch("bad.csv"), true, NULL, 0, NULL, 0, &w, NULL),
+                     MK_ERR_INVALID);
+}
+END_TEST
+
+START_TEST(notes_longer_than_the_buffer_stay_one_line)
+{
+    const char *path = scratch("note.csv");
+    struct mk_log_writer *w = open_writer(path);
+    struct mk_error err = MK_ERROR_INIT;
+    size_t size = 300000;
+    char *note = malloc(size + 1);
+    memset(note, 'n', size);
+    note[size] = '\0';
+    note[size / 2] = '\r';
+    double row[] = {1, 2, 3};
+    ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK);
+    ck_assert_int_eq(mk_log_writer_note(w, "event", note), MK_OK);
+    ck_assert_int_eq(mk_log_writer_note(w, "a:b", "x"), MK_ERR_INVALID); /* not a lasting failure */
+    row[0] = 2;
+    ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    struct mk_log *log;
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    note[size / 2] = ' ';
+    ck_assert_uint_eq(log->rows, 2);
+    ck_assert_str_eq(mk_log_find_meta(log, "event"), note);
+    mk_log_free(log);
+    free(note);
+}
+END_TEST
+
+START_TEST(a_locale_with_a_decimal_comma_does_not_matter)
+{
+    if (!use_comma_locale())
+        return;
+    const char *path = scratch("comma.csv");
+    struct mk_log_writer *w = open_writer(path);
+    struct mk_error err = MK_ERROR_INIT;
+    double row[] = {0.25, 1234567.5, -0.125};
+    ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    char *text = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(text, "\n0.25,1234567.5,-0.125\n"));
+    free(text);
+}
+END_TEST
+
+Suite *suite_log_writer(void)
+{
+    Suite *s = suite_create("log_writer");
+    TCase *t = tcase_create("files");
+    tcase_set_timeout(t, 30);
+    tcase_add_test(t, rows_written_during_a_run_are_a_log);
+    tcase_add_test(t, kill_9_leaves_whole_lines);
+    tcase_add_test(t, a_full_disk_is_reported_and_leaves_whole_lines);
+    tcase_add_test(t, a_full_device_is_reported_once_and_for_all);
+    tcase_add_test(t, what_is_flushed_is_in_the_file_to_the_letter);
+    tcase_add_test(t, an_old_log_is_overwritten_only_when_asked);
+    tcase_add_test(t, columns_that_could_not_be_read_back_are_refused);
+    tcase_add_test(t, notes_longer_than_the_buffer_stay_one_line);
+    tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
+    suite_add_tcase(s, t);
+    return s;
+}
