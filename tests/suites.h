@@ -14,6 +14,7 @@
     X(log_writer)                                                                                  \
     X(design)                                                                                      \
     X(signal)                                                                                      \
+    X(velocity)                                                                                    \
     X(plants)                                                                                      \
     X(effects)                                                                                     \
     X(fast)                                                                                        \

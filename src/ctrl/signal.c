@@ -74,8 +74,8 @@ static uint64_t seed_of(double x)
     return isfinite(x) ? (uint64_t)(int64_t)fmin(fmax(x, -9e15), 9e15) : 0;
 }
 
-/* Schroeder phases keep the peak near that of one sine (M. R. Schroeder 1970); with n harmonics of
- * amplitude 1/sqrt(n) the rms is 0.71 and the peak about 1.2, scaled to 1. */
+/* Schroeder phases keep the peak near that of one sine (M. R. Schroeder 1970): n harmonics of
+ * amplitude 1/sqrt(n) peak between 1.2 and 1.5. Divided by 1.2, a peak of 1 to 1.26. */
 static double f_multisine(double t, const double *a)
 {
     int n = (int)fmin(fmax(a[1], 1.0), 200.0);
@@ -97,25 +97,25 @@ static double f_noise(double t, const double *a)
 }
 
 const struct signal_function mk_signal_functions[] = {
-    {"sin", 1, "sin(x)", f_sin},
-    {"cos", 1, "cos(x)", f_cos},
-    {"tan", 1, "tan(x)", f_tan},
-    {"exp", 1, "exp(x)", f_exp},
-    {"log", 1, "log(x)", f_log},
-    {"sqrt", 1, "sqrt(x)", f_sqrt},
-    {"abs", 1, "abs(x)", f_abs},
-    {"sign", 1, "sign(x)", f_sign},
-    {"tanh", 1, "tanh(x)", f_tanh},
-    {"min", 2, "min(x, y)", f_min},
-    {"max", 2, "max(x, y)", f_max},
-    {"step", 1, "step(t0): 0 before, 1 from t0 on", f_step},
-    {"ramp", 1, "ramp(t0): t - t0 from t0 on", f_ramp},
-    {"pulse", 2, "pulse(t0, t1): 1 in between", f_pulse},
-    {"square", 1, "square(f): +-1 at f Hz", f_square},
-    {"saw", 1, "saw(f): -1 to 1 at f Hz", f_saw},
-    {"chirp", 3, "chirp(f0, f1, T): sweep from f0 to f1 Hz in T s", f_chirp},
-    {"multisine", 3, "multisine(f0, n, seed): n harmonics of f0 Hz", f_multisine},
-    {"noise", 2, "noise(f, seed): band-limited to about f Hz", f_noise},
+    {"sin", 1, "sin(x)", f_sin, false},
+    {"cos", 1, "cos(x)", f_cos, false},
+    {"tan", 1, "tan(x)", f_tan, false},
+    {"exp", 1, "exp(x)", f_exp, false},
+    {"log", 1, "log(x)", f_log, false},
+    {"sqrt", 1, "sqrt(x)", f_sqrt, false},
+    {"abs", 1, "abs(x)", f_abs, false},
+    {"sign", 1, "sign(x)", f_sign, false},
+    {"tanh", 1, "tanh(x)", f_tanh, false},
+    {"min", 2, "min(x, y)", f_min, false},
+    {"max", 2, "max(x, y)", f_max, false},
+    {"step", 1, "step(t0): 0 before, 1 from t0 on", f_step, true},
+    {"ramp", 1, "ramp(t0): t - t0 from t0 on", f_ramp, true},
+    {"pulse", 2, "pulse(t0, t1): 1 in between", f_pulse, true},
+    {"square", 1, "square(f): +-1 at f Hz", f_square, true},
+    {"saw", 1, "saw(f): -1 to 1 at f Hz", f_saw, true},
+    {"chirp", 3, "chirp(f0, f1, T): sweep from f0 to f1 Hz in T s", f_chirp, true},
+    {"multisine", 3, "multisine(f0, n, seed): n harmonics of f0 Hz", f_multisine, true},
+    {"noise", 2, "noise(f, seed): band-limited to about f Hz", f_noise, true},
 };
 const int mk_signal_function_count = sizeof mk_signal_functions / sizeof mk_signal_functions[0];
 
@@ -194,14 +194,12 @@ static double sample_at(const struct mk_signal *s, double t)
     return s->u[low];
 }
 
-double mk_signal_at(const struct mk_signal *s, double t)
+double mk_signal_execute(const struct instruction *code, int count, double t)
 {
     double stack[SIGNAL_MAX_DEPTH + 1];
     int top = -1;
-    if (s->log)
-        return sample_at(s, t);
-    for (int i = 0; i < s->count; i++) {
-        const struct instruction *in = &s->code[i];
+    for (int i = 0; i < count; i++) {
+        const struct instruction *in = &code[i];
         switch (in->op) {
         case OP_NUMBER:
             stack[++top] = in->value;
@@ -234,4 +232,9 @@ double mk_signal_at(const struct mk_signal *s, double t)
         }
     }
     return stack[0];
+}
+
+double mk_signal_at(const struct mk_signal *s, double t)
+{
+    return s->log ? sample_at(s, t) : mk_signal_execute(s->code, s->count, t);
 }

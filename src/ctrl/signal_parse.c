@@ -4,7 +4,7 @@
  *     unary   = - unary | + unary | power
  *     power   = primary [ ^ unary ]              right-associative, binds tighter than unary minus
  *     primary = number | t | pi | name ( args ) | ( sum )
- * emitting code for a stack machine. */
+ * emitting code for a stack machine. Nesting is bounded, and with it the recursion. */
 #include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
@@ -34,20 +34,37 @@ static void skip_blanks(struct parser *p)
         p->at++;
 }
 
-static enum mk_status emit(struct parser *p, struct instruction in, int stack_change)
+/* Computes the last instruction, a function of `operands` values and not of t, if those are
+ * numbers. In postfix order the operands of an instruction end just before it. */
+static void fold(struct mk_signal *s, int operands)
+{
+    int first = s->count - 1 - operands;
+    for (int i = first; i < s->count - 1; i++)
+        if (s->code[i].op != OP_NUMBER)
+            return;
+    double value = mk_signal_execute(&s->code[first], operands + 1, 0.0);
+    s->code[first] = (struct instruction){OP_NUMBER, 0, value};
+    s->count = first + 1;
+}
+
+/* Appends an instruction that takes `operands` values off the stack and leaves one. */
+static enum mk_status emit(struct parser *p, struct instruction in, int operands)
 {
     if (p->signal->count == SIGNAL_MAX_OPS)
         return fail(p, p->at, "the expression is too long");
-    p->stack += stack_change;
+    p->stack += 1 - operands;
     if (p->stack > SIGNAL_MAX_DEPTH)
         return fail(p, p->at, "the expression is nested too deeply");
     p->signal->code[p->signal->count++] = in;
+    bool timed = in.op == OP_TIME || (in.op == OP_CALL && mk_signal_functions[in.function].timed);
+    if (operands > 0 && !timed)
+        fold(p->signal, operands);
     return MK_OK;
 }
 
 static enum mk_status emit_number(struct parser *p, double value)
 {
-    return emit(p, (struct instruction){OP_NUMBER, 0, value}, 1);
+    return emit(p, (struct instruction){OP_NUMBER, 0, value}, 0);
 }
 
 static enum mk_status parse_number(struct parser *p)
@@ -91,7 +108,7 @@ static enum mk_status parse_arguments(struct parser *p, const struct signal_func
     if (n != f->arguments)
         return mk_error_at(p->err, MK_ERR_PARSE, NULL, 0, (int)(name_at - p->text) + 1,
                            "%s takes %d arguments: %s", f->name, f->arguments, f->help);
-    return emit(p, (struct instruction){OP_CALL, index, 0.0}, 1 - n);
+    return emit(p, (struct instruction){OP_CALL, index, 0.0}, n);
 }
 
 static enum mk_status parse_name(struct parser *p)
@@ -112,7 +129,7 @@ static enum mk_status parse_name(struct parser *p)
         return fail(p, from, "there is no such function");
     }
     if (n == 1 && *from == 't')
-        return emit(p, (struct instruction){OP_TIME, 0, 0.0}, 1);
+        return emit(p, (struct instruction){OP_TIME, 0, 0.0}, 0);
     if (n == 2 && strncmp(from, "pi", 2) == 0)
         return emit_number(p, M_PI);
     return fail(p, from, "unknown name: expected t, pi or a function");
@@ -149,7 +166,7 @@ static enum mk_status parse_unary(struct parser *p)
         p->at++;
         st = parse_unary(p);
         if (st == MK_OK)
-            st = emit(p, (struct instruction){OP_NEG, 0, 0.0}, 0);
+            st = emit(p, (struct instruction){OP_NEG, 0, 0.0}, 1);
     } else if (*p->at == '+') {
         p->at++;
         st = parse_unary(p);
@@ -160,7 +177,7 @@ static enum mk_status parse_unary(struct parser *p)
             p->at++;
             st = parse_unary(p);
             if (st == MK_OK)
-                st = emit(p, (struct instruction){OP_POW, 0, 0.0}, -1);
+                st = emit(p, (struct instruction){OP_POW, 0, 0.0}, 2);
         }
     }
     p->depth--;
@@ -180,7 +197,7 @@ static enum mk_status parse_chain(struct parser *p, char first, enum op first_op
         p->at++;
         st = next(p);
         if (st == MK_OK)
-            st = emit(p, (struct instruction){c == first ? first_op : second_op, 0, 0.0}, -1);
+            st = emit(p, (struct instruction){c == first ? first_op : second_op, 0, 0.0}, 2);
     }
     return st;
 }

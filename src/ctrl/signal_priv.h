@@ -2,6 +2,7 @@
 #ifndef MECHKIT_CTRL_SIGNAL_PRIV_H
 #define MECHKIT_CTRL_SIGNAL_PRIV_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "mechkit/signal.h"
@@ -32,6 +33,7 @@ struct signal_function {
     int arguments;
     const char *help;
     double (*call)(double t, const double *a);
+    bool timed; /* depends on t as well as on its arguments */
 };
 
 extern const struct signal_function mk_signal_functions[];
@@ -46,7 +48,10 @@ struct mk_signal {
     size_t rows;
 };
 
-/* Compiles text into signal->code. */
+/* Runs a program that leaves one value. RT. */
+double mk_signal_execute(const struct instruction *code, int count, double t);
+
+/* Compiles text into signal->code; what does not depend on t is computed now. */
 enum mk_status mk_signal_parse(struct mk_signal *signal, const char *text, struct mk_error *err);
 
 #endif

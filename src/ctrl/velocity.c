@@ -1,6 +1,7 @@
 #include "mechkit/velocity.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 static const char *const names[MK_VELOCITY_COUNT] = {"filter", "tracking", "kalman"};
@@ -25,7 +26,7 @@ static void init_filter(struct mk_velocity *est)
 }
 
 /* Critically damped observer of angle and speed: both poles of the sampled error at exp(-w dt).
- * q += dt v; e = y - q; q += gain[0] e; v += gain[1] e. */
+ * q += dt v; e = y - q; q += gain[0] e; v += gain[1] e. It lags an accelerating joint by 2 / w. */
 static void init_tracking(struct mk_velocity *est)
 {
     double dt = est->config.dt_s, z = exp(-2.0 * M_PI * est->config.bandwidth_hz * dt);
@@ -33,9 +34,10 @@ static void init_tracking(struct mk_velocity *est)
     est->gain[1] = (1.0 - z) * (1.0 - z) / dt;
 }
 
-/* Stationary gains for x = [q v a], a a random walk: iterates the Riccati recursion until it stands
- * still. Measurement noise is rounding, count^2 / 12; the walk lets the acceleration change by its
- * usual size within 20 ms. */
+/* Stationary gains of a Kalman filter for x = [q v a], a a random walk (R. E. Kalman 1960; Y.
+ * Bar-Shalom et al. 2001, 6.3.3): iterates the Riccati recursion until it stands still. Measurement
+ * noise is rounding, count^2 / 12; the walk lets the acceleration change by its usual size within
+ * 20 ms. */
 static void init_kalman(struct mk_velocity *est)
 {
     double dt = est->config.dt_s, a = est->config.accel_radps2;
@@ -69,13 +71,19 @@ static void init_kalman(struct mk_velocity *est)
     }
 }
 
+static bool positive(double x)
+{
+    return x > 0.0 && isfinite(x);
+}
+
 enum mk_status mk_velocity_init(struct mk_velocity *est, const struct mk_velocity_config *config)
 {
     memset(est, 0, sizeof *est);
     est->config = *config;
     if ((unsigned)config->kind >= MK_VELOCITY_COUNT)
         return MK_ERR_INVALID;
-    if (!(config->dt_s > 0.0) || !(config->bandwidth_hz >= 0.0) || !isfinite(config->dt_s))
+    if (!positive(config->dt_s) || !(config->bandwidth_hz >= 0.0) ||
+        !isfinite(config->bandwidth_hz))
         return MK_ERR_RANGE;
     if (est->config.bandwidth_hz == 0.0)
         est->config.bandwidth_hz = 0.08 / config->dt_s;
@@ -87,7 +95,7 @@ enum mk_status mk_velocity_init(struct mk_velocity *est, const struct mk_velocit
         init_tracking(est);
         break;
     case MK_VELOCITY_KALMAN:
-        if (!(config->count_rad > 0.0) || !(config->accel_radps2 > 0.0))
+        if (!positive(config->count_rad) || !positive(config->accel_radps2))
             return MK_ERR_RANGE;
         init_kalman(est);
         break;
