@@ -152,6 +152,7 @@ deps: ## install missing packages (Debian, Ubuntu), or name them
 .PHONY: check check-asan check-tsan
 check: ## install what is missing, build, run the tests
 	@tools/deps.sh
+	@tools/floors.sh
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=$(VARIANT) run-tests
 check-asan: ## the tests under AddressSanitizer and UndefinedBehaviorSanitizer
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=asan run-tests

@@ -11,6 +11,7 @@
     X(clock)                                                                                       \
     X(json)                                                                                        \
     X(log)                                                                                         \
+    X(floors)                                                                                      \
     X(log_writer)                                                                                  \
     X(design)                                                                                      \
     X(signal)                                                                                      \

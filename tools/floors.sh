@@ -1,14 +1,23 @@
 #!/bin/sh
-# Checks who includes whom: a folder includes only folders on floors below it, or its own (src/README.md);
-# one file alone knows SUNDIALS; Eigen stays in C++; only the screen knows curses.
+# Checks who includes whom, and prints the lines that must not be: a folder includes only folders and
+# public headers on floors below it, or its own (src/README.md); a library that one part wraps is
+# known to that part alone. `tools/floors.sh [DIR]` checks another tree.
 set -eu
-cd "$(dirname "$0")/.."
+cd "${1:-$(dirname "$0")/..}"
 bad=0
 
 complain() { # TITLE LINES
-    [ -z "$2" ] && return
+    [ -n "$2" ] || return 0
     printf '%s\n%s\n' "$1" "$2" >&2
     bad=1
+}
+
+# Include lines of these files and folders that match, but for files that match EXCEPT.
+includes() { # PATTERN EXCEPT PATH...
+    pattern=$1 except=$2
+    shift 2
+    grep -rnE "^[[:space:]]*#[[:space:]]*include[[:space:]]*$pattern" "$@" 2>/dev/null |
+        grep -vE "^($except):" || true
 }
 
 floor() {
@@ -21,21 +30,56 @@ floor() {
     console) echo 6 ;;
     esac
 }
+folders="base model sim ctrl driver ident explain console"
 
-for folder in base model sim ctrl driver ident explain console; do
+# Public headers stand on the floor of the folder that implements them. The board interface is on
+# the loop's floor: the loop is given a board and does not know which.
+header_floor() {
+    case $1 in
+    status | number | ring | log | json | clock) echo 1 ;;
+    model) echo 2 ;;
+    ident) echo 4 ;;
+    explain) echo 5 ;;
+    *) echo 3 ;;
+    esac
+}
+
+for folder in $folders; do
     [ -d "src/$folder" ] || continue
-    for other in base model sim ctrl driver ident explain console; do
-        [ "$other" = "$folder" ] && continue
-        [ "$(floor "$other")" -lt "$(floor "$folder")" ] && continue
-        found=$(grep -rnE "^[[:space:]]*#[[:space:]]*include \"$other/" "src/$folder" || true)
-        complain "src/$folder must not include src/$other:" "$found"
+    for other in $folders; do
+        [ "$other" != "$folder" ] && [ "$(floor "$other")" -ge "$(floor "$folder")" ] || continue
+        complain "src/$folder must not include src/$other:" \
+            "$(includes "\"([.][.]/)*$other/" 'none' "src/$folder")"
     done
 done
+
+for path in include/mechkit/*.h; do
+    header=$(basename "$path" .h)
+    on=$(header_floor "$header")
+    for folder in $folders; do
+        [ -d "src/$folder" ] && [ "$(floor "$folder")" -lt "$on" ] || continue
+        complain "src/$folder must not include mechkit/$header.h:" \
+            "$(includes "[\"<]mechkit/$header[.]h" 'none' "src/$folder")"
+    done
+    for user in include/mechkit/*.h; do
+        [ "$(header_floor "$(basename "$user" .h)")" -lt "$on" ] || continue
+        complain "$user must not include mechkit/$header.h:" \
+            "$(includes "[\"<]mechkit/$header[.]h" 'none' "$user" /dev/null)"
+    done
+done
+complain "public headers include public headers only:" \
+    "$(includes '"' 'none' include | grep -v '"mechkit/' || true)"
+
+sundials='(arkode|cvodes?|idas?|kinsol|nvector|sundials|sunlinsol|sunmatrix|sunnonlinsol)/'
 complain "only src/sim/sundials.cpp includes SUNDIALS:" \
-    "$(grep -rnE '#include <(arkode|cvode|cvodes|ida|nvector|sundials|sunlinsol|sunmatrix|sunnonlinsol)/' \
-        src include tests | grep -v '^src/sim/sundials.cpp' || true)"
+    "$(includes "<$sundials" 'src/sim/sundials[a-z_]*[.](c|cpp|hpp|h)' src include tests)"
+complain "cJSON comes with mechkit/json.h:" \
+    "$(includes '[<"](cjson/)?cJSON' 'include/mechkit/json[.]h|src/base/json[.]c' src include tests)"
 complain "Eigen stays in C++ sources:" \
-    "$(grep -rnE '#include <(unsupported/)?Eigen' src include | grep -vE '^src/[a-z]+/[a-z_]+\.(cpp|hpp):' || true)"
+    "$(includes '<(unsupported/)?Eigen' '(src|tests)/[a-z_/]+[.](cpp|hpp|cc)' src include tests)"
 complain "only the screen (src/console/ui_*.c) includes curses:" \
-    "$(grep -rnE '#include <n?curses' src include | grep -v '^src/console/ui_' || true)"
+    "$(includes '<(n?cursesw?/)?(n?curses|panel|form|menu|term)[.]h' 'src/console/ui_[a-z_]+[.][ch]' src include)"
+complain "zlib stays in src/base:" "$(includes '<zlib' 'src/base/[a-z_]+[.][ch]' src include)"
+complain "libusb stays in src/driver:" "$(includes '<libusb' 'src/driver/[a-z_]+[.][ch]' src include)"
+complain "inih stays in src/model:" "$(includes '<ini[.]h' 'src/model/[a-z_]+[.][ch]' src include)"
 exit $bad

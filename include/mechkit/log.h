@@ -6,11 +6,10 @@
  *     0,-1.5707963267949,0,0
  *
  * Angles in rad, times in s. A missing value (empty field, "nan") is NaN. Columns that mechkit does
- * not know are kept: numbers as doubles, and to the letter as text when a cell is no number or is a
- * whole number that a double cannot hold. A "#" line without a colon is a comment, kept as metadata
- * with an empty key. A path that ends in
- * ".gz" is compressed. Not RT-safe (allocates, does I/O); a struct mk_log may be read by many
- * threads while none writes it.
+ * not know are kept: numbers as doubles; to the letter as text when a cell is no number, or a whole
+ * number that a double cannot hold. A "#" line without a colon is a comment, kept as metadata with
+ * an empty key. A path that ends in ".gz" is compressed. Not RT-safe (allocates, does I/O); many
+ * threads may read a struct mk_log while none writes it.
  */
 #ifndef MECHKIT_LOG_H
 #define MECHKIT_LOG_H

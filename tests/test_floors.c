@@ -1,0 +1,86 @@
+/* The checker of who includes whom finds what it is for. */
+#include "suites.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+
+#include "support/files.h"
+
+/* A small tree with `line` in `file`; what tools/floors.sh says of it. */
+static int check_tree(const char *file, const char *line, char *said, size_t size)
+{
+    static const char *const folders[] = {"src",        "src/base", "src/model",
+                                          "src/ctrl",   "src/sim",  "src/console",
+                                          "src/driver", "include",  "include/mechkit"};
+    for (size_t i = 0; i < sizeof folders / sizeof folders[0]; i++)
+        mkdir(scratch(folders[i]), 0755);
+    scratch_text("include/mechkit/status.h", "#include <stddef.h>\n");
+    scratch_text("include/mechkit/loop.h", "#include \"mechkit/status.h\"\n");
+    scratch_text("src/ctrl/loop.c", "#include \"mechkit/loop.h\"\n#include \"base/random.h\"\n");
+    scratch_text("src/sim/sundials.cpp", "#include <cvode/cvode.h>\n");
+    scratch_text("src/console/ui_screen.c", "#include <ncursesw/curses.h>\n");
+    if (file)
+        scratch_text(file, line);
+    char command[1024];
+    snprintf(command, sizeof command, "%s/tools/floors.sh %s 2>&1", MK_SOURCE_DIR, scratch(""));
+    FILE *out = popen(command, "r");
+    said[fread(said, 1, size - 1, out)] = '\0';
+    int status = pclose(out);
+    if (file)
+        remove(scratch(file));
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+START_TEST(every_kind_of_forbidden_include_is_found)
+{
+    static const struct {
+        const char *file, *line, *says;
+    } rows[] = {
+        {"src/model/a.c", "#include \"ctrl/ctrl_priv.h\"\n", "src/model must not include src/ctrl"},
+        {"src/ctrl/a.c", "#include \"sim/fast.hpp\"\n", "src/ctrl must not include src/sim"},
+        {"src/base/a.h", "  #  include \"../model/rhs.hpp\"\n",
+         "src/base must not include src/model"},
+        {"src/base/a.c", "#include \"mechkit/loop.h\"\n", "must not include mechkit/loop.h"},
+        {"include/mechkit/log.h", "#include \"mechkit/loop.h\"\n",
+         "must not include mechkit/loop.h"},
+        {"include/mechkit/sim.h", "#include \"sim/fast.hpp\"\n", "public headers"},
+        {"src/sim/a.cpp", "#include <sundials/sundials_types.h>\n", "SUNDIALS"},
+        {"src/console/a.c", "#include <cjson/cJSON.h>\n", "cJSON"},
+        {"src/ctrl/a.h", "#include <Eigen/Core>\n", "Eigen"},
+        {"src/console/a.c", "#include <curses.h>\n", "curses"},
+        {"src/driver/ui_a.c", "#include <ncurses.h>\n", "curses"},
+        {"src/console/a.c", "#include <ncursesw/panel.h>\n", "curses"},
+        {"src/sim/a.c", "#include <zlib.h>\n", "zlib"},
+        {"src/console/a.c", "#include <libusb-1.0/libusb.h>\n", "libusb"},
+        {"src/ctrl/a.c", "#include <ini.h>\n", "inih"},
+    };
+    char said[2048];
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        int status = check_tree(rows[i].file, rows[i].line, said, sizeof said);
+        ck_assert_msg(status == 1 && strstr(said, rows[i].says) && strstr(said, rows[i].file),
+                      "%s: %s gave %d: %s", rows[i].file, rows[i].line, status, said);
+    }
+}
+END_TEST
+
+START_TEST(what_is_allowed_passes)
+{
+    char said[2048];
+    int status = check_tree(NULL, NULL, said, sizeof said);
+    ck_assert_msg(status == 0 && !said[0], "%d: %s", status, said);
+}
+END_TEST
+
+Suite *suite_floors(void)
+{
+    Suite *s = suite_create("floors");
+    TCase *t = tcase_create("tree");
+    tcase_set_timeout(t, 60);
+    tcase_add_test(t, every_kind_of_forbidden_include_is_found);
+    tcase_add_test(t, what_is_allowed_passes);
+    suite_add_tcase(s, t);
+    return s;
+}
