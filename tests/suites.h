@@ -14,6 +14,7 @@
     X(floors)                                                                                      \
     X(log_writer)                                                                                  \
     X(design)                                                                                      \
+    X(design_cli)                                                                                  \
     X(signal)                                                                                      \
     X(velocity)                                                                                    \
     X(plants)                                                                                      \

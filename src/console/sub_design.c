@@ -17,7 +17,7 @@ struct options {
     const char *model, *at, *json;
     const char *poles, *lqr, *lqrd, *gains;
     double rate;
-    bool friction;
+    bool friction, delay;
 };
 
 /* A linear system whose state is in the order in which `gains` takes it: q1 dq1 q2 dq2; a wheel's
@@ -31,17 +31,23 @@ struct linear {
 struct result {
     int n; /* gains; one more than states when there is a delay */
     double k[STATES + 1];
-    double re[STATES], im[STATES];
+    double re[STATES + 1], im[STATES + 1]; /* closed loop; of the samples (z) when `sampled` */
+    bool sampled;
 };
 
 static int parse(int argc, char **argv, struct options *o)
 {
-    static const struct option names[] = {
-        {"model", required_argument, NULL, 'm'}, {"at", required_argument, NULL, 'a'},
-        {"poles", required_argument, NULL, 'p'}, {"lqr", required_argument, NULL, 'l'},
-        {"lqrd", required_argument, NULL, 'd'},  {"gains", required_argument, NULL, 'g'},
-        {"rate", required_argument, NULL, 'r'},  {"friction", no_argument, NULL, 'f'},
-        {"json", required_argument, NULL, 'j'},  {NULL, 0, NULL, 0}};
+    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
+                                          {"at", required_argument, NULL, 'a'},
+                                          {"poles", required_argument, NULL, 'p'},
+                                          {"lqr", required_argument, NULL, 'l'},
+                                          {"lqrd", required_argument, NULL, 'd'},
+                                          {"gains", required_argument, NULL, 'g'},
+                                          {"rate", required_argument, NULL, 'r'},
+                                          {"friction", no_argument, NULL, 'f'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"delay", no_argument, NULL, 'y'},
+                                          {NULL, 0, NULL, 0}};
     int c;
     opterr = 0;
     optind = 1;
@@ -66,11 +72,14 @@ static int parse(int argc, char **argv, struct options *o)
             o->gains = optarg;
             break;
         case 'r':
-            if (!mk_parse_double_z(optarg, &o->rate) || !(o->rate > 0.0))
+            if (!mk_parse_double_z(optarg, &o->rate) || !(o->rate > 0.0) || !isfinite(o->rate))
                 return report_usage("design", "--rate %s: expected samples per second", optarg);
             break;
         case 'f':
             o->friction = true;
+            break;
+        case 'y':
+            o->delay = true;
             break;
         case 'j':
             o->json = optarg;
@@ -87,6 +96,8 @@ static int parse(int argc, char **argv, struct options *o)
         return report_usage("design", "--model is missing");
     if ((o->poles != NULL) + (o->lqr != NULL) + (o->lqrd != NULL) + (o->gains != NULL) > 1)
         return report_usage("design", "one of --poles, --lqr, --lqrd, --gains at a time");
+    if (o->delay && !o->lqrd)
+        return report_usage("design", "--delay goes with --lqrd");
     return EXIT_OK;
 }
 
@@ -107,7 +118,8 @@ static bool parse_complex(const char *text, double *re, double *im)
     return mk_parse_double(text + split, text + n - 1, im);
 }
 
-/* Reads up to `most` (complex, if im is given) numbers separated by blanks or commas; -1: bad. */
+/* Reads up to `most` (complex, if im is given) numbers separated by blanks, commas or semicolons;
+ * -1: bad. */
 static int parse_list(const char *text, int most, double *re, double *im)
 {
     char copy[256];
@@ -116,7 +128,7 @@ static int parse_list(const char *text, int most, double *re, double *im)
         return -1;
     strcpy(copy, text);
     char *save = NULL;
-    for (char *word = strtok_r(copy, " ,\t", &save); word; word = strtok_r(NULL, " ,\t", &save)) {
+    for (char *word = strtok_r(copy, " ,;\t", &save); word; word = strtok_r(NULL, " ,;\t", &save)) {
         double x, y;
         if (n == most || !parse_complex(word, &x, &y) || (!im && y != 0.0))
             return -1;
@@ -137,6 +149,33 @@ static const struct mk_equilibrium *find_equilibrium(const struct mk_plant_info 
         if (strcmp(plant->equilibrium[i].name, name) == 0)
             return &plant->equilibrium[i];
     return NULL;
+}
+
+/* The setup that holds this equilibrium by the gains that are printed; NULL: none does. */
+static const char *setup_at(enum mk_plant_kind plant, const char *equilibrium)
+{
+    static const struct {
+        enum mk_plant_kind plant;
+        const char *equilibrium, *setup;
+    } rows[] = {{MK_PLANT_PENDUBOT, "mid", "pendubot-mid"},
+                {MK_PLANT_PENDUBOT, "top", "pendubot-top"},
+                {MK_PLANT_REACTION_WHEEL, "top", "reaction-wheel"},
+                {MK_PLANT_FURUTA, "top", "furuta"}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+        if (rows[i].plant == plant && strcmp(rows[i].equilibrium, equilibrium) == 0)
+            return rows[i].setup;
+    return NULL;
+}
+
+static int no_equilibrium(const struct mk_plant_info *plant, const char *name)
+{
+    char list[128] = "";
+    for (int i = 0; i < plant->equilibrium_count; i++) {
+        size_t n = strlen(list);
+        snprintf(list + n, sizeof list - n, "%s%s", i ? ", " : "", plant->equilibrium[i].name);
+    }
+    return report_usage("design", "--at %s: the equilibria of a %s are %s", name, plant->name,
+                        list);
 }
 
 /* mk_plant_linearise's order [q1 q2 dq1 dq2] to that of `gains`. The reaction wheel's law is on
@@ -195,13 +234,12 @@ static int design_lqr(const struct options *o, const struct linear *sys, struct 
                             text, sys->n);
     for (int i = 0; i < sys->n; i++)
         q[i * sys->n + i] = w[i];
-    enum mk_status st;
-    if (o->lqr)
-        st = mk_design_lqr(sys->n, sys->a, sys->b, q, w[sys->n], r->k, NULL, err);
-    else
-        st =
-            mk_design_lqrd(sys->n, sys->a, sys->b, q, w[sys->n], 1.0 / o->rate, 1, r->k, NULL, err);
-    r->n = sys->n + (o->lqrd != NULL);
+    r->sampled = o->lqrd != NULL;
+    r->n = sys->n + o->delay;
+    double weight = w[sys->n];
+    enum mk_status st = o->lqr ? mk_design_lqr(sys->n, sys->a, sys->b, q, weight, r->k, NULL, err)
+                               : mk_design_lqrd(sys->n, sys->a, sys->b, q, weight, 1.0 / o->rate,
+                                                o->delay, r->k, NULL, err);
     return st == MK_OK ? EXIT_OK : report_error(err);
 }
 
@@ -220,6 +258,30 @@ static int find_gains(const struct options *o, const struct linear *sys, struct 
     return EXIT_OK;
 }
 
+/* Poles of the loop with the gains. With a delay the state of the sampled loop is [x, u]. */
+static enum mk_status find_poles(const struct options *o, const struct linear *sys,
+                                 struct result *r, struct mk_error *err)
+{
+    int n = sys->n;
+    double a[(STATES + 1) * (STATES + 1)] = {0.0}, b[STATES + 1] = {0.0};
+    if (!r->sampled)
+        return mk_design_poles(n, sys->a, sys->b, r->k, r->re, r->im, err);
+    double ad[STATES * STATES], bd[STATES];
+    enum mk_status st = mk_design_c2d(n, sys->a, sys->b, 1.0 / o->rate, ad, bd, err);
+    if (st != MK_OK)
+        return st;
+    for (int i = 0; i < n; i++) {
+        memcpy(&a[i * r->n], &ad[i * n], (size_t)n * sizeof *ad);
+        if (o->delay)
+            a[i * r->n + n] = bd[i];
+        else
+            b[i] = bd[i];
+    }
+    if (o->delay)
+        b[n] = 1.0;
+    return mk_design_poles(r->n, a, b, r->k, r->re, r->im, err);
+}
+
 static void print_matrix(const struct linear *sys)
 {
     printf("\n  %-8s %10s", "", "A:");
@@ -234,31 +296,71 @@ static void print_matrix(const struct linear *sys)
     }
 }
 
-static void print_result(const struct linear *sys, const struct result *r, int rank,
-                         double condition)
+static void print_poles(const char *title, int n, const double *re, const double *im)
+{
+    printf("  %s", title);
+    for (int i = 0; i < n; i++)
+        printf(im[i] != 0.0 ? "  %.4g%+.4gi" : "  %.4g", re[i], im[i]);
+    printf("\n");
+}
+
+/* Poles z of samples as those s of a continuous loop that decays as fast: z = exp(s / rate). */
+static void print_sampled_poles(const struct result *r, double rate)
+{
+    double re[STATES + 1], im[STATES + 1];
+    int n = 0;
+    for (int i = 0; i < r->n; i++) {
+        double size = hypot(r->re[i], r->im[i]);
+        if (size < 1e-6)
+            continue; /* the delay itself: gone after a sample */
+        re[n] = rate * log(size);
+        im[n++] = rate * atan2(r->im[i], r->re[i]);
+    }
+    print_poles("closed-loop poles, z:", r->n, r->re, r->im);
+    print_poles("  as s = rate ln z:  ", n, re, im);
+}
+
+static void print_gains(const struct options *o, const char *setup, const struct linear *sys,
+                        const struct result *r)
+{
+    printf("\n  gains");
+    for (int i = 0; i < r->n; i++)
+        printf(" %.6g", r->k[i]);
+    printf("\n    on");
+    for (int i = 0; i < sys->n; i++)
+        printf(" %s", sys->state[i]);
+    if (o->delay)
+        printf(" and the command of the sample before: u = -K [x - x_eq, u]\n"
+               "    setups predict the state themselves: `gains` takes those without --delay\n");
+    else if (setup)
+        printf(": u = -K (x - x_eq), in the order in which `gains` of setup %s takes them\n",
+               setup);
+    else
+        printf(": u = -K (x - x_eq); no setup holds this equilibrium\n");
+}
+
+static void print_result(const struct options *o, const char *setup, const struct linear *sys,
+                         const struct result *r, int rank, double condition)
 {
     double re[STATES], im[STATES];
     print_matrix(sys);
     printf("\n  controllability: rank %d of %d, condition %.3g\n", rank, sys->n, condition);
-    if (mk_design_poles(sys->n, sys->a, sys->b, NULL, re, im, NULL) == MK_OK) {
-        printf("  open-loop poles:  ");
-        for (int i = 0; i < sys->n; i++)
-            printf(im[i] != 0.0 ? "  %.4g%+.4gi" : "  %.4g", re[i], im[i]);
-        printf("\n");
-    }
+    if (mk_design_poles(sys->n, sys->a, sys->b, NULL, re, im, NULL) == MK_OK)
+        print_poles("open-loop poles:  ", sys->n, re, im);
     if (r->n == 0)
         return;
-    printf("\n  gains");
-    for (int i = 0; i < r->n; i++)
-        printf(" %.6g", r->k[i]);
-    printf("\n    u = -K (x - x_eq), in the order of the states above%s\n",
-           r->n > sys->n ? "; the last gain is on the command of the sample before" : "");
-    if (r->n > sys->n)
-        return;
-    printf("  closed-loop poles:");
-    for (int i = 0; i < sys->n; i++)
-        printf(r->im[i] != 0.0 ? "  %.4g%+.4gi" : "  %.4g", r->re[i], r->im[i]);
-    printf("\n");
+    print_gains(o, setup, sys, r);
+    if (r->sampled)
+        print_sampled_poles(r, o->rate);
+    else
+        print_poles("closed-loop poles:", sys->n, r->re, r->im);
+}
+
+static void add_poles(cJSON *root, const char *name, int n, const double *re, const double *im)
+{
+    cJSON *poles = cJSON_AddArrayToObject(root, name);
+    for (int i = 0; i < n; i++)
+        cJSON_AddItemToArray(poles, mk_json_numbers((double[]){re[i], im[i]}, 2));
 }
 
 static enum mk_status write_json(const struct options *o, const struct mk_model *model,
@@ -277,11 +379,9 @@ static enum mk_status write_json(const struct options *o, const struct mk_model 
     cJSON_AddItemToObject(root, "B", mk_json_numbers(sys->b, (size_t)sys->n));
     cJSON_AddItemToObject(root, "controllability_rank", mk_json_number(rank));
     cJSON_AddItemToObject(root, "gains", mk_json_numbers(r->k, (size_t)r->n));
-    cJSON *poles = cJSON_AddArrayToObject(root, "closed_loop_poles");
-    for (int i = 0; r->n == sys->n && i < sys->n; i++) {
-        double pole[2] = {r->re[i], r->im[i]};
-        cJSON_AddItemToArray(poles, mk_json_numbers(pole, 2));
-    }
+    add_poles(root, r->sampled ? "closed_loop_poles_z" : "closed_loop_poles", r->n, r->re, r->im);
+    if (r->sampled)
+        cJSON_AddItemToObject(root, "sample_rate_hz", mk_json_number(o->rate));
     enum mk_status st = mk_json_write(o->json, root, err);
     cJSON_Delete(root);
     return st;
@@ -299,8 +399,7 @@ int sub_design(int argc, char **argv)
         return report_error(&err);
     const struct mk_equilibrium *eq = find_equilibrium(mk_plant(model.plant), o.at);
     if (!eq)
-        return report_usage("design", "a %s has no equilibrium '%s'", mk_plant(model.plant)->name,
-                            o.at);
+        return no_equilibrium(mk_plant(model.plant), o.at);
     struct linear sys;
     struct result r = {0};
     linearise(&model, eq->q, o.friction, &sys);
@@ -309,7 +408,7 @@ int sub_design(int argc, char **argv)
     code = find_gains(&o, &sys, &r, &err);
     if (code != EXIT_OK)
         return code;
-    if (r.n == sys.n && mk_design_poles(sys.n, sys.a, sys.b, r.k, r.re, r.im, &err) != MK_OK)
+    if (r.n > 0 && find_poles(&o, &sys, &r, &err) != MK_OK)
         return report_error(&err);
     if (o.json && write_json(&o, &model, eq, &sys, &r, rank, &err) != MK_OK)
         return report_error(&err);
@@ -318,7 +417,7 @@ int sub_design(int argc, char **argv)
         if (mk_model_joints(&model) == 2)
             printf(", %.4g", eq->q[1]);
         printf(") rad, g = %.4g m/s^2\n", model.g);
-        print_result(&sys, &r, rank, condition);
+        print_result(&o, setup_at(model.plant, eq->name), &sys, &r, rank, condition);
     }
     return EXIT_OK;
 }

@@ -34,9 +34,9 @@ static void init_tracking(struct mk_velocity *est)
     est->gain[1] = (1.0 - z) * (1.0 - z) / dt;
 }
 
-/* Stationary gains of a Kalman filter for x = [q v a], a a random walk (R. E. Kalman 1960; Y.
- * Bar-Shalom et al. 2001, 6.3.3): iterates the Riccati recursion until it stands still. Measurement
- * noise is rounding, count^2 / 12; the walk lets the acceleration change by its usual size within
+/* Stationary gains of a Kalman filter (R. E. Kalman 1960) for x = [q v a], a changing by a random
+ * jerk held over each sample: iterates the Riccati recursion until it stands still. Measurement
+ * noise is rounding, count^2 / 12; the jerk lets the acceleration change by its usual size within
  * 20 ms. */
 static void init_kalman(struct mk_velocity *est)
 {
