@@ -1,0 +1,32 @@
+// One identification method: a row of the table in identify.cpp.
+#ifndef MECHKIT_IDENT_METHOD_HPP
+#define MECHKIT_IDENT_METHOD_HPP
+
+#include <vector>
+
+#include "mechkit/ident.h"
+
+namespace mk
+{
+
+// What a method gets: columns found, the model checked, options filled in.
+struct IdentProblem {
+    mk_model model;
+    std::vector<const mk_log *> logs;
+    std::vector<mk_record> records; // one a log
+    mk_ident_options options;
+};
+
+struct IdentMethod {
+    mk_ident_method_info info;
+    // Fills model, parameter[].value/std_error/..., covariance, condition numbers, cost, noise,
+    // iterations, converged, rows and warnings; names, initial values, seconds are filled in by the
+    // caller.
+    enum mk_status (*fit)(const IdentProblem &problem, mk_ident_result &result, mk_error *err);
+};
+
+// The methods' rows, in the file that defines each.
+extern const IdentMethod method_output_error;
+
+} // namespace mk
+#endif
