@@ -36,7 +36,7 @@ const struct mk_ident_method_info *mk_ident_method(int index); /* NULL out of ra
 const struct mk_ident_method_info *mk_ident_method_by_name(const char *name);
 
 /* Called now and then from the thread that called mk_identify: `done` in 0..1, what is being done.
- * Returning false stops the fit (MK_ERR_CANCELLED). */
+ * Returning false stops the fit (MK_ERR_INTR). */
 typedef bool (*mk_progress_fn)(void *context, double done, const char *what);
 
 struct mk_ident_options {
@@ -83,7 +83,7 @@ struct mk_ident_result {
 
 /* Fits `model` to `logs`. On failure *out is untouched. MK_ERR_PARSE (a log does not fit the
  * model), MK_ERR_RANGE (too few rows, no motion, nothing to fit), MK_ERR_NUMERIC (no convergence to
- * anything), MK_ERR_NOTFOUND (method), MK_ERR_CANCELLED, MK_ERR_NOMEM. Pure: logs and model are
+ * anything), MK_ERR_NOTFOUND (method), MK_ERR_INTR, MK_ERR_NOMEM. Pure: logs and model are
  * read only; several calls may run at the same time. */
 MK_NODISCARD enum mk_status mk_identify(const struct mk_model *model,
                                         const struct mk_log *const *logs, size_t log_count,
