@@ -93,7 +93,11 @@ FUSED += -ffp-contract=fast -fno-math-errno -fno-trapping-math -fno-signed-zeros
 ISA_FLAGS_generic :=
 ISA_FLAGS_avx2    := -mavx2 -mfma $(FUSED)
 ISA_FLAGS_avx512  := $(FUSED) -mavx512f -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512
-ISA_OBJ   := $(if $(wildcard $(ISA_SRC)),$(ISAS:%=$(B)/src/sim/fast_kernel.%.o))
+# The shooting kernel besides for several numbers of derivatives (0: values alone).
+SHOOT_SRC   := src/sim/shoot_kernel.cc
+SHOOT_LANES := 0 8 16 24
+ISA_OBJ   := $(ISAS:%=$(B)/src/sim/fast_kernel.%.o) \
+             $(foreach n,$(SHOOT_LANES),$(ISAS:%=$(B)/src/sim/shoot_kernel.%.$(n).o))
 
 LIB_OBJ  := $(LIB_C:%.c=$(B)/%.o) $(LIB_CXX:%.cpp=$(B)/%.o) $(ISA_OBJ)
 APP_OBJ  := $(APP_C:%.c=$(B)/%.o)
@@ -132,6 +136,13 @@ $(B)/%.o: %.cpp
 $(B)/src/sim/fast_kernel.%.o: $(ISA_SRC)
 	@mkdir -p $(@D)
 	$(call say,CXX)$(CXX) -x c++ $(CPPFLAGS_ALL) -DMK_ISA=$* $(CXXFLAGS_ALL) $(ISA_FLAGS_$*) -MMD -MP -c -o $@ $<
+define SHOOT_RULE
+$(B)/src/sim/shoot_kernel.$(1).$(2).o: $(SHOOT_SRC)
+	@mkdir -p $$(@D)
+	$$(call say,CXX)$(CXX) -x c++ $$(CPPFLAGS_ALL) -DMK_ISA=$(1)_$(2) -DMK_LANES=$(2) \
+		$$(CXXFLAGS_ALL) $(ISA_FLAGS_$(1)) -MMD -MP -c -o $$@ $$<
+endef
+$(foreach i,$(ISAS),$(foreach n,$(SHOOT_LANES),$(eval $(call SHOOT_RULE,$(i),$(n)))))
 
 # Check's macros convert freely; conversions are not errors in tests.
 $(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic

@@ -43,12 +43,27 @@ enum mk_plant_kind {
     MK_PLANT_COUNT
 };
 
+/* How a fit treats a parameter. */
+enum mk_parameter_fit {
+    MK_FIT_FREE,
+    MK_FIT_FIXED,   /* kept at its value: data hardly ever say anything about it */
+    MK_FIT_INTEGER, /* tried value by value */
+    MK_FIT_ANGLE,   /* phase, 2 pi periodic, of the effect's first parameter, an amplitude */
+    MK_FIT_CENTRE /* position at which the torque of the effect's first parameter, a stiffness, is 0
+                   */
+};
+
 struct mk_parameter_info {
     const char *name; /* "p1", or an effect's "width" */
     const char *unit; /* SI text; "" for none. Command units divide torques by u_to_torque. */
     const char *help; /* one line: what it is physically */
     double min, max;  /* physical range, inclusive; +-INFINITY where open */
     double initial;   /* a usual value (effects: where a search starts; plants: the report's) */
+#ifdef __cplusplus
+    enum mk_parameter_fit fit = MK_FIT_FREE;
+#else
+    enum mk_parameter_fit fit;
+#endif
 };
 
 struct mk_equilibrium {

@@ -9,12 +9,15 @@
 //     STATE        derivative(f, e, dz), init(f, e, z)
 //     EVENT        events(f, e, g)     surfaces where the law switches
 //     MEASUREMENT  measure(f, e, y)    changes readings
+// and, if it makes the model stiffer, rate(f, e): how fast its fastest motion is, 1/s.
 // Delays have a stage flag and a parameter; the simulation applies them. docs/adding.md shows how
 // to add one.
 #ifndef MECHKIT_MODEL_EFFECT_HPP
 #define MECHKIT_MODEL_EFFECT_HPP
 
 #include "mechkit/model.h"
+#include <type_traits>
+
 #include "model/plants.hpp"
 
 namespace mk
@@ -49,6 +52,7 @@ struct Frame {
     bool motor_detached;      // an effect passes the motor's torque on by itself
     S tau[2];                 // right-hand sides
     S m11, m12, m22;          // mass matrix
+    S lag_input;              // command before the actuator's lag
     S a[2];                   // accelerations, known from the derivative stage on
     S base_acceleration;      // of a rocking base, about joint 1's axis
 };
@@ -70,6 +74,14 @@ struct EffectOps {
     void (*init)(Frame<S> &, const EffectArgs<S> &, S *z);
     void (*events)(Frame<S> &, const EffectArgs<S> &, S *g);
     void (*measure)(Frame<S> &, const EffectArgs<S> &, S *y);
+    double (*rate)(const Frame<S> &, const EffectArgs<S> &);
+};
+
+template <class E, class S, class = void>
+struct HasRate : std::false_type {
+};
+template <class E, class S>
+struct HasRate<E, S, std::void_t<decltype(&E::template rate<S>)>> : std::true_type {
 };
 
 template <class E, class S>
@@ -92,6 +104,8 @@ constexpr EffectOps<S> effect_ops_of()
         ops.events = &E::template events<S>;
     if constexpr ((E::info.stages & MK_STAGE_MEASUREMENT) != 0)
         ops.measure = &E::template measure<S>;
+    if constexpr (HasRate<E, S>::value)
+        ops.rate = &E::template rate<S>;
     return ops;
 }
 
@@ -102,6 +116,30 @@ constexpr unsigned on_plant(enum mk_plant_kind kind)
 }
 constexpr unsigned ALL_PLANTS = (1u << MK_PLANT_COUNT) - 1u;
 constexpr double INF = HUGE_VAL;
+
+// The least inertia that a torque at joint j meets, over all positions (for rates).
+template <class S>
+inline double least_inertia(const Frame<S> &f, int j)
+{
+    const S *p = f.c->p;
+    switch (f.c->plant) {
+    case MK_PLANT_PENDUBOT: {
+        double a = value_of(p[0]), b = value_of(p[1]), c = value_of(p[2]);
+        double det = a * b - c * c;
+        return det / (j == 0 ? b : a + b + 2.0 * fabs(c));
+    }
+    case MK_PLANT_REACTION_WHEEL:
+        return j == 0 ? value_of(p[0]) : value_of(p[1]) * value_of(p[0]) / value_of(p[0] + p[1]);
+    case MK_PLANT_FURUTA: {
+        double a = value_of(p[0]), b = 4.0 * value_of(p[2]), c = 0.5 * value_of(p[1]);
+        double det = a * b - c * c;
+        return det > 0.0 ? det / (j == 0 ? b : a) : 0.1 * (j == 0 ? a : b);
+    }
+    default:
+        return value_of(p[0]);
+    }
+}
+
 constexpr double TWO_PI = 6.283185307179586476925286766559;
 
 } // namespace MK_KERNEL_NS

@@ -47,6 +47,143 @@ struct BackEmfLimit {
     }
 };
 
+// The amplifier ignores small commands.
+struct Deadband {
+    static constexpr mk_effect_info info = {"deadband",
+                                            "nothing inside +-b, u -+ b outside",
+                                            "dead zone of an amplifier",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"width", "N m", "half width b", 0.0, INF, 0.1}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        S u = f.command[0], zero = S(0.0);
+        f.command[0] =
+            if_positive(u - e.p[0], u - e.p[0], if_positive(-u - e.p[0], u + e.p[0], zero));
+    }
+};
+
+// Two halves of a push-pull stage.
+struct GainAsymmetry {
+    static constexpr mk_effect_info info = {"gain-asymmetry",
+                                            "gain 1 + a for u > 0, 1 - a for u < 0",
+                                            "push-pull output stage",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"ratio", "", "a", -1.0, 1.0, 0.02}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.command[0] += e.p[0] * fabs(f.command[0]);
+    }
+};
+
+// The motor warms, its magnets weaken. Time counts from the start of the log.
+struct GainDrift {
+    static constexpr mk_effect_info info = {"gain-drift",
+                                            "gain 1 - a (1 - exp(-t/T))",
+                                            "warming motor",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            2,
+                                            {{"loss", "", "final loss a", -1.0, 1.0, 0.05},
+                                             {"time-constant", "s", "T", 1e-3, INF, 4.0}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.command[0] -= e.p[0] * (1.0 - exp(-f.t / e.p[1])) * f.command[0];
+    }
+};
+
+// The torque constant changes as the rotor turns.
+struct TorqueRipple {
+    static constexpr mk_effect_info info = {
+        "torque-ripple",
+        "gain 1 + a sin(n q1 + phi)",
+        "motor with few commutator bars",
+        MK_EFFECT_JOINT_NONE,
+        MK_STAGE_COMMAND,
+        ALL_PLANTS,
+        0,
+        0,
+        3,
+        {{"ratio", "", "amplitude a", 0.0, 1.0, 0.05},
+         {"cycles", "1/rev", "periods per revolution n (integer)", 1.0, 1000.0, 1.0,
+          MK_FIT_INTEGER},
+         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.command[0] += e.p[0] * sin(e.p[1] * f.m.q[0] + e.p[2]) * f.command[0];
+    }
+};
+
+// Current follows the command with a first-order lag; the state is what the motor gets.
+struct ActuatorLag {
+    static constexpr mk_effect_info info = {"actuator-lag",
+                                            "du_motor/dt = (u - u_motor) / T",
+                                            "current loop of an amplifier",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND | MK_STAGE_STATE,
+                                            ALL_PLANTS,
+                                            1,
+                                            0,
+                                            1,
+                                            {{"time-constant", "s", "T", 1e-5, 10.0, 0.01}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.lag_input = f.command[0];
+        f.command[0] = e.z[0];
+    }
+    template <class S>
+    static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
+    {
+        dz[0] = (f.lag_input - e.z[0]) / e.p[0];
+    }
+    template <class S>
+    static void init(Frame<S> &, const EffectArgs<S> &, S *z)
+    {
+        z[0] = S(0.0);
+    }
+    template <class S>
+    static double rate(const Frame<S> &, const EffectArgs<S> &e)
+    {
+        return 1.0 / value_of(e.p[0]);
+    }
+};
+
+// The amplifier's own limit, lower than the command's.
+struct Saturation {
+    static constexpr mk_effect_info info = {"saturation",
+                                            "|u| <= limit",
+                                            "current limit",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"limit", "N m", "limit", 0.0, INF, 8.0}}};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.command[0] = clamp(f.command[0], S(-e.p[0]), e.p[0]);
+    }
+};
+
 } // namespace MK_KERNEL_NS
 } // namespace mk
 #endif

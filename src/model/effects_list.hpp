@@ -5,22 +5,42 @@
 #include "model/effects_actuator.hpp"
 #include "model/effects_friction.hpp"
 #include "model/effects_inertia.hpp"
+#include "model/effects_mount.hpp"
 #include "model/effects_play.hpp"
 #include "model/effects_position.hpp"
 #include "model/effects_sensor.hpp"
 
 #define MK_EFFECT_TABLE(X)                                                                         \
+    X(BaseTilt)                                                                                    \
+    X(BaseCompliance)                                                                              \
     X(Viscous)                                                                                     \
     X(Coulomb)                                                                                     \
+    X(CoulombAsymmetry)                                                                            \
     X(Stribeck)                                                                                    \
     X(QuadraticDrag)                                                                               \
+    X(Stiction)                                                                                    \
+    X(LoadFriction)                                                                                \
+    X(FrictionDrift)                                                                               \
     X(CableStiffness)                                                                              \
+    X(CableHysteresis)                                                                             \
     X(Cogging)                                                                                     \
+    X(Imbalance)                                                                                   \
+    X(EndStop)                                                                                     \
     X(ReflectedInertia)                                                                            \
     X(Backlash)                                                                                    \
     X(InputDelay)                                                                                  \
+    X(Deadband)                                                                                    \
+    X(GainAsymmetry)                                                                               \
+    X(GainDrift)                                                                                   \
+    X(TorqueRipple)                                                                                \
+    X(ActuatorLag)                                                                                 \
+    X(Saturation)                                                                                  \
     X(BackEmfLimit)                                                                                \
-    X(EncoderOffset)
+    X(EncoderScale)                                                                                \
+    X(EncoderEccentricity)                                                                         \
+    X(EncoderOffset)                                                                               \
+    X(SensorDelay)                                                                                 \
+    X(MissedCounts)
 
 namespace mk
 {

@@ -130,6 +130,12 @@ struct Backlash {
     {
         y[e.j] = e.z[0];
     }
+    template <class S>
+    static double rate(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        double light = value_of(light_inertia(f, e));
+        return ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light;
+    }
 };
 
 } // namespace MK_KERNEL_NS

@@ -22,7 +22,7 @@ struct CableStiffness {
         0,
         2,
         {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.1},
-         {"rest", "rad", "angle q0 where the cable is slack", -INF, INF, 0.0}}};
+         {"rest", "rad", "angle q0 where the cable is slack", -INF, INF, 0.0, MK_FIT_CENTRE}}};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -43,12 +43,115 @@ struct Cogging {
         0,
         3,
         {{"amplitude", "N m", "amplitude A", 0.0, INF, 0.05},
-         {"cycles", "1/rev", "periods per revolution n (integer)", 1.0, 1000.0, 4.0},
-         {"phase", "rad", "phase phi", -INF, INF, 0.0}}};
+         {"cycles", "1/rev", "periods per revolution n (integer)", 1.0, 1000.0, 4.0,
+          MK_FIT_INTEGER},
+         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
         f.tau[e.j] -= e.p[0] * sin(e.p[1] * f.m.q[e.j] + e.p[2]);
+    }
+};
+
+// A cable that creeps when it is bent: Bouc-Wen with exponent 2.
+struct CableHysteresis {
+    static constexpr mk_effect_info info = {
+        "cable-hysteresis",
+        "-s z, dz/dt = v - |v| z |z| / zy^2",
+        "Bouc 1967; Wen 1976",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_TORQUE | MK_STAGE_STATE,
+        ALL_PLANTS,
+        1,
+        0,
+        2,
+        {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.3},
+         {"yield", "rad", "largest deflection zy", 1e-6, INF, 0.15}}};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.tau[e.j] -= e.p[0] * e.z[0];
+    }
+    template <class S>
+    static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
+    {
+        const S &v = f.m.v[e.j];
+        S r = e.z[0] / e.p[1];
+        dz[0] = v - fabs(v) * r * fabs(r);
+    }
+    template <class S>
+    static void init(Frame<S> &, const EffectArgs<S> &, S *z)
+    {
+        z[0] = S(0.0);
+    }
+    template <class S>
+    static double rate(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        return 2.0 * fabs(value_of(f.m.v[e.j])) / value_of(e.p[1]);
+    }
+};
+
+// An eccentric mass on a link or wheel. Its weight acts through every joint below it.
+struct Imbalance {
+    static constexpr mk_effect_info info = {
+        "imbalance",
+        "-m sin(q_abs - phi), q_abs the absolute angle of the body",
+        "eccentric mass m g r",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_TORQUE,
+        ALL_PLANTS,
+        0,
+        0,
+        2,
+        {{"moment", "N m", "moment of the mass's weight m", 0.0, INF, 0.02},
+         {"phase", "rad", "its direction phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        // The Furuta arm turns level; its pendulum hangs in a plane of its own.
+        bool level = f.c->plant == MK_PLANT_FURUTA;
+        S angle = e.j == 0 ? f.m.qg1 : level ? f.m.q[1] : f.m.qg1 + f.m.q[1];
+        S weight = e.p[0] * sin(angle - e.p[1]);
+        f.tau[e.j] -= weight;
+        if (e.j == 1 && !level)
+            f.tau[0] -= weight;
+    }
+};
+
+// A stop beyond which a spring and damper push back, never pull.
+struct EndStop {
+    static constexpr mk_effect_info info = {
+        "end-stop",
+        "q > limit: -(k (q - limit) + c v), pushing only",
+        "one-sided contact",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_TORQUE | MK_STAGE_EVENT,
+        ALL_PLANTS,
+        0,
+        1,
+        3,
+        {{"limit", "rad", "travel limit", -INF, INF, 1.0},
+         {"stiffness", "N m/rad", "stiffness k", 0.0, INF, 50.0},
+         {"damping", "N m s/rad", "damping c", 0.0, INF, 0.5}}};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        S depth = f.m.q[e.j] - e.p[0], zero = S(0.0);
+        S push = e.p[1] * depth + e.p[2] * f.m.v[e.j];
+        f.tau[e.j] -= if_positive(depth, if_positive(push, push, zero), zero);
+    }
+    template <class S>
+    static void events(Frame<S> &f, const EffectArgs<S> &e, S *g)
+    {
+        g[0] = f.m.q[e.j] - e.p[0];
+    }
+    template <class S>
+    static double rate(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        if (value_of(f.m.q[e.j]) < value_of(e.p[0]) - 0.2)
+            return 0.0;
+        double inertia = least_inertia(f, e.j);
+        return ::sqrt(value_of(e.p[1]) / inertia) + value_of(e.p[2]) / inertia;
     }
 };
 

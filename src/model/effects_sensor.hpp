@@ -29,6 +29,77 @@ struct EncoderOffset {
     }
 };
 
+// Wrong counts per revolution.
+struct EncoderScale {
+    static constexpr mk_effect_info info = {"encoder-scale",
+                                            "q_meas = (1 + a) q",
+                                            "disc with another count",
+                                            MK_EFFECT_JOINT_ANY,
+                                            MK_STAGE_MEASUREMENT,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"ratio", "", "a", -0.5, 0.5, 0.01}}};
+    template <class S>
+    static void measure(Frame<S> &, const EffectArgs<S> &e, S *y)
+    {
+        y[e.j] += e.p[0] * y[e.j];
+    }
+};
+
+// The disc is not centred on its shaft.
+struct EncoderEccentricity {
+    static constexpr mk_effect_info info = {
+        "encoder-eccentricity",
+        "q_meas = q + A sin(q + phi)",
+        "eccentric code disc",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_MEASUREMENT,
+        ALL_PLANTS,
+        0,
+        0,
+        2,
+        {{"amplitude", "rad", "A", 0.0, 0.5, 0.01},
+         {"phase", "rad", "phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+    template <class S>
+    static void measure(Frame<S> &f, const EffectArgs<S> &e, S *y)
+    {
+        y[e.j] += e.p[0] * sin(f.m.q[e.j] + e.p[1]);
+    }
+};
+
+// The reading is old; the simulation looks it up in the past.
+struct SensorDelay {
+    static constexpr mk_effect_info info = {
+        "sensor-delay",
+        "q_meas(t) = q(t - delay)",
+        "latched counters, bus",
+        MK_EFFECT_JOINT_OPTIONAL,
+        MK_STAGE_SENSOR_DELAY,
+        ALL_PLANTS,
+        0,
+        0,
+        1,
+        {{"delay", "s", "age of the reading", 0.0, 1.0, 0.005}}};
+};
+
+// Lost pulses: the reading slips by a step now and then, at instants nobody can predict. The
+// virtual rig slips; a prediction does not.
+struct MissedCounts {
+    static constexpr mk_effect_info info = {"missed-counts",
+                                            "the reading slips by step at some instants",
+                                            "encoder pulses lost to noise",
+                                            MK_EFFECT_JOINT_ANY,
+                                            0,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            2,
+                                            {{"step", "rad", "size of a slip", -INF, INF, 0.01},
+                                             {"rate", "1/s", "slips per second", 0.0, INF, 0.3}}};
+};
+
 } // namespace MK_KERNEL_NS
 } // namespace mk
 #endif

@@ -137,6 +137,22 @@ inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx,
     with_plant(c.plant, [&](auto law) { rhs_of<decltype(law)>(c, t, x, u, dx, power); });
 }
 
+// The fastest rate that effects bring in at a state, 1/s.
+template <class S>
+inline double fastest_rate(const Compiled<S> &c, const S &t, const S *x)
+{
+    Frame<S> f;
+    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
+    frame_begin(f, c, t, x, u);
+    double fastest = 0.0;
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *rate = effect_ops<S>(c.effect[i].index).rate) {
+            double r = rate(f, args_of(c.effect[i], x));
+            fastest = r > fastest ? r : fastest;
+        }
+    return fastest;
+}
+
 template <class S>
 inline void measure(const Compiled<S> &c, const S &t, const S *x, S *y)
 {

@@ -1,0 +1,65 @@
+// Shooting: integrates a model over a stretch of a log from a given state and compares it with the
+// readings, with exact derivatives of everything with respect to the start state and to parameters.
+// This is what fits are made of. Fixed steps (fourth-order Runge-Kutta between the edges of the
+// command): a fit calls this thousands of times over data whose sampling already resolves the
+// motion; tests hold it against the error-controlled solvers.
+#ifndef MECHKIT_SIM_SHOOT_HPP
+#define MECHKIT_SIM_SHOOT_HPP
+
+#include <cstddef>
+
+#include "mechkit/model.h"
+
+namespace mk
+{
+
+constexpr int SHOOT_MAX_COLUMNS =
+    MK_MAX_STATES + MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS;
+
+// The log as the kernel sees it; arrays of `rows`.
+struct ShootData {
+    size_t rows;
+    const double *t;                // s, from the log's first row on
+    const double *u[MK_MAX_INPUTS]; // held commands, no NaN; u[1] may be NULL
+    const double *q[MK_MAX_JOINTS]; // readings
+    const double *w[MK_MAX_JOINTS]; // weight of a reading (1 / standard deviation); 0: ignore it
+    const double *shift[MK_MAX_JOINTS]; // known offset of readings (lost counts); may be NULL
+};
+
+// One call.
+struct ShootTask {
+    const mk_model *model;
+    const ShootData *data;
+    double begin, end; // s; readings taken in [begin, end), at `end` too if last
+    bool last;
+    const double *x; // start state, mk_model_state_count values
+    double step;     // longest step, s
+    int free_count;  // parameters to differentiate by: numbers as in mechkit/ident.h
+    const int *free;
+    const double *scale; // derivatives are per scale[i] of the parameter
+
+    // Results. Columns: start state (ns), then the free parameters.
+    int columns;         // in: ns + free_count, or 0 for no derivatives
+    double *x_end;       // ns
+    double *jac_end;     // ns x columns, row-major
+    size_t row_capacity; // readings that fit below
+    size_t row_count;    // out
+    double *residual;    // w (reading - predicted)
+    double *jac;         // row_count x columns: w d(predicted)/d(column)
+    int *row_of;         // sample of each residual, may be NULL
+    int *joint_of;       // its joint, may be NULL
+    double *x_at;        // states at every sample in [begin, end): rows x ns by sample; may be NULL
+    bool finite;         // out: false when the trajectory ran away
+};
+
+// Runs a task with the widest instructions of this machine.
+void shoot(ShootTask &task);
+
+// Kernels of one instruction set, by number of derivative lanes.
+struct ShootKernel {
+    int lanes;
+    void (*run)(ShootTask &task, int first_column);
+};
+
+} // namespace mk
+#endif
