@@ -1,0 +1,743 @@
+#include "ident/fit.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <thread>
+
+namespace mk
+{
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace
+{
+
+constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
+constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
+constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
+
+double huber_cost(double r, double limit)
+{
+    double a = std::fabs(r);
+    return a <= limit ? 0.5 * r * r : limit * (a - 0.5 * limit);
+}
+
+template <class F>
+void parallel_for(int threads, size_t count, F &&body)
+{
+    if (threads <= 1 || count < 2) {
+        for (size_t i = 0; i < count; i++)
+            body(i);
+        return;
+    }
+    std::atomic<size_t> next{0};
+    auto worker = [&] {
+        for (size_t i; (i = next++) < count;)
+            body(i);
+    };
+    std::vector<std::thread> team;
+    for (int i = 1; i < threads; i++)
+        team.emplace_back(worker);
+    worker();
+    for (std::thread &member : team)
+        member.join();
+}
+
+} // namespace
+
+// One stretch: what shooting gave, compressed to normal equations in (start state, parameters).
+struct Fit::Segment {
+    double begin = 0.0, end = 0.0;
+    bool last = false, finite = false;
+    VectorXd x_end;
+    MatrixXd jac_end; // d x_end / d (state, parameters)
+    MatrixXd normal;  // J'J
+    VectorXd right;   // J'r
+    std::vector<double> residual;
+    std::vector<int> joint;
+    double sum2[MK_MAX_JOINTS] = {0.0, 0.0};
+    double cost = 0.0;
+    // From the elimination, for the way back.
+    MatrixXd F, P, C, A_next, G;
+    VectorXd a, mu;
+};
+
+Fit::Fit(std::vector<const FitLog *> logs_in, const FitOptions &options_in)
+    : options(options_in), logs(std::move(logs_in))
+{
+}
+Fit::~Fit() = default;
+
+double Fit::scale_of(const mk_model &model, int number)
+{
+    char name[64];
+    const mk_parameter_info *info = mk_model_parameter_info(&model, number, name, sizeof name);
+    double v = std::fabs(mk_model_parameter(&model, number)), usual = std::fabs(info->initial);
+    double scale = std::max(v, 0.1 * usual);
+    return scale > 1e-9 ? scale : 0.01;
+}
+
+// --- start ---------------------------------------------------------------------------------------
+
+static std::vector<size_t> node_rows(const FitLog &log, double stretch)
+{
+    std::vector<size_t> rows;
+    long count = std::lround(log.duration() / stretch);
+    if (count < 1)
+        count = 1;
+    for (long i = 0; i < count; i++) {
+        double t = log.duration() * (double)i / (double)count;
+        size_t row =
+            (size_t)(std::lower_bound(log.t.begin(), log.t.end(), t - 1e-9) - log.t.begin());
+        if (rows.empty() || row > rows.back() + 3)
+            rows.push_back(row);
+    }
+    return rows;
+}
+
+static mk_record record_of(const FitLog &log)
+{
+    mk_record r = {};
+    r.rows = log.rows();
+    r.t = log.t.data();
+    for (int j = 0; j < log.joints; j++)
+        r.q[j] = log.q[j].data();
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        r.u[i] = log.u[i].data();
+    return r;
+}
+
+FitPoint Fit::start(const mk_model &model) const
+{
+    FitPoint p;
+    p.model = model;
+    int ns = 2 * mk_model_joints(&model);
+    for (const FitLog *log : logs) {
+        FitNodes nodes;
+        nodes.row = node_rows(*log, options.stretch);
+        nodes.x.resize(ns, (long)nodes.row.size());
+        mk_record record = record_of(*log);
+        double x[MK_MAX_STATES] = {0.0};
+        for (size_t i = 0; i < nodes.row.size(); i++) {
+            // Where readings are missing the last state known will do: the fit repairs it.
+            (void)!mk_record_state_at(&record, &model, 0, log->rows(), nodes.row[i], 0, x, nullptr);
+            for (int s = 0; s < ns; s++)
+                nodes.x(s, (long)i) = x[s];
+        }
+        p.nodes.push_back(std::move(nodes));
+        for (int j = 0; j < log->joints; j++) {
+            double quantised = log->count[j] / std::sqrt(12.0);
+            double seen = std::max(fit_log_noise(*log, j), 0.0);
+            p.noise[j] = std::max(p.noise[j], std::max(seen, 0.0));
+            if (seen < quantised)
+                p.noise[j] = std::max(p.noise[j], quantised);
+        }
+    }
+    return adopt(p, model);
+}
+
+FitPoint Fit::adopt(const FitPoint &from, const mk_model &model) const
+{
+    FitPoint p = from;
+    p.model = model;
+    int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
+    for (size_t l = 0; l < p.nodes.size(); l++) {
+        const MatrixXd known = p.nodes[l].x;
+        p.nodes[l].x.resize(ns, known.cols());
+        for (long i = 0; i < known.cols(); i++) {
+            double full[MK_MAX_STATES];
+            mk_model_initial_state(&model, &known(0, i), &known(joints, i), full);
+            for (int s = 0; s < ns; s++)
+                p.nodes[l].x(s, i) = full[s];
+        }
+        if (ns > 2 * joints)
+            carry_hidden_states(p, l);
+    }
+    return p;
+}
+
+// States of effects cannot be read off the data: each stretch hands on its own to the next.
+void Fit::carry_hidden_states(FitPoint &point, size_t l) const
+{
+    const mk_model &m = point.model;
+    int joints = mk_model_joints(&m);
+    ShootData data = {};
+    data.rows = logs[l]->rows();
+    data.t = logs[l]->t.data();
+    std::vector<double> nothing(logs[l]->rows(), 0.0);
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        data.u[i] = logs[l]->u[i].data();
+    for (int j = 0; j < joints; j++)
+        data.q[j] = data.w[j] = nothing.data();
+    FitNodes &nodes = point.nodes[l];
+    double end[MK_MAX_STATES];
+    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
+        ShootTask task = {};
+        VectorXd x0 = nodes.x.col((long)i);
+        task.model = &m;
+        task.data = &data;
+        task.begin = logs[l]->t[nodes.row[i]];
+        task.end = logs[l]->t[nodes.row[i + 1]];
+        task.x = x0.data();
+        task.step = options.step;
+        task.x_end = end;
+        shoot(task);
+        if (!task.finite)
+            return;
+        auto next = nodes.x.col((long)i + 1);
+        int state = 2 * joints;
+        for (int e = 0; e < m.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(m.effect[e].index);
+            int j = m.effect[e].joint - 1;
+            bool reads = (info->stages & MK_STAGE_MEASUREMENT) && info->state_count == 2 && j >= 0;
+            for (int s = 0; s < info->state_count; s++) {
+                if (!reads) {
+                    next(state + s) = end[state + s];
+                    continue;
+                }
+                // The effect carries the encoder: the data say where it is, not where the joint is.
+                int of_joint = s * joints + j;
+                double behind = end[of_joint] - end[state + s];
+                next(state + s) = next(of_joint);
+                next(of_joint) += behind;
+            }
+            state += info->state_count;
+        }
+    }
+}
+
+// --- shooting ------------------------------------------------------------------------------------
+
+void Fit::prepare(const FitPoint &point, const std::vector<int> &free, bool derivatives)
+{
+    long ns = mk_model_state_count(&point.model);
+    long columns = derivatives ? ns + (long)free.size() : 0;
+    work.resize(logs.size());
+    for (size_t l = 0; l < logs.size(); l++) {
+        const FitNodes &nodes = point.nodes[l];
+        work[l].resize(nodes.row.size());
+        for (size_t i = 0; i < nodes.row.size(); i++) {
+            Segment &s = work[l][i];
+            s.begin = logs[l]->t[nodes.row[i]];
+            s.last = i + 1 == nodes.row.size();
+            s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
+            s.x_end.resize(ns);
+            s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
+        }
+    }
+}
+
+static double sensor_delay(const mk_model &model)
+{
+    double longest = 0.0;
+    for (int e = 0; e < model.effect_count; e++)
+        if (mk_effect(model.effect[e].index)->stages & MK_STAGE_SENSOR_DELAY)
+            longest += model.effect[e].value[0];
+    return longest;
+}
+
+void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
+{
+    prepare(point, free, derivatives);
+    int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
+    int columns = derivatives ? ns + (int)free.size() : 0;
+    double late = sensor_delay(point.model);
+    std::vector<double> scale;
+    for (int number : free)
+        scale.push_back(scale_of(point.model, number));
+
+    std::vector<ShootData> data(logs.size());
+    std::vector<std::vector<double>> weights[MK_MAX_JOINTS];
+    for (int j = 0; j < joints; j++)
+        weights[j].resize(logs.size());
+    for (size_t l = 0; l < logs.size(); l++) {
+        ShootData &d = data[l];
+        d = {};
+        d.rows = logs[l]->rows();
+        d.t = logs[l]->t.data();
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            d.u[i] = logs[l]->u[i].data();
+        for (int j = 0; j < joints; j++) {
+            weights[j][l] = logs[l]->weight[j];
+            for (double &w : weights[j][l])
+                w /= point.noise[j];
+            d.q[j] = logs[l]->q[j].data();
+            d.w[j] = weights[j][l].data();
+            d.shift[j] = logs[l]->shift[j].empty() ? nullptr : logs[l]->shift[j].data();
+        }
+    }
+
+    std::vector<std::pair<size_t, size_t>> jobs;
+    for (size_t l = 0; l < logs.size(); l++)
+        for (size_t i = 0; i < work[l].size(); i++)
+            jobs.emplace_back(l, i);
+
+    parallel_for(options.threads, jobs.size(), [&](size_t job) {
+        auto [l, i] = jobs[job];
+        Segment &s = work[l][i];
+        const FitNodes &nodes = point.nodes[l];
+        size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
+        while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
+            stop++;
+        size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
+        s.residual.resize(capacity);
+        s.joint.resize(capacity);
+        static thread_local std::vector<double> jac;
+        jac.resize(capacity * (size_t)std::max(columns, 1));
+        VectorXd x0 = nodes.x.col((long)i);
+        ShootTask task = {};
+        task.model = &point.model;
+        task.data = &data[l];
+        task.begin = s.begin;
+        task.end = s.end;
+        task.last = s.last;
+        task.x = x0.data();
+        task.step = options.step;
+        task.free_count = derivatives ? (int)free.size() : 0;
+        task.free = free.data();
+        task.scale = scale.data();
+        task.columns = columns;
+        task.x_end = s.x_end.data();
+        task.jac_end = s.jac_end.data();
+        task.row_capacity = capacity;
+        task.residual = s.residual.data();
+        task.jac = jac.data();
+        task.joint_of = s.joint.data();
+        shoot(task);
+        s.finite = task.finite;
+        size_t n = task.finite ? task.row_count : 0;
+        s.residual.resize(n);
+        s.joint.resize(n);
+        // Readings far out pull no harder than the limit: scaled by their distance.
+        s.sum2[0] = s.sum2[1] = 0.0;
+        for (size_t r = 0; r < n; r++)
+            s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
+        double limit = options.outlier > 0.0 ? options.outlier : HUGE_VAL;
+        s.cost = 0.0;
+        for (size_t r = 0; r < n; r++)
+            s.cost += huber_cost(s.residual[r], limit);
+        if (!derivatives || !s.finite)
+            return;
+        using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+        Eigen::Map<RowMajor> J(jac.data(), (long)n, columns);
+        Eigen::Map<VectorXd> r(s.residual.data(), (long)n);
+        for (long row = 0; row < (long)n; row++) {
+            double far = std::fabs(r(row)) / limit;
+            if (far > 1.0) {
+                double root = 1.0 / std::sqrt(far);
+                J.row(row) *= root;
+                r(row) *= root;
+            }
+        }
+        s.normal.setZero(columns, columns);
+        s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+        s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
+        s.right = J.transpose() * r;
+    });
+}
+
+// --- the quadratic picture
+// -------------------------------------------------------------------------
+
+VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) const
+{
+    const mk_model &m = point.model;
+    long ns = mk_model_state_count(&m), joints = mk_model_joints(&m);
+    const Segment &s = work[l][node];
+    double span = s.end - s.begin;
+    double loose = std::max(POSITION_STD, LOOSE * std::max(options.drift[0], options.drift[1]));
+    VectorXd q = VectorXd::Constant(ns, loose * loose);
+    for (long j = 0; j < joints; j++) {
+        q(joints + j) = options.drift[j] * options.drift[j] * span;
+    }
+    double doubt = 0.0;
+    size_t stop = s.last ? logs[l]->rows() : point.nodes[l].row[node + 1];
+    for (size_t k = point.nodes[l].row[node]; k < stop; k++)
+        doubt += logs[l]->doubt[k] * logs[l]->doubt[k];
+    if (doubt > 0.0) {
+        double b[MK_MAX_STATES * MK_MAX_INPUTS];
+        VectorXd x = point.nodes[l].x.col((long)node);
+        double u[MK_MAX_INPUTS] = {0.0, 0.0};
+        mk_model_jacobian(&m, s.begin, x.data(), u, nullptr, b, nullptr);
+        for (long j = 0; j < joints; j++) {
+            double dv = b[(joints + j) * MK_MAX_INPUTS] * logs[l]->period;
+            q(joints + j) += dv * dv * doubt;
+        }
+    }
+    return q;
+}
+
+double Fit::total_cost(const FitPoint &point) const
+{
+    double sum = 0.0;
+    int joints = mk_model_joints(&point.model);
+    for (size_t l = 0; l < logs.size(); l++) {
+        for (size_t i = 0; i < work[l].size(); i++) {
+            const Segment &s = work[l][i];
+            if (!s.finite)
+                return HUGE_VAL;
+            sum += s.cost;
+            if (!s.last) {
+                VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
+                sum += 0.5 * gap.cwiseAbs2().cwiseQuotient(process_variance(point, l, i)).sum();
+            }
+        }
+        VectorXd x0 = point.nodes[l].x.col(0);
+        double rest[MK_MAX_STATES];
+        mk_model_initial_state(&point.model, x0.data(), x0.data() + joints, rest);
+        for (long s = 2 * joints; s < x0.size(); s++)
+            sum += 0.5 * std::pow((x0(s) - rest[s]) / HIDDEN_STD, 2);
+    }
+    return std::isfinite(sum) ? sum : HUGE_VAL;
+}
+
+FitPicture Fit::eliminate(const FitPoint &point, int free_count)
+{
+    FitPicture out;
+    long ns = mk_model_state_count(&point.model), nf = free_count;
+    int joints = mk_model_joints(&point.model);
+    out.information.setZero(nf, nf);
+    out.gradient.setZero(nf);
+    MatrixXd &D = out.information;
+    VectorXd &d = out.gradient;
+    for (size_t l = 0; l < logs.size(); l++) {
+        VectorXd x0 = point.nodes[l].x.col(0);
+        double rest[MK_MAX_STATES];
+        mk_model_initial_state(&point.model, x0.data(), x0.data() + joints, rest);
+        MatrixXd A = MatrixXd::Identity(ns, ns) * 1e-9, C = MatrixXd::Zero(ns, nf);
+        VectorXd a = VectorXd::Zero(ns);
+        for (long s = 2 * joints; s < ns; s++) {
+            A(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
+            a(s) += (rest[s] - x0(s)) / (HIDDEN_STD * HIDDEN_STD);
+        }
+        for (size_t i = 0; i < work[l].size(); i++) {
+            Segment &s = work[l][i];
+            if (!s.finite)
+                return out;
+            A += s.normal.topLeftCorner(ns, ns);
+            C += s.normal.topRightCorner(ns, nf);
+            D += s.normal.bottomRightCorner(nf, nf);
+            a += s.right.head(ns);
+            d += s.right.tail(nf);
+            s.P = A.llt().solve(MatrixXd::Identity(ns, ns));
+            s.C = C;
+            s.a = a;
+            D -= C.transpose() * s.P * C;
+            d -= C.transpose() * s.P * a;
+            if (s.last)
+                break;
+            s.F = s.jac_end.topRows(ns).transpose();
+            const MatrixXd &F = s.F;
+            MatrixXd B = s.jac_end.bottomRows(nf).transpose();
+            VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
+            MatrixXd S = F * s.P * F.transpose();
+            S.diagonal() += process_variance(point, l, i);
+            s.A_next = S.llt().solve(MatrixXd::Identity(ns, ns));
+            s.mu = gap + F * s.P * a;
+            s.G = B - F * s.P * C;
+            D += s.G.transpose() * s.A_next * s.G;
+            d -= s.G.transpose() * s.A_next * s.mu;
+            A = s.A_next;
+            C = -s.A_next * s.G;
+            a = s.A_next * s.mu;
+        }
+    }
+    D = 0.5 * (D + D.transpose().eval());
+    out.finite = D.allFinite() && d.allFinite();
+    return out;
+}
+
+// Moves the states along with a step of the parameters (backward sweep).
+void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
+{
+    for (size_t l = 0; l < logs.size(); l++) {
+        VectorXd next;
+        for (size_t i = work[l].size(); i-- > 0;) {
+            const Segment &s = work[l][i];
+            VectorXd right = length * s.a - s.C * step;
+            if (!s.last) {
+                right += s.F.transpose() * (s.A_next * (next - length * s.mu - s.G * step));
+            }
+            next = s.P * right;
+            point.nodes[l].x.col((long)i) += next;
+        }
+    }
+}
+
+// --- minimising
+// ------------------------------------------------------------------------------------
+
+double Fit::cost(const FitPoint &point)
+{
+    shoot_all(point, {}, false);
+    return total_cost(point);
+}
+
+FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
+{
+    shoot_all(point, free, true);
+    FitPicture p = eliminate(point, (int)free.size());
+    p.cost = total_cost(point);
+    return p;
+}
+
+namespace
+{
+
+// Steps of the parameters. They are taken in coordinates in which the model is as linear as can be:
+// amplitude and phase as sine and cosine parts, stiffness and rest position as stiffness and offset
+// torque. Coordinates that would leave their range stop at its end.
+class Stepper
+{
+  public:
+    Stepper(const mk_model &m, const std::vector<int> &f) : model(m), free(f)
+    {
+        long n = (long)f.size();
+        scale.resize(n), low.resize(n), high.resize(n);
+        for (long i = 0; i < n; i++) {
+            char name[64];
+            int number = f[(size_t)i];
+            const mk_parameter_info *info = mk_model_parameter_info(&m, number, name, sizeof name);
+            double v = mk_model_parameter(&m, number);
+            scale(i) = Fit::scale_of(m, number);
+            low(i) = (info->min - v) / scale(i);
+            high(i) = (info->max - v) / scale(i);
+        }
+        turn.setIdentity(n, n);
+        find_pairs();
+    }
+    VectorXd solve(const FitPicture &p, double damping) const
+    {
+        MatrixXd information = turn.transpose() * p.information * turn;
+        VectorXd gradient = turn.transpose() * p.gradient;
+        long n = gradient.size();
+        VectorXd step = VectorXd::Zero(n);
+        std::vector<bool> held((size_t)n, false);
+        for (long round = 0; round <= n; round++) {
+            std::vector<long> open;
+            for (long i = 0; i < n; i++)
+                if (!held[(size_t)i])
+                    open.push_back(i);
+            long m = (long)open.size();
+            if (m == 0)
+                break;
+            MatrixXd H(m, m);
+            VectorXd g(m);
+            for (long i = 0; i < m; i++) {
+                g(i) = gradient(open[(size_t)i]);
+                for (long j = 0; j < n; j++)
+                    if (held[(size_t)j])
+                        g(i) -= information(open[(size_t)i], j) * step(j);
+                for (long j = 0; j < m; j++)
+                    H(i, j) = information(open[(size_t)i], open[(size_t)j]);
+                H(i, i) += damping * std::max(H(i, i), 1e-12) + 1e-12;
+            }
+            VectorXd s = H.ldlt().solve(g);
+            bool inside = true;
+            for (long i = 0; i < m; i++) {
+                long k = open[(size_t)i];
+                step(k) = std::min(std::max(s(i), low(k)), high(k));
+                if (step(k) != s(i)) {
+                    held[(size_t)k] = true;
+                    inside = false;
+                }
+            }
+            if (inside)
+                break;
+        }
+        return step;
+    }
+    // The same step as the kernel's scaled parameters see it, to first order.
+    VectorXd parameters(const VectorXd &step) const { return turn * step; }
+    void apply(mk_model &m, const VectorXd &step) const
+    {
+        std::vector<double> v;
+        for (long i = 0; i < step.size(); i++)
+            v.push_back(mk_model_parameter(&m, free[(size_t)i]) + step(i) * scale(i));
+        for (const Pair &p : pairs) {
+            double a = mk_model_parameter(&m, free[(size_t)p.size]);
+            double b = mk_model_parameter(&m, free[(size_t)p.other]);
+            double da = step(p.size) * scale(p.size), db = step(p.other) * scale(p.size);
+            double &size = v[(size_t)p.size], &other = v[(size_t)p.other];
+            if (p.polar) {
+                double x = a * std::cos(b) + da, y = a * std::sin(b) + db;
+                size = std::hypot(x, y);
+                other = std::atan2(y, x);
+            } else {
+                size = std::max(a + da, 1e-3 * scale(p.size));
+                other = p.reference + (a * (b - p.reference) + db) / size;
+            }
+        }
+        for (long i = 0; i < step.size(); i++) {
+            char name[64];
+            int number = free[(size_t)i];
+            const mk_parameter_info *info = mk_model_parameter_info(&m, number, name, sizeof name);
+            mk_model_set_parameter(&m, number,
+                                   std::min(std::max(v[(size_t)i], info->min), info->max));
+        }
+    }
+
+  private:
+    struct Pair {
+        long size, other; // places in `free`
+        bool polar;
+        double reference;
+    };
+    const mk_model &model;
+    const std::vector<int> &free;
+    VectorXd scale, low, high; // of the step
+    MatrixXd turn;             // d(scaled parameters) / d(step)
+    std::vector<Pair> pairs;
+
+    long place_of(int number) const
+    {
+        auto it = std::find(free.begin(), free.end(), number);
+        return it == free.end() ? -1 : (long)(it - free.begin());
+    }
+    void find_pairs()
+    {
+        int first = mk_plant(model.plant)->parameter_count;
+        for (int e = 0; e < model.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(model.effect[e].index);
+            for (int k = 1; k < info->parameter_count; k++) {
+                bool polar = info->parameter[k].fit == MK_FIT_ANGLE;
+                bool centre = info->parameter[k].fit == MK_FIT_CENTRE;
+                long size = place_of(first), other = place_of(first + k);
+                if ((polar || centre) && size >= 0 && other >= 0)
+                    add(e, size, other, polar);
+            }
+            first += info->parameter_count;
+        }
+    }
+    void add(int e, long size, long other, bool polar)
+    {
+        int j = std::max(model.effect[e].joint - 1, 0);
+        Pair p = {size, other, polar, mk_plant(model.plant)->rest[j]};
+        double a = mk_model_parameter(&model, free[(size_t)size]);
+        double b = mk_model_parameter(&model, free[(size_t)other]);
+        double s = scale(size), t = scale(other);
+        a = std::max(std::fabs(a), 1e-6 * s);
+        if (polar) {
+            turn(size, size) = std::cos(b);
+            turn(size, other) = std::sin(b);
+            turn(other, size) = -std::sin(b) / a * s / t;
+            turn(other, other) = std::cos(b) / a * s / t;
+            low(size) = -HUGE_VAL, high(size) = HUGE_VAL;
+        } else {
+            turn(other, size) = -(b - p.reference) / a * s / t;
+            turn(other, other) = 1.0 / a * s / t;
+        }
+        low(other) = -HUGE_VAL, high(other) = HUGE_VAL;
+        pairs.push_back(p);
+    }
+};
+
+} // namespace
+
+bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
+{
+    double damping = 1e-4;
+    converged = false;
+    iterations = 0;
+    FitPicture p = picture(point, free);
+    if (!p.finite || !std::isfinite(p.cost))
+        return false;
+    point.cost = p.cost;
+    while (iterations < options.max_iterations && !converged) {
+        iterations++;
+        if (progress && !progress(progress_context, 0.0, "fitting")) {
+            cancelled = true;
+            return true;
+        }
+        Stepper stepper(point.model, free);
+        bool accepted = false;
+        double length = 1.0;
+        for (int attempt = 0; attempt < 14 && !accepted; attempt++) {
+            FitPoint trial = point;
+            VectorXd step = length * stepper.solve(p, damping);
+            stepper.apply(trial.model, step);
+            step = stepper.parameters(step);
+            bool possible = mk_model_check(&trial.model, nullptr) == MK_OK;
+            if (possible) {
+                substitute(trial, step, length);
+                trial.cost = cost(trial);
+            }
+            if (possible && trial.cost < point.cost + 1e-9) {
+                accepted = true;
+                double gain = point.cost - trial.cost;
+                converged = gain < options.tolerance * (1.0 + 1e-6 * point.cost) && damping < 1.0 &&
+                            length > 0.3;
+                point = std::move(trial);
+                damping = std::max(damping * 0.1, 1e-9);
+            } else {
+                // Damping shortens and turns the parameters' step; where the states are to blame
+                // the whole step must shrink.
+                damping = std::max(damping * 10.0, 1e-6);
+                if (attempt >= 2)
+                    length *= 0.4;
+            }
+        }
+        if (!accepted) {
+            converged = true; // no way down at this precision
+            break;
+        }
+        if (!converged) {
+            p = picture(point, free);
+            if (!p.finite)
+                return false;
+        }
+    }
+    return true;
+}
+
+FitResiduals Fit::residuals(const FitPoint &point)
+{
+    FitResiduals out;
+    int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
+    shoot_all(point, {}, false);
+    for (size_t l = 0; l < logs.size(); l++) {
+        const FitLog &log = *logs[l];
+        for (int j = 0; j < joints; j++)
+            out.residual[j].emplace_back(log.rows(), std::numeric_limits<double>::quiet_NaN());
+        MatrixXd states = MatrixXd::Zero(ns, (long)log.rows());
+        MatrixXd jump = MatrixXd::Zero(ns, (long)work[l].size());
+        for (size_t i = 0; i < work[l].size(); i++) {
+            const Segment &s = work[l][i];
+            for (int j = 0; j < joints; j++)
+                out.chi2[j] += s.sum2[j];
+            for (int j : s.joint)
+                out.readings[j]++;
+            if (!s.last && s.finite)
+                jump.col((long)i + 1) = point.nodes[l].x.col((long)i + 1) - s.x_end;
+        }
+        out.states.push_back(std::move(states));
+        out.jump.push_back(std::move(jump));
+    }
+    return out;
+}
+
+double Fit::update_noise(FitPoint &point)
+{
+    FitResiduals r = residuals(point);
+    double change = 0.0;
+    for (int j = 0; j < mk_model_joints(&point.model); j++) {
+        double weight = 0.0;
+        for (const FitLog *log : logs)
+            for (double w : log->weight[j])
+                weight += w * w;
+        if (!(weight > 20.0))
+            continue;
+        double ratio = std::sqrt(r.chi2[j] / weight);
+        double floor = logs[0]->count[j] / std::sqrt(12.0) * 0.9;
+        double next = std::max(point.noise[j] * ratio, 1e-9);
+        (void)floor;
+        change = std::max(change, std::fabs(next / point.noise[j] - 1.0));
+        point.noise[j] = next;
+    }
+    return change;
+}
+
+} // namespace mk

@@ -1,0 +1,122 @@
+// Maximum likelihood of measured angles: multiple shooting with a Gauss-Newton method.
+//
+// Unknowns are the parameters and, for each stretch of each log, the state it starts from. The
+// trajectory of a stretch must end where the next one starts, up to a process noise that acts on
+// the speeds (`drift`): nearly none makes it one trajectory per log, still solvable when that is
+// chaotic because every stretch is pinned by its own readings; more lets a wrong model follow the
+// data and shows where it had to be pushed. Stretches are eliminated one after the other (a
+// square-root-free information filter and smoother with the parameters as a border), so that the
+// work grows with the length of the data. H. G. Bock 1987; J. Rauch, F. Tung, C. Striebel 1965.
+// docs/identification.md.
+#ifndef MECHKIT_IDENT_FIT_HPP
+#define MECHKIT_IDENT_FIT_HPP
+
+#include <Eigen/Dense>
+#include <memory>
+#include <vector>
+
+#include "ident/fit_log.hpp"
+#include "mechkit/ident.h"
+
+namespace mk
+{
+
+struct FitOptions {
+    double drift[MK_MAX_JOINTS] = {1e-4, 1e-4}; // process noise of the speeds, rad/s per sqrt(s)
+    double stretch = 0.25;                      // s
+    double step = 2.5e-3;                       // longest integration step, s
+    double tolerance = 1e-3;                    // stop when a step gains less, in log likelihood
+    double outlier = 0.0; // standard deviations beyond which a reading pulls no harder; 0: none
+    int max_iterations = 40;
+    int threads = 1;
+};
+
+// Where the stretches of one log start, and the states there.
+struct FitNodes {
+    std::vector<size_t> row; // of the FitLog
+    Eigen::MatrixXd x;       // states x nodes
+};
+
+// A point of the search: model with its parameters, and all states.
+struct FitPoint {
+    mk_model model;
+    std::vector<FitNodes> nodes; // one a log
+    double noise[MK_MAX_JOINTS] = {0.0, 0.0};
+    double cost = 0.0; // minus log likelihood, up to a constant
+};
+
+// Second-order picture of the cost around a point in the free parameters, states eliminated:
+// cost(d) = cost - gradient' d + d' information d / 2, per scaled parameter.
+struct FitPicture {
+    Eigen::MatrixXd information;
+    Eigen::VectorXd gradient;
+    double cost = 0.0;
+    bool finite = false;
+};
+
+// Residuals at a point, for those who look at what is left.
+struct FitResiduals {
+    // By log and joint: weighted residual of each row, NaN where there is no reading.
+    std::vector<std::vector<double>> residual[MK_MAX_JOINTS];
+    // By log: states at every row (states x rows), jump of the state at each node (states x nodes,
+    // first column 0) and the standard deviation that the drift gives it.
+    std::vector<Eigen::MatrixXd> states, jump;
+    double chi2[MK_MAX_JOINTS] = {0.0, 0.0}; // sum of squares
+    size_t readings[MK_MAX_JOINTS] = {0, 0};
+};
+
+class Fit
+{
+  public:
+    // The logs must outlive the fit.
+    Fit(std::vector<const FitLog *> logs, const FitOptions &options);
+
+    // Start: states from local polynomials through the readings, noise from their scatter.
+    FitPoint start(const mk_model &model) const;
+    // Takes over the parameters and states of a fit with another set of effects: states that are
+    // new start at rest.
+    FitPoint adopt(const FitPoint &from, const mk_model &model) const;
+
+    // Minimises over states and the free parameters (numbers as in mechkit/ident.h), within their
+    // ranges. False when the model cannot even be integrated from the start.
+    bool minimise(FitPoint &point, const std::vector<int> &free);
+    // Cost and its picture at a point. Columns: `free`.
+    FitPicture picture(const FitPoint &point, const std::vector<int> &free);
+    double cost(const FitPoint &point);
+    FitResiduals residuals(const FitPoint &point);
+    // Sets the noise of each joint to what the residuals show; returns the largest relative change.
+    double update_noise(FitPoint &point);
+
+    FitOptions options;
+    int iterations = 0; // of the last minimise
+    bool converged = false;
+    mk_progress_fn progress = nullptr;
+    void *progress_context = nullptr;
+    bool cancelled = false;
+
+    // Scale of a parameter's derivative and steps.
+    static double scale_of(const mk_model &model, int number);
+
+  private:
+    struct Segment; // one stretch at one point
+    struct Elimination;
+
+    std::vector<const FitLog *> logs;
+    std::vector<std::vector<Segment>> work; // by log
+
+    void carry_hidden_states(FitPoint &point, size_t log) const;
+    void prepare(const FitPoint &point, const std::vector<int> &free, bool derivatives);
+    void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
+    double total_cost(const FitPoint &point) const;
+    Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;
+    FitPicture eliminate(const FitPoint &point, int free_count);
+    void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;
+
+  public:
+    ~Fit();
+    Fit(const Fit &) = delete;
+    Fit &operator=(const Fit &) = delete;
+};
+
+} // namespace mk
+#endif

@@ -1,0 +1,207 @@
+#include "ident/fit_log.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double MISSING = std::numeric_limits<double>::quiet_NaN();
+
+double median_of(std::vector<double> v)
+{
+    if (v.empty())
+        return 0.0;
+    auto mid = v.begin() + (std::ptrdiff_t)(v.size() / 2);
+    std::nth_element(v.begin(), mid, v.end());
+    return *mid;
+}
+
+double median_period(const double *t, size_t first, size_t last)
+{
+    std::vector<double> steps;
+    for (size_t k = first; k + 1 < last; k++)
+        steps.push_back(t[k + 1] - t[k]);
+    return median_of(std::move(steps));
+}
+
+// Command of a row, held over rows that lack it.
+double command(const mk_record &rec, int input, size_t row)
+{
+    if (!rec.u[input])
+        return 0.0;
+    for (size_t k = row + 1; k-- > 0;)
+        if (!std::isnan(rec.u[input][k]))
+            return rec.u[input][k];
+    return 0.0;
+}
+
+class Builder
+{
+  public:
+    Builder(const mk_record &record, FitLog &out, size_t first, size_t last)
+        : rec(record), log(out), begin(first), end(last)
+    {
+    }
+
+    void copy_rows()
+    {
+        for (size_t k = begin; k < end; k++) {
+            if (k > begin)
+                fill_gap(k - 1, k);
+            add(rec.t[k] - rec.t[begin], k);
+        }
+    }
+
+    // A command that was not recorded is taken between its neighbours; how far off that may be
+    // shows in how badly it continues either side.
+    void fill_commands()
+    {
+        size_t n = log.rows();
+        log.doubt.assign(n, 0.0);
+        for (int i = 0; i < MK_MAX_INPUTS; i++) {
+            for (size_t k = 0; k < n; k++) {
+                if (!std::isnan(log.u[i][k]))
+                    continue;
+                size_t stop = k;
+                while (stop < n && std::isnan(log.u[i][stop]))
+                    stop++;
+                bridge(log.u[i], k, stop);
+                k = stop;
+            }
+        }
+    }
+
+  private:
+    const mk_record &rec;
+    FitLog &log;
+    size_t begin, end;
+
+    void add(double t, size_t row)
+    {
+        bool real = row != SIZE_MAX;
+        log.t.push_back(t);
+        log.source.push_back(row);
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            log.u[i].push_back(!rec.u[i] ? 0.0 : real ? rec.u[i][row] : MISSING);
+        for (int j = 0; j < log.joints; j++)
+            log.q[j].push_back(real ? rec.q[j][row] : MISSING);
+    }
+    // Rows that are missing altogether (the board kept its pace, the log did not).
+    void fill_gap(size_t before, size_t after)
+    {
+        double gap = rec.t[after] - rec.t[before];
+        double count = std::round(gap / log.period) - 1.0;
+        if (!(count >= 1.0) || count > 50.0)
+            return;
+        for (double i = 1.0; i <= count; i++)
+            add(rec.t[before] - rec.t[begin] + gap * i / (count + 1.0), SIZE_MAX);
+    }
+    void bridge(std::vector<double> &u, size_t first, size_t last)
+    {
+        size_t n = u.size();
+        double left = first > 0 ? u[first - 1] : last < n ? u[last] : 0.0;
+        double right = last < n ? u[last] : left;
+        double before = first > 1 ? u[first - 2] : left;
+        double after = last + 1 < n && !std::isnan(u[last + 1]) ? u[last + 1] : right;
+        double middle = 0.5 * (left + right);
+        double continued = 0.5 * (left + (left - before) + right + (right - after));
+        double doubt = std::fabs(middle - continued) + 0.02 * std::fabs(right - left);
+        doubt = std::max(doubt, std::min(std::fabs(right - left) / 2.0, 4.0 * doubt));
+        for (size_t k = first; k < last; k++) {
+            double s = (double)(k - first + 1) / (double)(last - first + 1);
+            u[k] = left + s * (right - left);
+            log.doubt[k] += doubt;
+        }
+    }
+};
+
+// Readings that stay on one count without passing through it (rest, a turning point) share one
+// rounding error: together they are worth one.
+void weigh(FitLog &log, int j)
+{
+    const std::vector<double> &q = log.q[j];
+    std::vector<double> &w = log.weight[j];
+    size_t n = q.size();
+    w.assign(n, 0.0);
+    double near = 0.25 * log.count[j];
+    size_t k = 0;
+    double previous = MISSING;
+    while (k < n) {
+        if (std::isnan(q[k])) {
+            k++;
+            continue;
+        }
+        size_t stop = k, members = 0;
+        for (; stop < n && (std::isnan(q[stop]) || std::fabs(q[stop] - q[k]) <= near); stop++)
+            members += !std::isnan(q[stop]);
+        double next = stop < n ? q[stop] : MISSING;
+        bool passed = (previous < q[k] && q[k] < next) || (previous > q[k] && q[k] > next);
+        double value = passed || members < 2 ? 1.0 : 1.0 / std::sqrt((double)members);
+        for (size_t i = k; i < stop; i++)
+            if (!std::isnan(q[i]))
+                w[i] = value;
+        previous = q[k];
+        k = stop;
+    }
+}
+
+// A single reading far off both neighbours' line is a glitch.
+void drop_glitches(FitLog &log, int j, double noise)
+{
+    std::vector<double> &q = log.q[j];
+    std::vector<double> bend;
+    for (size_t k = 1; k + 1 < q.size(); k++)
+        if (!std::isnan(q[k - 1] + q[k] + q[k + 1]))
+            bend.push_back(std::fabs(q[k - 1] - 2.0 * q[k] + q[k + 1]));
+    if (bend.size() < 10)
+        return;
+    std::sort(bend.begin(), bend.end());
+    double usual = bend[bend.size() * 99 / 100], limit = 8.0 * std::max(usual, 3.0 * noise);
+    for (size_t k = 1; k + 1 < q.size(); k++) {
+        double off = q[k] - 0.5 * (q[k - 1] + q[k + 1]);
+        if (std::fabs(off) > limit && std::fabs(q[k + 1] - q[k - 1]) < 0.5 * std::fabs(off))
+            q[k] = MISSING;
+    }
+}
+
+} // namespace
+
+FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last)
+{
+    FitLog log;
+    log.joints = mk_model_joints(&model);
+    log.period = median_period(record.t, first, last);
+    Builder builder(record, log, first, last);
+    builder.copy_rows();
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        if (std::isnan(log.u[i][0]))
+            log.u[i][0] = first > 0 ? command(record, i, first - 1) : 0.0;
+    builder.fill_commands();
+    for (int j = 0; j < log.joints; j++) {
+        log.count[j] = 6.283185307179586 / model.encoder_cpr[j];
+        drop_glitches(log, j, log.count[j]);
+        weigh(log, j);
+    }
+    return log;
+}
+
+double fit_log_noise(const FitLog &log, int j)
+{
+    const std::vector<double> &q = log.q[j];
+    std::vector<double> scatter;
+    for (size_t k = 0; k + 4 < q.size(); k++) {
+        double d = q[k] - 4.0 * q[k + 1] + 6.0 * q[k + 2] - 4.0 * q[k + 3] + q[k + 4];
+        if (!std::isnan(d))
+            scatter.push_back(std::fabs(d));
+    }
+    // Fourth differences of white noise have 70 times its variance; 0.6745: median of |normal|.
+    double fast = median_of(std::move(scatter)) / (0.6745 * std::sqrt(70.0));
+    return std::max(fast, 1e-9);
+}
+
+} // namespace mk

@@ -1,0 +1,37 @@
+// A log made ready for fitting: even rows where samples were dropped, commands without holes,
+// weights of readings, and the times at which a fit restarts its trajectory.
+#ifndef MECHKIT_IDENT_FIT_LOG_HPP
+#define MECHKIT_IDENT_FIT_LOG_HPP
+
+#include <vector>
+
+#include "mechkit/log.h"
+#include "mechkit/sim.h"
+#include "sim/shoot.hpp"
+
+namespace mk
+{
+
+struct FitLog {
+    std::vector<double> t; // from the first row on, s
+    std::vector<double> u[MK_MAX_INPUTS], q[MK_MAX_JOINTS];
+    std::vector<double> weight[MK_MAX_JOINTS]; // 0..1 by reading: how much of an own reading it is
+    std::vector<double> shift[MK_MAX_JOINTS];  // lost counts so far; empty: none
+    std::vector<size_t> source;                // row in the log; SIZE_MAX where a row was put in
+    std::vector<double> doubt;                 // uncertainty of the command at a row, command units
+    double count[MK_MAX_JOINTS];               // resolution of the readings, rad; 0: none seen
+    double period;                             // median time between rows, s
+    int joints;
+
+    size_t rows() const { return t.size(); }
+    double duration() const { return t.empty() ? 0.0 : t.back(); }
+};
+
+// `first`, `last`: rows [first, last) of the record. Throws std::bad_alloc.
+FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last);
+
+// Noise of the readings as their fast scatter shows it, rad; at least what quantisation makes.
+double fit_log_noise(const FitLog &log, int joint);
+
+} // namespace mk
+#endif
