@@ -353,17 +353,20 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     for (long j = 0; j < joints; j++) {
         q(joints + j) = options.drift[j] * options.drift[j] * span;
     }
-    double doubt = 0.0;
-    size_t stop = s.last ? logs[l]->rows() : point.nodes[l].row[node + 1];
+    // What is not known of the command: rows that were not recorded, digits that were not written.
+    const FitLog &log = *logs[l];
+    double rounding = log.u_step / std::sqrt(12.0);
+    double doubt = rounding * rounding * span / log.period;
+    size_t stop = s.last ? log.rows() : point.nodes[l].row[node + 1];
     for (size_t k = point.nodes[l].row[node]; k < stop; k++)
-        doubt += logs[l]->doubt[k] * logs[l]->doubt[k];
+        doubt += log.doubt[k] * log.doubt[k];
     if (doubt > 0.0) {
         double b[MK_MAX_STATES * MK_MAX_INPUTS];
         VectorXd x = point.nodes[l].x.col((long)node);
         double u[MK_MAX_INPUTS] = {0.0, 0.0};
         mk_model_jacobian(&m, s.begin, x.data(), u, nullptr, b, nullptr);
         for (long j = 0; j < joints; j++) {
-            double dv = b[(joints + j) * MK_MAX_INPUTS] * logs[l]->period;
+            double dv = b[(joints + j) * MK_MAX_INPUTS] * log.period;
             q(joints + j) += dv * dv * doubt;
         }
     }
@@ -394,6 +397,12 @@ double Fit::total_cost(const FitPoint &point) const
     return std::isfinite(sum) ? sum : HUGE_VAL;
 }
 
+// log of the square root of the determinant.
+static double log_root_det(const Eigen::LLT<MatrixXd> &factor)
+{
+    return MatrixXd(factor.matrixL()).diagonal().array().log().sum();
+}
+
 FitPicture Fit::eliminate(const FitPoint &point, int free_count)
 {
     FitPicture out;
@@ -422,7 +431,9 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count)
             D += s.normal.bottomRightCorner(nf, nf);
             a += s.right.head(ns);
             d += s.right.tail(nf);
-            s.P = A.llt().solve(MatrixXd::Identity(ns, ns));
+            Eigen::LLT<MatrixXd> factor(A);
+            s.P = factor.solve(MatrixXd::Identity(ns, ns));
+            out.volume += log_root_det(factor);
             s.C = C;
             s.a = a;
             D -= C.transpose() * s.P * C;
@@ -435,7 +446,9 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count)
             VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
             MatrixXd S = F * s.P * F.transpose();
             S.diagonal() += process_variance(point, l, i);
-            s.A_next = S.llt().solve(MatrixXd::Identity(ns, ns));
+            Eigen::LLT<MatrixXd> spread(S);
+            s.A_next = spread.solve(MatrixXd::Identity(ns, ns));
+            out.volume += log_root_det(spread);
             s.mu = gap + F * s.P * a;
             s.G = B - F * s.P * C;
             D += s.G.transpose() * s.A_next * s.G;
@@ -446,6 +459,10 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count)
         }
     }
     D = 0.5 * (D + D.transpose().eval());
+    for (size_t l = 0; l < logs.size(); l++)
+        for (int j = 0; j < joints; j++)
+            for (double w : logs[l]->weight[j])
+                out.volume += w * w * std::log(point.noise[j]);
     out.finite = D.allFinite() && d.allFinite();
     return out;
 }
@@ -481,6 +498,7 @@ FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
     shoot_all(point, free, true);
     FitPicture p = eliminate(point, (int)free.size());
     p.cost = total_cost(point);
+    p.evidence = p.cost + p.volume;
     return p;
 }
 
@@ -691,6 +709,39 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
         }
     }
     return true;
+}
+
+bool Fit::descend(FitPoint &point, const std::vector<int> &free, double first, double last,
+                  FitPicture &result)
+{
+    FitPoint trial = point;
+    bool any = false;
+    double best_drift = first;
+    int worse = 0;
+    for (double drift = first; drift > 0.9 * last && worse < 2; drift *= 0.1) {
+        for (double &d : options.drift)
+            d = drift;
+        if (!minimise(trial, free) || cancelled)
+            break;
+        update_noise(trial);
+        if (!minimise(trial, free) || cancelled)
+            break;
+        FitPicture p = picture(trial, free);
+        if (!p.finite)
+            break;
+        if (!any || p.evidence < result.evidence) {
+            result = p;
+            point = trial;
+            best_drift = drift;
+            worse = 0;
+            any = true;
+        } else if (p.evidence > result.evidence + 2.0) {
+            worse++;
+        }
+    }
+    for (double &d : options.drift)
+        d = best_drift;
+    return any;
 }
 
 FitResiduals Fit::residuals(const FitPoint &point)

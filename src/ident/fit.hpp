@@ -51,6 +51,10 @@ struct FitPicture {
     Eigen::MatrixXd information;
     Eigen::VectorXd gradient;
     double cost = 0.0;
+    // Minus the log likelihood of the readings with the states integrated out (Laplace), up to a
+    // constant: comparable between drifts, noises and models.
+    double evidence = 0.0;
+    double volume = 0.0; // its part beyond the cost
     bool finite = false;
 };
 
@@ -93,6 +97,12 @@ class Fit
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
     bool cancelled = false;
+
+    // Minimises with less and less drift, re-estimating the noise, and ends at the drift with the
+    // best evidence: an honest model ends with next to none, a wrong one with what it lacks. `last`
+    // is the least drift tried. The picture belongs to the result.
+    bool descend(FitPoint &point, const std::vector<int> &free, double first, double last,
+                 FitPicture &result);
 
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);

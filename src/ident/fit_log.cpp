@@ -120,6 +120,19 @@ class Builder
     }
 };
 
+// The last decimal place that the values use, when it is a coarse one.
+double last_digit(const std::vector<double> &v)
+{
+    for (double step = 1e-1; step > 5e-9; step *= 0.1) {
+        bool all = true;
+        for (size_t k = 0; k < v.size() && all; k++)
+            all = std::isnan(v[k]) || std::fabs(v[k] / step - std::round(v[k] / step)) < 1e-3;
+        if (all)
+            return step;
+    }
+    return 0.0;
+}
+
 // Readings that stay on one count without passing through it (rest, a turning point) share one
 // rounding error: together they are worth one.
 void weigh(FitLog &log, int j)
@@ -178,6 +191,7 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
     log.period = median_period(record.t, first, last);
     Builder builder(record, log, first, last);
     builder.copy_rows();
+    log.u_step = last_digit(log.u[0]);
     for (int i = 0; i < MK_MAX_INPUTS; i++)
         if (std::isnan(log.u[i][0]))
             log.u[i][0] = first > 0 ? command(record, i, first - 1) : 0.0;

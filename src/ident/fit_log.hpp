@@ -20,6 +20,7 @@ struct FitLog {
     std::vector<size_t> source;                // row in the log; SIZE_MAX where a row was put in
     std::vector<double> doubt;                 // uncertainty of the command at a row, command units
     double count[MK_MAX_JOINTS];               // resolution of the readings, rad; 0: none seen
+    double u_step;                             // last digit of the command as logged; 0: none seen
     double period;                             // median time between rows, s
     int joints;
 
