@@ -5,10 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "sim/start_state.h"
+
 struct prediction {
     const struct mk_model *model;
     struct mk_record rec;
     struct mk_sim *sim;
+    struct mk_start_finder *finder;
     int joints;
     double *q[MK_MAX_JOINTS], *dq[MK_MAX_JOINTS];
     double *window; /* NULL when not windowed */
@@ -40,7 +43,7 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
 {
     const struct mk_record *rec = &p->rec;
     double x[MK_MAX_STATES], u[MK_MAX_INPUTS] = {0.0, 0.0};
-    enum mk_status st = mk_record_state_at(rec, p->model, 0, last, first, 0, x, err);
+    enum mk_status st = mk_start_state(p->finder, last, first, x, err);
     if (st != MK_OK)
         return st;
     for (size_t k = 0; k < first; k++)
@@ -50,7 +53,7 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
         command_at(rec, k, u);
-        st = mk_sim_advance(p->sim, rec->t[k + 1], u, err);
+        st = mk_sim_advance(p->sim, rec->t[k + 1] - rec->t[0], u, err);
         if (st == MK_OK)
             store(p, k + 1);
     }
@@ -148,6 +151,8 @@ enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log
         st = add_columns(&p, made, options && options->window_s > 0.0);
     if (st == MK_OK)
         st = mk_sim_create(model, options ? &options->sim : NULL, &p.sim, err);
+    if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, model)))
+        st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
     if (st == MK_OK)
         st = run_windows(&p, options ? options->window_s : 0.0, &figs.windows, &bad, err);
     if (st == MK_OK) {
@@ -160,6 +165,7 @@ enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log
             *failed = bad;
     }
     mk_sim_destroy(p.sim);
+    mk_start_finder_destroy(p.finder);
     mk_log_free(made);
     return st;
 }

@@ -24,6 +24,14 @@ const SolverRow rows[] = {
     {MK_SOLVER_DOP853, "dop853", false, mk::create_dop853},
 };
 
+// Delayed readings look this many advances back at most.
+constexpr int HISTORY = 2048;
+
+struct Past {
+    double t;
+    double x[MK_MAX_STATES];
+};
+
 struct Edge {
     double t;
     double u[MK_MAX_INPUTS];
@@ -41,6 +49,9 @@ struct mk_sim {
     bool ready, fresh;            // reset has been called; the solver must be restarted
     Edge edge[EDGES];             // commands on their way, a ring
     int first, count;
+    double age[MK_MAX_JOINTS]; // of each joint's reading
+    Past *past;                // ring of earlier states; NULL when nothing is late
+    int past_next, past_count;
 };
 
 namespace mk
@@ -76,6 +87,32 @@ enum mk_solver mk_solver_by_name(const char *name)
     return MK_SOLVER_COUNT;
 }
 
+// How old each joint's reading is; whether any is.
+static bool find_ages(mk_sim *sim)
+{
+    const mk_model &m = sim->system.model;
+    for (int e = 0; e < m.effect_count; e++) {
+        if (!(mk_effect(m.effect[e].index)->stages & MK_STAGE_SENSOR_DELAY))
+            continue;
+        for (int j = 0; j < mk_model_joints(&m); j++)
+            if (m.effect[e].joint == 0 || m.effect[e].joint == j + 1)
+                sim->age[j] += m.effect[e].value[0];
+    }
+    return sim->age[0] > 0.0 || sim->age[1] > 0.0;
+}
+
+static void remember(mk_sim *sim)
+{
+    if (!sim->past)
+        return;
+    Past &p = sim->past[sim->past_next];
+    p.t = sim->t;
+    memcpy(p.x, sim->y, sizeof(double) * (size_t)sim->system.states);
+    sim->past_next = (sim->past_next + 1) % HISTORY;
+    if (sim->past_count < HISTORY)
+        sim->past_count++;
+}
+
 enum mk_status mk_sim_create(const mk_model *model, const mk_sim_config *config, mk_sim **out,
                              mk_error *err)
 {
@@ -101,10 +138,12 @@ enum mk_status mk_sim_create(const mk_model *model, const mk_sim_config *config,
     s.rtol = config && config->rtol > 0.0 ? config->rtol : model->rtol;
     s.atol = config && config->atol > 0.0 ? config->atol : model->atol;
     sim->delay = mk_model_command_delay(model);
+    bool late = find_ages(sim);
+    sim->past = late ? new (std::nothrow) Past[HISTORY] : nullptr;
     sim->integrator = row->create(s, err);
-    if (!sim->integrator) {
-        delete sim;
-        return MK_ERR_NOMEM;
+    if (!sim->integrator || (late && !sim->past)) {
+        mk_sim_destroy(sim);
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the simulation");
     }
     *out = sim;
     return MK_OK;
@@ -115,6 +154,7 @@ void mk_sim_destroy(mk_sim *sim)
     if (!sim)
         return;
     delete sim->integrator;
+    delete[] sim->past;
     delete sim;
 }
 
@@ -138,6 +178,8 @@ enum mk_status mk_sim_reset(mk_sim *sim, double t, const double *x, const double
     sim->t = t;
     sim->first = sim->count = 0;
     sim->ready = sim->fresh = true;
+    sim->past_next = sim->past_count = 0;
+    remember(sim);
     sim->energy0 = mechanical_energy(sim);
     return MK_OK;
 }
@@ -172,6 +214,8 @@ static enum mk_status run_to(mk_sim *sim, double t_end, mk_error *err)
         sim->t = t_end;
     else
         sim->ready = false;
+    if (st == MK_OK)
+        remember(sim);
     return st;
 }
 
@@ -223,9 +267,47 @@ const double *mk_sim_state(const mk_sim *sim)
     return sim->y;
 }
 
+// The state at time t in the past: cubic in the angles, linear in the rest. Before the reset the
+// rig is taken to have moved evenly.
+static void recall(const mk_sim *sim, double t, double *x)
+{
+    const int n = sim->system.states, joints = mk_model_joints(&sim->system.model);
+    const Past *after = nullptr, *before = nullptr;
+    for (int i = 1; i <= sim->past_count && !before; i++) {
+        const Past *p = &sim->past[(sim->past_next + HISTORY - i) % HISTORY];
+        if (p->t <= t)
+            before = p;
+        else
+            after = p;
+    }
+    const Past *only = before ? before : after;
+    double dt = t - only->t;
+    memcpy(x, only->x, sizeof(double) * (size_t)n);
+    if (before && after) {
+        double h = after->t - before->t, s = dt / h, r = 1.0 - s;
+        for (int i = 0; i < n; i++)
+            x[i] = r * before->x[i] + s * after->x[i];
+        for (int j = 0; j < joints; j++)
+            x[j] = (1.0 + 2.0 * s) * r * r * before->x[j] + s * s * (3.0 - 2.0 * s) * after->x[j] +
+                   h * s * r * (r * before->x[joints + j] - s * after->x[joints + j]);
+    } else {
+        for (int j = 0; j < joints; j++)
+            x[j] += dt * x[joints + j];
+    }
+}
+
 void mk_sim_measure(const mk_sim *sim, double *y)
 {
-    mk_model_measure(&sim->system.model, sim->t, sim->y, y);
+    const mk_model *m = &sim->system.model;
+    mk_model_measure(m, sim->t, sim->y, y);
+    for (int j = 0; sim->past && j < mk_model_joints(m); j++) {
+        if (!(sim->age[j] > 0.0))
+            continue;
+        double x[MK_MAX_STATES], then[MK_MAX_JOINTS];
+        recall(sim, sim->t - sim->age[j], x);
+        mk_model_measure(m, sim->t - sim->age[j], x, then);
+        y[j] = then[j];
+    }
 }
 
 void mk_sim_applied(const mk_sim *sim, double *u)

@@ -1,0 +1,223 @@
+#include "sim/start_state.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <vector>
+
+#include "sim/shoot.hpp"
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+struct mk_start_finder {
+    const mk_record *record;
+    const mk_model *model;
+    std::vector<double> t, u[MK_MAX_INPUTS], w[MK_MAX_JOINTS];
+    double noise[MK_MAX_JOINTS]; // what quantisation and scatter make, rad
+    mk::ShootData data;
+};
+
+namespace
+{
+
+constexpr double HIDDEN_STD = 0.05; // of effects' states before any reading
+constexpr double STEP = 2.5e-3;     // s
+
+// Noise by fourth differences; at least what rounding and a little jitter make.
+double noise_of(const double *q, size_t n, double count)
+{
+    std::vector<double> d;
+    for (size_t k = 0; k + 4 < n; k++) {
+        double x = q[k] - 4.0 * q[k + 1] + 6.0 * q[k + 2] - 4.0 * q[k + 3] + q[k + 4];
+        if (!std::isnan(x))
+            d.push_back(std::fabs(x));
+    }
+    double fast = 0.0;
+    if (!d.empty()) {
+        auto mid = d.begin() + (std::ptrdiff_t)(d.size() / 2);
+        std::nth_element(d.begin(), mid, d.end());
+        fast = *mid / (0.6745 * std::sqrt(70.0));
+    }
+    return std::max(0.4 * count, 1.3 * fast);
+}
+
+// A run of the model through readings, around the row wanted.
+class Search
+{
+  public:
+    Search(const mk_start_finder &finder, size_t from_row, size_t to_row)
+        : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
+    {
+        size_t capacity = 2 * (to - from) + 64;
+        residual.resize(capacity);
+        jac.resize(capacity * (size_t)ns);
+        x_end.resize((size_t)ns);
+        jac_end.resize((size_t)(ns * ns));
+    }
+
+    // Gauss-Newton from x, whose effects' states are a guess too; false when the model runs away.
+    // rms is in standard deviations.
+    bool solve(VectorXd &x, double &rms)
+    {
+        const VectorXd rest = x;
+        int joints = mk_model_joints(f.model);
+        double cost = HUGE_VAL, damping = 1e-6;
+        for (int i = 0; i < 12; i++) {
+            mk::ShootTask task = task_from(x, f.t[to - 1], true);
+            mk::shoot(task);
+            if (!task.finite || task.row_count < (size_t)ns)
+                return false;
+            long n = (long)task.row_count;
+            using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+            Eigen::Map<const RowMajor> J(jac.data(), n, ns);
+            Eigen::Map<const VectorXd> r(residual.data(), n);
+            MatrixXd H = J.transpose() * J;
+            VectorXd g = J.transpose() * r;
+            for (long s = 2 * joints; s < ns; s++) {
+                H(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
+                g(s) += (rest(s) - x(s)) / (HIDDEN_STD * HIDDEN_STD);
+            }
+            double now = r.squaredNorm();
+            rms = std::sqrt(now / (double)n);
+            if (cost - now < 1e-4 * now)
+                return true;
+            cost = now;
+            H.diagonal() *= 1.0 + damping;
+            x += H.ldlt().solve(g);
+            if (!x.allFinite())
+                return false;
+        }
+        return true;
+    }
+    // Where the trajectory from x is at a row.
+    bool carry(VectorXd &x, size_t row)
+    {
+        mk::ShootTask task = task_from(x, f.t[row], false);
+        task.row_capacity = 0;
+        mk::shoot(task);
+        if (!task.finite)
+            return false;
+        x = Eigen::Map<VectorXd>(x_end.data(), ns);
+        return true;
+    }
+
+  private:
+    const mk_start_finder &f;
+    int ns;
+    size_t from, to;
+    std::vector<double> residual, jac, x_end, jac_end;
+
+    mk::ShootTask task_from(const VectorXd &x, double end, bool derivatives)
+    {
+        mk::ShootTask task = {};
+        task.model = f.model;
+        task.data = &f.data;
+        task.begin = f.t[from];
+        task.end = end;
+        task.last = true;
+        task.x = x.data();
+        task.step = STEP;
+        task.columns = derivatives ? ns : 0;
+        task.x_end = x_end.data();
+        task.jac_end = jac_end.data();
+        task.row_capacity = residual.size();
+        task.residual = residual.data();
+        task.jac = jac.data();
+        return task;
+    }
+};
+
+} // namespace
+
+mk_start_finder *mk_start_finder_create(const mk_record *record, const mk_model *model)
+try {
+    mk_start_finder *f = new mk_start_finder();
+    f->record = record;
+    f->model = model;
+    f->data = {};
+    f->data.rows = record->rows;
+    for (size_t k = 0; k < record->rows; k++)
+        f->t.push_back(record->t[k] - record->t[0]);
+    f->data.t = f->t.data();
+    for (int i = 0; i < MK_MAX_INPUTS; i++) {
+        double held = 0.0;
+        for (size_t k = 0; k < record->rows; k++) {
+            double u = record->u[i] ? record->u[i][k] : 0.0;
+            held = std::isnan(u) ? held : u;
+            f->u[i].push_back(held);
+        }
+        f->data.u[i] = f->u[i].data();
+    }
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        const double *q = record->q[j];
+        f->noise[j] = noise_of(q, record->rows, 6.283185307179586 / model->encoder_cpr[j]);
+        for (size_t k = 0; k < record->rows; k++)
+            f->w[j].push_back(std::isnan(q[k]) ? 0.0 : 1.0 / f->noise[j]);
+        f->data.q[j] = q;
+        f->data.w[j] = f->w[j].data();
+    }
+    return f;
+} catch (const std::bad_alloc &) {
+    return nullptr;
+}
+
+void mk_start_finder_destroy(mk_start_finder *finder)
+{
+    delete finder;
+}
+
+// State at `row` to start a search from: angles and speeds by polynomial; what effects remember of
+// the past by a run of the model from half a second before.
+static bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
+{
+    constexpr double MEMORY = 0.5; // s
+    if (mk_record_state_at(f.record, f.model, 0, last, row, 0, x.data(), nullptr) != MK_OK)
+        return false;
+    int joints = mk_model_joints(f.model);
+    size_t back = row;
+    while (back > 0 && f.t[row] - f.t[back - 1] <= MEMORY)
+        back--;
+    if (x.size() == 2 * joints || back == row)
+        return true;
+    VectorXd run(x.size());
+    if (mk_record_state_at(f.record, f.model, 0, last, back, 0, run.data(), nullptr) != MK_OK)
+        return true;
+    Search search(f, back, row + 1);
+    if (search.carry(run, row))
+        x.tail(x.size() - 2 * joints) = run.tail(x.size() - 2 * joints);
+    return true;
+}
+
+enum mk_status mk_start_state(mk_start_finder *f, size_t last, size_t row, double *x, mk_error *err)
+try {
+    int ns = mk_model_state_count(f->model);
+    enum mk_status st = mk_record_state_at(f->record, f->model, 0, last, row, 0, x, err);
+    if (st != MK_OK)
+        return st;
+    VectorXd plain(ns);
+    if (first_guess(*f, last, row, plain))
+        std::copy(plain.data(), plain.data() + ns, x);
+    for (double half = 0.25; half > 0.05; half *= 0.5) {
+        size_t from = row, to = row;
+        while (from > 0 && f->t[row] - f->t[from - 1] <= half)
+            from--;
+        while (to < last && f->t[to] - f->t[row] <= half)
+            to++;
+        if (to - from < 12)
+            continue;
+        VectorXd guess(ns);
+        double rms = 0.0;
+        if (!first_guess(*f, last, from, guess))
+            continue;
+        Search search(*f, from, to);
+        if (search.solve(guess, rms) && rms < 1.15 && search.carry(guess, row)) {
+            std::copy(guess.data(), guess.data() + ns, x);
+            return MK_OK;
+        }
+    }
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start state");
+}
