@@ -27,7 +27,7 @@ extern "C" {
 #define MK_MAX_INPUTS 2
 #define MK_MAX_PARAMETERS 8
 #define MK_MAX_EFFECTS 12
-#define MK_MAX_EFFECT_PARAMETERS 4
+#define MK_MAX_EFFECT_PARAMETERS 5
 #define MK_MAX_STATES 24
 #define MK_MAX_EVENTS 24
 #define MK_FRICTION_STEEPNESS 15.0 /* k in S_k(v) = tanh(k v), s/rad; report (2.3), errata 2.4 */
@@ -61,8 +61,10 @@ struct mk_parameter_info {
     double initial;   /* a usual value (effects: where a search starts; plants: the report's) */
 #ifdef __cplusplus
     enum mk_parameter_fit fit = MK_FIT_FREE;
+    bool optional = false; /* left out of a model file it is `initial` */
 #else
     enum mk_parameter_fit fit;
+    bool optional;
 #endif
 };
 

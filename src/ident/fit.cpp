@@ -48,6 +48,12 @@ void parallel_for(int threads, size_t count, F &&body)
 
 } // namespace
 
+// One log as the kernel takes it.
+struct Fit::LogData {
+    ShootData shoot;
+    std::vector<double> weight[MK_MAX_JOINTS];
+};
+
 // One stretch: what shooting gave, compressed to normal equations in (start state, parameters).
 struct Fit::Segment {
     double begin = 0.0, end = 0.0;
@@ -57,7 +63,7 @@ struct Fit::Segment {
     MatrixXd normal;  // J'J
     VectorXd right;   // J'r
     std::vector<double> residual;
-    std::vector<int> joint;
+    std::vector<int> joint, row;
     double sum2[MK_MAX_JOINTS] = {0.0, 0.0};
     double cost = 0.0;
     // From the elimination, for the way back.
@@ -110,7 +116,7 @@ static mk_record record_of(const FitLog &log)
     return r;
 }
 
-FitPoint Fit::start(const mk_model &model) const
+FitPoint Fit::start(const mk_model &model)
 {
     FitPoint p;
     p.model = model;
@@ -139,7 +145,7 @@ FitPoint Fit::start(const mk_model &model) const
     return adopt(p, model);
 }
 
-FitPoint Fit::adopt(const FitPoint &from, const mk_model &model) const
+FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
 {
     FitPoint p = from;
     p.model = model;
@@ -153,68 +159,80 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model) const
             for (int s = 0; s < ns; s++)
                 p.nodes[l].x(s, i) = full[s];
         }
-        if (ns > 2 * joints)
-            carry_hidden_states(p, l);
+    }
+    if (ns > 2 * joints) {
+        prepare(p);
+        FitOptions kept = options;
+        for (double &drift : options.drift)
+            drift = std::max(drift, 0.3); // a first guess: it need not fit exactly
+        parallel_for(options.threads, p.nodes.size(), [&](size_t l) { filter_states(p, l); });
+        options = kept;
     }
     return p;
 }
 
-// States of effects cannot be read off the data: each stretch hands on its own to the next.
-void Fit::carry_hidden_states(FitPoint &point, size_t l) const
+// States of effects cannot be read off the data: an iterated Kalman filter over the stretches finds
+// them. Each stretch starts where the last one ended, corrected by its own readings.
+void Fit::filter_states(FitPoint &point, size_t l)
 {
     const mk_model &m = point.model;
     int joints = mk_model_joints(&m);
-    ShootData data = {};
-    data.rows = logs[l]->rows();
-    data.t = logs[l]->t.data();
-    std::vector<double> nothing(logs[l]->rows(), 0.0);
-    for (int i = 0; i < MK_MAX_INPUTS; i++)
-        data.u[i] = logs[l]->u[i].data();
-    for (int j = 0; j < joints; j++)
-        data.q[j] = data.w[j] = nothing.data();
+    long ns = mk_model_state_count(&m);
     FitNodes &nodes = point.nodes[l];
-    double end[MK_MAX_STATES];
-    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
-        ShootTask task = {};
-        VectorXd x0 = nodes.x.col((long)i);
-        task.model = &m;
-        task.data = &data;
-        task.begin = logs[l]->t[nodes.row[i]];
-        task.end = logs[l]->t[nodes.row[i + 1]];
-        task.x = x0.data();
-        task.step = options.step;
-        task.x_end = end;
-        shoot(task);
-        if (!task.finite)
-            return;
-        auto next = nodes.x.col((long)i + 1);
-        int state = 2 * joints;
-        for (int e = 0; e < m.effect_count; e++) {
-            const mk_effect_info *info = mk_effect(m.effect[e].index);
-            int j = m.effect[e].joint - 1;
-            bool reads = (info->stages & MK_STAGE_MEASUREMENT) && info->state_count == 2 && j >= 0;
-            for (int s = 0; s < info->state_count; s++) {
-                if (!reads) {
-                    next(state + s) = end[state + s];
-                    continue;
-                }
-                // The effect carries the encoder: the data say where it is, not where the joint is.
-                int of_joint = s * joints + j;
-                double behind = end[of_joint] - end[state + s];
-                next(state + s) = next(of_joint);
-                next(of_joint) += behind;
+    VectorXd x = nodes.x.col(0);
+    MatrixXd precision = MatrixXd::Identity(ns, ns) * 1e-6;
+    for (long s = 2 * joints; s < ns; s++)
+        precision(s, s) = 1.0 / (HIDDEN_STD * HIDDEN_STD);
+    for (size_t i = 0; i < nodes.row.size(); i++) {
+        const VectorXd expected = x;
+        MatrixXd information = precision;
+        double damping = 1e-6, cost = HUGE_VAL;
+        VectorXd best = x, gradient = VectorXd::Zero(ns);
+        Segment found;
+        for (int round = 0; round < 12; round++) {
+            nodes.x.col((long)i) = x;
+            shoot_one(point, {}, l, i, true);
+            const Segment &s = work[l][i];
+            VectorXd off = x - expected;
+            double now = s.finite ? s.cost + 0.5 * off.dot(precision * off) : HUGE_VAL;
+            if (now < cost) {
+                bool done = cost - now < 1e-3 * now;
+                cost = now;
+                best = x;
+                found = s;
+                information = precision + s.normal;
+                gradient = s.right - precision * off;
+                damping = std::max(damping * 0.1, 1e-9);
+                if (done)
+                    break;
+            } else {
+                damping = std::max(damping * 30.0, 1e-3);
+                if (!std::isfinite(cost) || damping > 1e6)
+                    break;
             }
-            state += info->state_count;
+            MatrixXd damped = information;
+            damped.diagonal() *= 1.0 + damping;
+            x = best + damped.ldlt().solve(gradient);
         }
+        if (!std::isfinite(cost))
+            return; // the nodes left over keep their first guess
+        nodes.x.col((long)i) = best;
+        if (i + 1 == nodes.row.size())
+            return;
+        MatrixXd F = found.jac_end.topRows(ns).transpose();
+        MatrixXd spread = F * information.ldlt().solve(F.transpose());
+        work[l][i] = found;
+        spread.diagonal() += process_variance(point, l, i);
+        precision = spread.ldlt().solve(MatrixXd::Identity(ns, ns));
+        x = found.x_end;
     }
 }
 
 // --- shooting ------------------------------------------------------------------------------------
 
-void Fit::prepare(const FitPoint &point, const std::vector<int> &free, bool derivatives)
+void Fit::prepare(const FitPoint &point)
 {
-    long ns = mk_model_state_count(&point.model);
-    long columns = derivatives ? ns + (long)free.size() : 0;
+    lay_data(point);
     work.resize(logs.size());
     for (size_t l = 0; l < logs.size(); l++) {
         const FitNodes &nodes = point.nodes[l];
@@ -224,8 +242,6 @@ void Fit::prepare(const FitPoint &point, const std::vector<int> &free, bool deri
             s.begin = logs[l]->t[nodes.row[i]];
             s.last = i + 1 == nodes.row.size();
             s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
-            s.x_end.resize(ns);
-            s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
         }
     }
 }
@@ -239,103 +255,112 @@ static double sensor_delay(const mk_model &model)
     return longest;
 }
 
-void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
+// Weights of a log's readings at a point.
+void Fit::lay_data(const FitPoint &point)
 {
-    prepare(point, free, derivatives);
+    int joints = mk_model_joints(&point.model);
+    data.resize(logs.size());
+    for (size_t l = 0; l < logs.size(); l++) {
+        LogData &d = data[l];
+        d.shoot = {};
+        d.shoot.rows = logs[l]->rows();
+        d.shoot.t = logs[l]->t.data();
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            d.shoot.u[i] = logs[l]->u[i].data();
+        for (int j = 0; j < joints; j++) {
+            d.weight[j] = logs[l]->weight[j];
+            for (double &w : d.weight[j])
+                w /= point.noise[j];
+            d.shoot.q[j] = logs[l]->q[j].data();
+            d.shoot.w[j] = d.weight[j].data();
+            d.shoot.shift[j] = logs[l]->shift[j].empty() ? nullptr : logs[l]->shift[j].data();
+        }
+    }
+}
+
+void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t l, size_t i,
+                    bool derivatives)
+{
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     int columns = derivatives ? ns + (int)free.size() : 0;
     double late = sensor_delay(point.model);
     std::vector<double> scale;
     for (int number : free)
         scale.push_back(scale_of(point.model, number));
-
-    std::vector<ShootData> data(logs.size());
-    std::vector<std::vector<double>> weights[MK_MAX_JOINTS];
-    for (int j = 0; j < joints; j++)
-        weights[j].resize(logs.size());
-    for (size_t l = 0; l < logs.size(); l++) {
-        ShootData &d = data[l];
-        d = {};
-        d.rows = logs[l]->rows();
-        d.t = logs[l]->t.data();
-        for (int i = 0; i < MK_MAX_INPUTS; i++)
-            d.u[i] = logs[l]->u[i].data();
-        for (int j = 0; j < joints; j++) {
-            weights[j][l] = logs[l]->weight[j];
-            for (double &w : weights[j][l])
-                w /= point.noise[j];
-            d.q[j] = logs[l]->q[j].data();
-            d.w[j] = weights[j][l].data();
-            d.shift[j] = logs[l]->shift[j].empty() ? nullptr : logs[l]->shift[j].data();
+    Segment &s = work[l][i];
+    const FitNodes &nodes = point.nodes[l];
+    size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
+    while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
+        stop++;
+    size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
+    s.residual.resize(capacity);
+    s.joint.resize(capacity);
+    s.row.resize(capacity);
+    s.x_end.resize(ns);
+    s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
+    static thread_local std::vector<double> jac;
+    jac.resize(capacity * (size_t)std::max(columns, 1));
+    VectorXd x0 = nodes.x.col((long)i);
+    ShootTask task = {};
+    task.model = &point.model;
+    task.data = &data[l].shoot;
+    task.begin = s.begin;
+    task.end = s.end;
+    task.last = s.last;
+    task.x = x0.data();
+    task.step = options.step;
+    task.free_count = derivatives ? (int)free.size() : 0;
+    task.free = free.data();
+    task.scale = scale.data();
+    task.columns = columns;
+    task.x_end = s.x_end.data();
+    task.jac_end = s.jac_end.data();
+    task.row_capacity = capacity;
+    task.residual = s.residual.data();
+    task.jac = jac.data();
+    task.joint_of = s.joint.data();
+    task.row_of = s.row.data();
+    shoot(task);
+    s.finite = task.finite;
+    size_t n = task.finite ? task.row_count : 0;
+    s.residual.resize(n);
+    s.joint.resize(n);
+    s.row.resize(n);
+    double limit = options.outlier > 0.0 ? options.outlier : HUGE_VAL;
+    s.sum2[0] = s.sum2[1] = s.cost = 0.0;
+    for (size_t r = 0; r < n; r++) {
+        s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
+        s.cost += huber_cost(s.residual[r], limit);
+    }
+    if (!derivatives || !s.finite)
+        return;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Eigen::Map<RowMajor> J(jac.data(), (long)n, columns);
+    VectorXd r = Eigen::Map<VectorXd>(s.residual.data(), (long)n);
+    // Readings far out pull no harder than the limit: scaled by their distance.
+    for (long row = 0; row < (long)n; row++) {
+        double far = std::fabs(r(row)) / limit;
+        if (far > 1.0) {
+            double root = 1.0 / std::sqrt(far);
+            J.row(row) *= root;
+            r(row) *= root;
         }
     }
+    s.normal.setZero(columns, columns);
+    s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+    s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
+    s.right = J.transpose() * r;
+}
 
+void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
+{
+    prepare(point);
     std::vector<std::pair<size_t, size_t>> jobs;
     for (size_t l = 0; l < logs.size(); l++)
         for (size_t i = 0; i < work[l].size(); i++)
             jobs.emplace_back(l, i);
-
     parallel_for(options.threads, jobs.size(), [&](size_t job) {
-        auto [l, i] = jobs[job];
-        Segment &s = work[l][i];
-        const FitNodes &nodes = point.nodes[l];
-        size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
-        while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
-            stop++;
-        size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
-        s.residual.resize(capacity);
-        s.joint.resize(capacity);
-        static thread_local std::vector<double> jac;
-        jac.resize(capacity * (size_t)std::max(columns, 1));
-        VectorXd x0 = nodes.x.col((long)i);
-        ShootTask task = {};
-        task.model = &point.model;
-        task.data = &data[l];
-        task.begin = s.begin;
-        task.end = s.end;
-        task.last = s.last;
-        task.x = x0.data();
-        task.step = options.step;
-        task.free_count = derivatives ? (int)free.size() : 0;
-        task.free = free.data();
-        task.scale = scale.data();
-        task.columns = columns;
-        task.x_end = s.x_end.data();
-        task.jac_end = s.jac_end.data();
-        task.row_capacity = capacity;
-        task.residual = s.residual.data();
-        task.jac = jac.data();
-        task.joint_of = s.joint.data();
-        shoot(task);
-        s.finite = task.finite;
-        size_t n = task.finite ? task.row_count : 0;
-        s.residual.resize(n);
-        s.joint.resize(n);
-        // Readings far out pull no harder than the limit: scaled by their distance.
-        s.sum2[0] = s.sum2[1] = 0.0;
-        for (size_t r = 0; r < n; r++)
-            s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
-        double limit = options.outlier > 0.0 ? options.outlier : HUGE_VAL;
-        s.cost = 0.0;
-        for (size_t r = 0; r < n; r++)
-            s.cost += huber_cost(s.residual[r], limit);
-        if (!derivatives || !s.finite)
-            return;
-        using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-        Eigen::Map<RowMajor> J(jac.data(), (long)n, columns);
-        Eigen::Map<VectorXd> r(s.residual.data(), (long)n);
-        for (long row = 0; row < (long)n; row++) {
-            double far = std::fabs(r(row)) / limit;
-            if (far > 1.0) {
-                double root = 1.0 / std::sqrt(far);
-                J.row(row) *= root;
-                r(row) *= root;
-            }
-        }
-        s.normal.setZero(columns, columns);
-        s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
-        s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
-        s.right = J.transpose() * r;
+        shoot_one(point, free, jobs[job].first, jobs[job].second, derivatives);
     });
 }
 

@@ -76,10 +76,10 @@ class Fit
     Fit(std::vector<const FitLog *> logs, const FitOptions &options);
 
     // Start: states from local polynomials through the readings, noise from their scatter.
-    FitPoint start(const mk_model &model) const;
+    FitPoint start(const mk_model &model);
     // Takes over the parameters and states of a fit with another set of effects: states that are
     // new start at rest.
-    FitPoint adopt(const FitPoint &from, const mk_model &model) const;
+    FitPoint adopt(const FitPoint &from, const mk_model &model);
 
     // Minimises over states and the free parameters (numbers as in mechkit/ident.h), within their
     // ranges. False when the model cannot even be integrated from the start.
@@ -109,13 +109,17 @@ class Fit
 
   private:
     struct Segment; // one stretch at one point
-    struct Elimination;
+    struct LogData;
 
     std::vector<const FitLog *> logs;
+    std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
 
-    void carry_hidden_states(FitPoint &point, size_t log) const;
-    void prepare(const FitPoint &point, const std::vector<int> &free, bool derivatives);
+    void prepare(const FitPoint &point);
+    void lay_data(const FitPoint &point);
+    void filter_states(FitPoint &point, size_t log);
+    void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
+                   bool derivatives);
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;
     Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;

@@ -13,11 +13,11 @@ inline namespace MK_KERNEL_NS
 // side, which carries the encoder. Between them a gap of `width` and, beyond it, a spring and
 // damper that push but never pull.
 //
-// Pendubot, Furuta (joint 2): the light side is the shaft with the encoder's disc; it has a little
-// inertia and friction of its own, so that the reading follows the link with hysteresis.
+// Pendubot, Furuta (joint 2): the light side is the shaft with the encoder's disc, with a little
+// dry friction of its own against link 1, so that the reading follows the link with hysteresis.
 // Inertia wheel, reaction wheel: the light side is the motor's rotor, which takes the motor's
-// torque and friction and drives the wheel through the gap. The rotor's inertia is part of the
-// plant's parameter.
+// torque and friction and drives the wheel through the gap. Its inertia is part of the plant's
+// parameter.
 struct Backlash {
     static constexpr mk_effect_info info = {
         "backlash",
@@ -30,15 +30,14 @@ struct Backlash {
             on_plant(MK_PLANT_REACTION_WHEEL) | on_plant(MK_PLANT_INERTIA_WHEEL),
         2,
         2,
-        3,
+        5,
         {{"width", "rad", "full gap", 0.0, 3.2, 0.02},
          {"stiffness", "N m/rad", "contact stiffness", 1e-9, INF, 100.0},
-         {"damping", "N m s/rad", "contact damping", 0.0, INF, 0.15}}};
-
-    // Inertia of the light side as a share of the joint's own: a disc on a shaft, a motor's rotor.
-    static constexpr double SHAFT_SHARE = 0.01, ROTOR_SHARE = 0.2;
-    // Friction of the encoder's shaft: its speed decays with this time constant when it is free, s.
-    static constexpr double SHAFT_DECAY = 0.05;
+         {"damping", "N m s/rad", "contact damping", 0.0, INF, 0.15},
+         {"share", "", "the light side's share of the joint's inertia", 1e-4, 0.9, 0.075,
+          MK_FIT_FREE, true},
+         {"drag", "rad/s^2", "dry friction of the encoder's shaft over its inertia", 0.0, INF, 4.0,
+          MK_FIT_FREE, true}}};
 
     template <class S>
     static bool drives(const Frame<S> &f, const EffectArgs<S> &e)
@@ -50,20 +49,20 @@ struct Backlash {
     {
         switch (f.c->plant) {
         case MK_PLANT_INERTIA_WHEEL:
-            return ROTOR_SHARE * f.c->p[0];
+            return e.p[3] * f.c->p[0];
         case MK_PLANT_REACTION_WHEEL:
-            return ROTOR_SHARE * f.c->p[1];
+            return e.p[3] * f.c->p[1];
         case MK_PLANT_FURUTA:
-            return SHAFT_SHARE * 4.0 * f.c->p[2];
+            return e.p[3] * 4.0 * f.c->p[2];
         default:
-            return SHAFT_SHARE * f.c->p[e.j == 0 ? 0 : 1];
+            return e.p[3] * f.c->p[e.j == 0 ? 0 : 1];
         }
     }
     // Torque on the light side from outside the gap: the motor's, or the friction of the shaft.
     template <class S>
     static S drive(const Frame<S> &f, const EffectArgs<S> &e)
     {
-        return drives(f, e) ? f.motor_torque : -(light_inertia(f, e) / SHAFT_DECAY) * e.z[1];
+        return drives(f, e) ? f.motor_torque : -light_inertia(f, e) * e.p[4] * smooth_sign(e.z[1]);
     }
     // Torque that the light side puts on the heavy side.
     template <class S>

@@ -248,7 +248,7 @@ static bool effect_name(const char *section, char name[MAX_TEXT])
 
 static enum mk_status unknown_effect(struct reader *r, const struct entry *e, const char *name)
 {
-    char known[400] = "";
+    char known[1000] = "";
     for (int i = 0; i < mk_effect_count(); i++) {
         size_t used = strlen(known);
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", mk_effect(i)->name);
@@ -279,6 +279,8 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct e
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
     for (int i = 0; i < info->parameter_count; i++) {
         e = find(r, first->section, info->parameter[i].name);
+        if (!e && info->parameter[i].optional)
+            continue;
         if (!e)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
                                "[%s] %s is missing (%s)", first->section, info->parameter[i].name,
