@@ -129,7 +129,7 @@ START_TEST(backlash_passes_nothing_inside_the_gap_and_a_spring_beyond)
 {
     struct mk_model m = with_effect(MK_PLANT_PENDUBOT, "backlash", 2);
     double *p = m.effect[0].value;
-    p[0] = 0.02, p[1] = 100.0, p[2] = 0.0;
+    p[0] = 0.02, p[1] = 100.0, p[2] = 0.0, p[3] = 0.01, p[4] = 0.0;
     ck_assert(!mk_model_is_smooth(&m));
     ck_assert_int_eq(mk_model_state_count(&m), 6);
     ck_assert_int_eq(mk_model_event_count(&m), 2);
@@ -161,6 +161,7 @@ START_TEST(backlash_conserves_momentum_and_energy)
     struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, "backlash", 1);
     m.parameter[1] = m.parameter[2] = 0.0;
     m.effect[0].value[2] = 0.0;
+    m.effect[0].value[3] = 0.2;
     double x[4] = {0, 0, 0.05, 3.0}, dx[4], u[2] = {0, 0};
     double rotor = 0.2 * m.parameter[0], load = 0.8 * m.parameter[0];
     mk_model_rhs(&m, 0, x, u, dx);
@@ -172,6 +173,7 @@ END_TEST
 START_TEST(reaction_wheel_backlash_keeps_angular_momentum)
 {
     struct mk_model m = with_effect(MK_PLANT_REACTION_WHEEL, "backlash", 2);
+    m.effect[0].value[3] = 0.2;
     m.g = 1e-300; /* no gravity: the momentum of all three bodies stays */
     double x[6] = {0.2, 0.0, 0.4, 5.0, 0.05, 9.0}, dx[6], u[2] = {3.0, 0};
     mk_model_rhs(&m, 0, x, u, dx);
