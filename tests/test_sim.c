@@ -186,6 +186,7 @@ START_TEST(a_body_rattles_in_its_gap_with_the_period_of_the_closed_form)
     struct mk_model m = bare_wheel();
     struct mk_error err = MK_ERROR_INIT;
     ck_assert_int_eq(mk_model_add_effect(&m, "backlash", 1, &err), MK_OK);
+    m.effect[0].value[3] = 0.2; /* the rotor's share */
     double *p = m.effect[0].value, w = 4.0;
     p[0] = 0.02, p[1] = 200.0, p[2] = 0.0;
     double rotor = 0.2 * 0.5, load = 0.8 * 0.5, reduced = rotor * load / (rotor + load);
