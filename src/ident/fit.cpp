@@ -160,15 +160,39 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
                 p.nodes[l].x(s, i) = full[s];
         }
     }
+    bool hidden_joint = false;
+    for (int e = 0; e < model.effect_count; e++) {
+        unsigned stages = mk_effect(model.effect[e].index)->stages;
+        hidden_joint =
+            hidden_joint || ((stages & MK_STAGE_STATE) && (stages & MK_STAGE_MEASUREMENT));
+    }
     if (ns > 2 * joints) {
         prepare(p);
         FitOptions kept = options;
         for (double &drift : options.drift)
             drift = std::max(drift, 0.3); // a first guess: it need not fit exactly
-        parallel_for(options.threads, p.nodes.size(), [&](size_t l) { filter_states(p, l); });
+        parallel_for(options.threads, p.nodes.size(), [&](size_t l) {
+            if (hidden_joint)
+                filter_states(p, l);
+            else
+                carry_states(p, l);
+        });
         options = kept;
     }
     return p;
+}
+
+// Effects that only listen hand their states on from stretch to stretch.
+void Fit::carry_states(FitPoint &point, size_t l)
+{
+    FitNodes &nodes = point.nodes[l];
+    long own = 2 * mk_model_joints(&point.model), ns = nodes.x.rows();
+    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
+        shoot_one(point, {}, l, i, false);
+        if (!work[l][i].finite)
+            return;
+        nodes.x.col((long)i + 1).tail(ns - own) = work[l][i].x_end.tail(ns - own);
+    }
 }
 
 // States of effects cannot be read off the data: an iterated Kalman filter over the stretches finds
@@ -736,6 +760,19 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     return true;
 }
 
+bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result)
+{
+    for (double &d : options.drift)
+        d = drift;
+    if (!minimise(point, free) || cancelled)
+        return false;
+    // The noise belongs to the estimate; a second round where it changed.
+    if (update_noise(point) > 0.02 && (!minimise(point, free) || cancelled))
+        return false;
+    result = picture(point, free);
+    return result.finite;
+}
+
 bool Fit::descend(FitPoint &point, const std::vector<int> &free, double first, double last,
                   FitPicture &result)
 {
@@ -744,15 +781,8 @@ bool Fit::descend(FitPoint &point, const std::vector<int> &free, double first, d
     double best_drift = first;
     int worse = 0;
     for (double drift = first; drift > 0.9 * last && worse < 2; drift *= 0.1) {
-        for (double &d : options.drift)
-            d = drift;
-        if (!minimise(trial, free) || cancelled)
-            break;
-        update_noise(trial);
-        if (!minimise(trial, free) || cancelled)
-            break;
-        FitPicture p = picture(trial, free);
-        if (!p.finite)
+        FitPicture p;
+        if (!settle(trial, free, drift, p))
             break;
         if (!any || p.evidence < result.evidence) {
             result = p;

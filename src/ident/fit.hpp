@@ -101,6 +101,8 @@ class Fit
     // Minimises with less and less drift, re-estimating the noise, and ends at the drift with the
     // best evidence: an honest model ends with next to none, a wrong one with what it lacks. `last`
     // is the least drift tried. The picture belongs to the result.
+    // One step of that: minimum at a given drift, noise re-estimated. False when it fails.
+    bool settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result);
     bool descend(FitPoint &point, const std::vector<int> &free, double first, double last,
                  FitPicture &result);
 
@@ -117,6 +119,7 @@ class Fit
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
+    void carry_states(FitPoint &point, size_t log);
     void filter_states(FitPoint &point, size_t log);
     void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
                    bool derivatives);

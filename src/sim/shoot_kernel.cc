@@ -179,8 +179,8 @@ class Shooter
         long count = (long)(length / k.step + 0.999);
         long sharp = reversal_steps(length);
         if (stiff) {
-            double rate = fastest_rate(c, Scalar(from), x) * length / 1.2;
-            count = rate > (double)count ? (long)(rate < 60.0 ? rate + 1.0 : 60.0) : count;
+            double rate = fastest_rate(c, Scalar(from), x) * length / 1.6;
+            count = rate > (double)count ? (long)(rate < 24.0 ? rate + 1.0 : 24.0) : count;
         }
         if (sharp > count)
             count = sharp;

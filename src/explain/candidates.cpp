@@ -1,0 +1,343 @@
+#include "explain/candidates.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace mk
+{
+
+namespace
+{
+
+// What a start is made from.
+struct Setting {
+    const mk_plant_info *plant;
+    const mk_model *model;
+    const DataRange *range;
+    int j; // 0-based; -1: no joint
+    double inertia() const
+    {
+        const double *p = model->parameter;
+        switch (model->plant) {
+        case MK_PLANT_PENDUBOT:
+            return j == 0 ? p[0] + p[1] : p[1];
+        case MK_PLANT_REACTION_WHEEL:
+            return j == 0 ? p[0] : p[1];
+        case MK_PLANT_FURUTA:
+            return j == 0 ? p[0] : 4.0 * p[2];
+        default:
+            return p[0];
+        }
+    }
+    bool wheel() const { return j >= 0 && plant->joint_is_wheel[j]; }
+    bool motor() const { return j == plant->motor_joint; }
+    double torque() const { return range->torque; }
+    double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1); }
+};
+
+using Starts = std::vector<std::vector<double>>;
+
+// One row an effect: starting values for a joint, empty where there is nothing to look for.
+struct Row {
+    const char *name;
+    bool linear;
+    Starts (*starts)(const Setting &);
+};
+
+Starts product(std::initializer_list<double> first, std::initializer_list<double> second)
+{
+    Starts all;
+    for (double a : first)
+        for (double b : second)
+            all.push_back({a, b});
+    return all;
+}
+
+// A small amplitude: fits are linear in it.
+double small(const Setting &s)
+{
+    return 0.01 * s.torque();
+}
+
+Starts viscous(const Setting &s)
+{
+    return s.motor() ? Starts{} : Starts{{small(s) / s.speed()}};
+}
+Starts coulomb(const Setting &s)
+{
+    return s.motor() ? Starts{} : Starts{{small(s)}};
+}
+Starts coulomb_asymmetry(const Setting &s)
+{
+    return {{small(s)}};
+}
+Starts stribeck(const Setting &s)
+{
+    return product({2.0 * small(s)}, {0.1, 0.4, 1.5});
+}
+Starts quadratic_drag(const Setting &s)
+{
+    return {{small(s) / (s.speed() * s.speed())}};
+}
+Starts stiction(const Setting &s)
+{
+    Starts all;
+    for (double bend : {0.008, 0.04}) {
+        double g = 2.0 * small(s);
+        all.push_back({g / bend, 0.02 * g / bend, g});
+    }
+    return all;
+}
+Starts load_friction(const Setting &s)
+{
+    return s.motor() ? Starts{{0.01}} : Starts{};
+}
+Starts friction_drift(const Setting &s)
+{
+    return s.motor() ? Starts{{0.05, 1.5}, {0.05, 6.0}} : Starts{};
+}
+Starts cable_stiffness(const Setting &s)
+{
+    return s.wheel() ? Starts{} : Starts{{small(s), s.plant->rest[s.j] + 0.05}};
+}
+Starts cable_hysteresis(const Setting &s)
+{
+    return s.wheel() ? Starts{} : product({3.0 * small(s)}, {0.03, 0.1, 0.4});
+}
+Starts cogging(const Setting &s)
+{
+    Starts all;
+    for (int n = 1; n <= 48; n++)
+        if (n <= 16 || n % 2 == 0)
+            all.push_back({small(s), (double)n, 0.3});
+    return all;
+}
+Starts imbalance(const Setting &s)
+{
+    bool level = s.model->plant == MK_PLANT_FURUTA && s.j == 0;
+    return level ? Starts{} : Starts{{small(s), 0.3}};
+}
+Starts end_stop(const Setting &s)
+{
+    if (s.wheel())
+        return {};
+    double span = s.range->q_max[s.j] - s.range->q_min[s.j];
+    double k = s.inertia() * 40.0 * 40.0;
+    Starts all;
+    for (double in : {0.02, 0.08, 0.2})
+        all.push_back({s.range->q_max[s.j] - in * span, k, 0.02 * k});
+    return all;
+}
+Starts reflected_inertia(const Setting &s)
+{
+    // At joint 1 of every rig, and at any single joint, it is part of a base parameter.
+    return s.j == 0 ? Starts{} : Starts{{0.02 * s.inertia()}};
+}
+Starts backlash(const Setting &s)
+{
+    bool wheel_rig = s.model->plant == MK_PLANT_INERTIA_WHEEL;
+    if (s.j != 1 && !wheel_rig)
+        return {};
+    double share = s.motor() ? 0.2 : 0.075, light = share * s.inertia();
+    double k = light * 150.0 * 150.0;
+    return {{0.006, k, 30.0 * light, share, 4.0},
+            {0.02, k, 30.0 * light, share, 4.0},
+            {0.05, k, 30.0 * light, share, 4.0}};
+}
+Starts input_delay(const Setting &)
+{
+    return {{0.002}, {0.008}};
+}
+Starts deadband(const Setting &s)
+{
+    return {{0.01 * s.range->u_max}, {0.08 * s.range->u_max}};
+}
+Starts gain_asymmetry(const Setting &)
+{
+    return {{0.005}};
+}
+Starts gain_drift(const Setting &)
+{
+    return {{0.02, 1.5}, {0.02, 6.0}};
+}
+Starts torque_ripple(const Setting &)
+{
+    Starts all;
+    for (double n : {1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0})
+        all.push_back({0.01, n, 0.3});
+    return all;
+}
+Starts actuator_lag(const Setting &)
+{
+    return {{0.004}, {0.02}};
+}
+Starts saturation(const Setting &s)
+{
+    Starts all;
+    for (double share : {0.97, 0.85, 0.65, 0.45})
+        all.push_back({share * s.range->u_max});
+    return all;
+}
+Starts back_emf_limit(const Setting &s)
+{
+    double v = s.range->v_max[s.plant->motor_joint];
+    return product({1.2 * s.range->u_max, 0.8 * s.range->u_max}, {1.3 * v, 3.0 * v});
+}
+Starts encoder_scale(const Setting &)
+{
+    return {{0.002}};
+}
+Starts encoder_eccentricity(const Setting &s)
+{
+    return s.wheel() ? Starts{} : Starts{{0.002, 0.3}};
+}
+Starts encoder_offset(const Setting &s)
+{
+    // An angle that nothing depends on has no zero.
+    bool free = s.wheel() || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
+    return free ? Starts{} : Starts{{0.001}};
+}
+Starts sensor_delay(const Setting &s)
+{
+    // On a rig with one joint, all is that one.
+    return s.plant->joints == 1 && s.j >= 0 ? Starts{} : Starts{{0.002}, {0.008}};
+}
+Starts base_tilt(const Setting &)
+{
+    return {{0.001}};
+}
+Starts base_compliance(const Setting &)
+{
+    Starts all;
+    for (double f : {2.5, 4.0, 6.0, 9.0, 13.0, 18.0})
+        all.push_back({f, 0.05, 0.02});
+    return all;
+}
+
+const Row rows[] = {{"viscous", true, viscous},
+                    {"coulomb", true, coulomb},
+                    {"coulomb-asymmetry", true, coulomb_asymmetry},
+                    {"stribeck", true, stribeck},
+                    {"quadratic-drag", true, quadratic_drag},
+                    {"stiction", false, stiction},
+                    {"load-friction", true, load_friction},
+                    {"friction-drift", true, friction_drift},
+                    {"cable-stiffness", true, cable_stiffness},
+                    {"cable-hysteresis", false, cable_hysteresis},
+                    {"cogging", true, cogging},
+                    {"imbalance", true, imbalance},
+                    {"end-stop", false, end_stop},
+                    {"reflected-inertia", true, reflected_inertia},
+                    {"backlash", false, backlash},
+                    {"input-delay", false, input_delay},
+                    {"deadband", false, deadband},
+                    {"gain-asymmetry", true, gain_asymmetry},
+                    {"gain-drift", true, gain_drift},
+                    {"torque-ripple", true, torque_ripple},
+                    {"actuator-lag", false, actuator_lag},
+                    {"saturation", false, saturation},
+                    {"back-emf-limit", false, back_emf_limit},
+                    {"encoder-scale", true, encoder_scale},
+                    {"encoder-eccentricity", true, encoder_eccentricity},
+                    {"encoder-offset", true, encoder_offset},
+                    {"sensor-delay", false, sensor_delay},
+                    {"base-tilt", true, base_tilt},
+                    {"base-compliance", false, base_compliance}};
+
+bool present(const mk_model &model, const mk_effect_info *effect, int joint)
+{
+    for (int e = 0; e < model.effect_count; e++)
+        if (mk_effect(model.effect[e].index) == effect && model.effect[e].joint == joint)
+            return true;
+    return false;
+}
+
+} // namespace
+
+DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &logs)
+{
+    DataRange r = {};
+    double sum = 0.0, count = 0.0;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        r.q_min[j] = HUGE_VAL, r.q_max[j] = -HUGE_VAL;
+    for (const FitLog *log : logs) {
+        for (int j = 0; j < log->joints; j++) {
+            const std::vector<double> &q = log->q[j];
+            size_t step = std::max<size_t>(1, (size_t)std::lround(0.02 / log->period));
+            for (size_t k = 0; k < q.size(); k++) {
+                if (std::isnan(q[k]))
+                    continue;
+                r.q_min[j] = std::min(r.q_min[j], q[k]);
+                r.q_max[j] = std::max(r.q_max[j], q[k]);
+                if (k + step < q.size() && !std::isnan(q[k + step]))
+                    r.v_max[j] = std::max(r.v_max[j], std::fabs(q[k + step] - q[k]) /
+                                                          (log->t[k + step] - log->t[k]));
+            }
+        }
+        for (double u : log->u[0]) {
+            r.u_max = std::max(r.u_max, std::fabs(u));
+            sum += u * u;
+            count += 1.0;
+        }
+    }
+    r.torque = count > 0.0 ? std::sqrt(sum / count) : 0.0;
+    // A rig that only swings has no command to measure by.
+    double q[MK_MAX_JOINTS] = {0.5, 0.5}, zero[MK_MAX_JOINTS] = {0.0, 0.0}, g[MK_MAX_JOINTS];
+    mk_plant_inverse_dynamics(&model, q, zero, zero, g);
+    r.torque = std::max({r.torque, 0.05 * std::fabs(g[0]), 1e-9});
+    r.u_max = std::max(r.u_max, 1e-9);
+    return r;
+}
+
+bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
+{
+    out = model;
+    if (mk_model_add_effect(&out, c.effect->name, c.joint, nullptr) != MK_OK)
+        return false;
+    mk_effect_use &use = out.effect[out.effect_count - 1];
+    for (int i = 0; i < c.effect->parameter_count; i++)
+        use.value[i] =
+            std::min(std::max(c.value[i], c.effect->parameter[i].min), c.effect->parameter[i].max);
+    return true;
+}
+
+std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
+{
+    std::vector<Candidate> all;
+    const mk_plant_info *plant = mk_plant(model.plant);
+    for (const Row &row : rows) {
+        const mk_effect_info *effect = mk_effect_by_name(row.name);
+        if (!effect || !(effect->plants & (1u << model.plant)))
+            continue;
+        int first = effect->joint_rule == MK_EFFECT_JOINT_ANY ? 1 : 0;
+        int last = effect->joint_rule == MK_EFFECT_JOINT_NONE ? 0 : plant->joints;
+        for (int joint = first; joint <= last; joint++) {
+            if (present(model, effect, joint))
+                continue;
+            Setting setting = {plant, &model, &range, joint - 1};
+            for (const std::vector<double> &start : row.starts(setting)) {
+                Candidate c = {effect, joint, {}, row.linear};
+                for (int i = 0; i < effect->parameter_count; i++)
+                    c.value[i] =
+                        i < (int)start.size() ? start[(size_t)i] : effect->parameter[i].initial;
+                all.push_back(c);
+            }
+        }
+    }
+    return all;
+}
+
+std::vector<int> adjustable(const mk_model &model)
+{
+    std::vector<int> free;
+    int n = mk_model_parameter_count(&model);
+    for (int i = 0; i < n; i++) {
+        const mk_parameter_info *info = mk_model_parameter_info(&model, i, nullptr, 0);
+        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER)
+            free.push_back(i);
+    }
+    return free;
+}
+
+} // namespace mk

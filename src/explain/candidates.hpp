@@ -1,0 +1,40 @@
+// What could be missing: every effect of the catalogue at every joint where it makes sense, with
+// the values from which a search for it starts.
+#ifndef MECHKIT_EXPLAIN_CANDIDATES_HPP
+#define MECHKIT_EXPLAIN_CANDIDATES_HPP
+
+#include <string>
+#include <vector>
+
+#include "ident/fit.hpp"
+
+namespace mk
+{
+
+// Ranges that the data cover; starting values are taken relative to them.
+struct DataRange {
+    double q_min[MK_MAX_JOINTS], q_max[MK_MAX_JOINTS], v_max[MK_MAX_JOINTS];
+    double u_max;  // largest command
+    double torque; // of the rig: rms of the command, or what gravity asks for
+};
+DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &logs);
+
+struct Candidate {
+    const mk_effect_info *effect;
+    int joint; // 1-based; 0: none or all
+    double value[MK_MAX_EFFECT_PARAMETERS];
+    // Vanishes with its first parameter and has no state: its likelihood gain can be seen from the
+    // slope where it is next to nothing.
+    bool linear;
+};
+
+// All candidates for a model that may have effects already.
+std::vector<Candidate> candidates(const mk_model &model, const DataRange &range);
+
+// The model with one more effect; false when it does not fit in.
+bool with_candidate(const mk_model &model, const Candidate &candidate, mk_model &out);
+// Parameters that a fit of the model adjusts: all but those that are fixed or whole numbers.
+std::vector<int> adjustable(const mk_model &model);
+
+} // namespace mk
+#endif

@@ -1,0 +1,312 @@
+#include "explain/search.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <mutex>
+#include <thread>
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
+constexpr int QUICK_ITERATIONS = 5;
+constexpr double FAR_BEHIND = 60.0; // log likelihood at the same drift
+// A model that needs no more drift than this follows its data; what moves or stores something of
+// its own cannot be hidden in what is left.
+constexpr double FAITHFUL = 1.5e-3;
+
+template <class F>
+void for_all(int threads, size_t count, F &&body)
+{
+    std::atomic<size_t> next{0};
+    auto worker = [&] {
+        for (size_t i; (i = next++) < count;)
+            body(i);
+    };
+    std::vector<std::thread> team;
+    for (int i = 1; i < threads; i++)
+        team.emplace_back(worker);
+    worker();
+    for (std::thread &member : team)
+        member.join();
+}
+
+bool same_place(const Candidate &a, const Candidate &b)
+{
+    return a.effect == b.effect && a.joint == b.joint;
+}
+
+} // namespace
+
+Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options_in)
+    : logs(std::move(logs_in)), options(options_in)
+{
+    for (const FitLog *log : logs)
+        for (int j = 0; j < log->joints; j++)
+            for (double w : log->weight[j])
+                reading_count += w * w;
+}
+
+bool Search::tick(double done, const char *what)
+{
+    std::lock_guard<std::mutex> lock(talk);
+    if (options.progress && !options.progress(options.progress_context, done, what))
+        cancelled = true;
+    return !cancelled;
+}
+
+void Search::finish(Fit &fit, Hypothesis &h) const
+{
+    h.drift = fit.options.drift[0];
+    h.score = h.picture.evidence + 0.5 * h.free_count * std::log(std::max(reading_count, 2.0));
+}
+
+bool Search::as_given(const mk_model &model, Hypothesis &out)
+{
+    FitOptions o;
+    o.threads = options.threads;
+    Fit fit(logs, o);
+    out.point = fit.start(model);
+    out.free_count = 0;
+    data = data_range(model, logs);
+    if (!fit.descend(out.point, {}, LOOSEST, TIGHTEST, out.picture))
+        return false;
+    finish(fit, out);
+    return true;
+}
+
+bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
+{
+    FitOptions o;
+    o.threads = options.threads;
+    Fit fit(logs, o);
+    out.point = from ? fit.adopt(from->point, model) : fit.start(model);
+    std::vector<int> free = adjustable(model);
+    out.free_count = (int)free.size();
+    data = data_range(model, logs);
+    double first = from ? std::min(LOOSEST, std::max(10.0 * from->drift, 0.1)) : LOOSEST;
+    if (!fit.descend(out.point, free, first, TIGHTEST, out.picture))
+        return false;
+    finish(fit, out);
+    return true;
+}
+
+// Gain in log likelihood that each linear candidate promises, from the slope of the cost where the
+// candidate is next to nothing. Many are looked at in one pass.
+void Search::screen(const Hypothesis &base, const FitOptions &loose,
+                    const std::vector<Candidate> &all, std::vector<double> &gain)
+{
+    constexpr size_t TOGETHER = 6;
+    std::vector<size_t> linear;
+    for (size_t i = 0; i < all.size(); i++)
+        if (all[i].linear)
+            linear.push_back(i);
+    size_t groups = (linear.size() + TOGETHER - 1) / TOGETHER;
+    const std::vector<int> own = adjustable(base.point.model);
+    std::atomic<size_t> done{0};
+    for_all(options.threads, groups, [&](size_t g) {
+        mk_model model = base.point.model;
+        std::vector<size_t> members;
+        for (size_t k = g * TOGETHER; k < std::min(linear.size(), (g + 1) * TOGETHER); k++) {
+            Candidate c = all[linear[k]];
+            c.value[0] *= 1e-3;
+            mk_model more;
+            if (with_candidate(model, c, more)) {
+                model = more;
+                members.push_back(linear[k]);
+            }
+        }
+        Fit fit(logs, loose);
+        FitPoint point = base.point;
+        point.model = model;
+        const std::vector<int> free = adjustable(model);
+        FitPicture p = fit.picture(point, free);
+        if (!p.finite)
+            return;
+        int first = mk_plant(model.plant)->parameter_count;
+        for (int e = 0; e < model.effect_count; e++) {
+            int count = mk_effect(model.effect[e].index)->parameter_count;
+            int member = e - base.point.model.effect_count;
+            if (member >= 0) {
+                std::vector<int> wanted = own;
+                for (int number : free)
+                    if (number >= first && number < first + count)
+                        wanted.push_back(number);
+                gain[members[(size_t)member]] =
+                    promised(p, free, wanted) - penalty((int)(wanted.size() - own.size()));
+            }
+            first += count;
+        }
+        tick(0.3 * (double)++done / (double)groups, "screening causes");
+    });
+}
+
+double Search::penalty(int parameters) const
+{
+    return 0.5 * parameters * std::log(std::max(reading_count, 2.0));
+}
+
+// Second-order reduction of the cost if only the wanted parameters move.
+double Search::promised(const FitPicture &p, const std::vector<int> &free,
+                        const std::vector<int> &wanted)
+{
+    std::vector<long> place;
+    for (int number : wanted)
+        place.push_back(std::find(free.begin(), free.end(), number) - free.begin());
+    long n = (long)place.size();
+    Eigen::MatrixXd h(n, n);
+    Eigen::VectorXd g(n);
+    for (long i = 0; i < n; i++) {
+        g(i) = p.gradient(place[(size_t)i]);
+        for (long k = 0; k < n; k++)
+            h(i, k) = p.information(place[(size_t)i], place[(size_t)k]);
+    }
+    // Scaled to unit diagonal with a trace of damping: candidates may be collinear with the base.
+    Eigen::VectorXd root = h.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    Eigen::MatrixXd unit = root.asDiagonal() * h * root.asDiagonal();
+    unit.diagonal().array() += 1e-9;
+    Eigen::VectorXd scaled = root.asDiagonal() * g;
+    return 0.5 * scaled.dot(unit.ldlt().solve(scaled));
+}
+
+// A few iterations of a full fit from a candidate's start.
+bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
+                     double reference, Trial &trial)
+{
+    mk_model model;
+    if (!with_candidate(base.point.model, candidate, model))
+        return false;
+    Fit fit(logs, loose);
+    FitPoint p = fit.adopt(base.point, model);
+    std::vector<int> free = adjustable(model);
+    if (!fit.minimise(p, free))
+        return false;
+    int extra = (int)(free.size() - adjustable(base.point.model).size());
+    double gain = reference - p.cost - penalty(extra);
+    if (!(gain > trial.gain))
+        return false;
+    trial.gain = gain;
+    trial.candidate = candidate;
+    trial.point = std::move(p);
+    return true;
+}
+
+std::vector<Hypothesis> Search::extend(const Hypothesis &base)
+{
+    const std::vector<Candidate> all = candidates(base.point.model, data);
+    FitOptions loose;
+    for (double &d : loose.drift)
+        d = std::max(base.drift, 0.01);
+    loose.max_iterations = QUICK_ITERATIONS;
+    loose.tolerance = 0.3;
+    Hypothesis start = base;
+    {
+        Fit fit(logs, loose);
+        fit.options.threads = options.threads;
+        fit.minimise(start.point, adjustable(start.point.model));
+    }
+    std::vector<double> gain(all.size(), -HUGE_VAL);
+    screen(start, loose, all, gain);
+
+    // Linear candidates: the best start of each, the most promising first. All others are tried.
+    std::vector<size_t> order, tries;
+    for (size_t i = 0; i < all.size(); i++)
+        if (std::isfinite(gain[i]))
+            order.push_back(i);
+    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    for (size_t i : order) {
+        size_t same = 0;
+        for (size_t k : tries)
+            same += same_place(all[k], all[i]);
+        if (same < 1 && (int)tries.size() < options.finalists + 2)
+            tries.push_back(i);
+    }
+    for (size_t i = 0; i < all.size(); i++)
+        if (!all[i].linear && (base.drift > FAITHFUL || all[i].effect->state_count == 0))
+            tries.push_back(i);
+    std::vector<Trial> trials(tries.size());
+    std::atomic<size_t> done{0};
+    for_all(options.threads, tries.size(), [&](size_t k) {
+        if (cancelled)
+            return;
+        try_out(start, loose, all[tries[k]], start.point.cost, trials[k]);
+        tick(0.3 + 0.4 * (double)++done / (double)tries.size(), "trying causes");
+    });
+    std::sort(trials.begin(), trials.end(),
+              [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
+    std::vector<Trial> finalists;
+    for (Trial &t : trials) {
+        bool seen = !std::isfinite(t.gain);
+        for (const Trial &f : finalists)
+            seen = seen || same_place(f.candidate, t.candidate);
+        bool hopeless = t.gain < -3.0 && finalists.size() >= 2;
+        if (!seen && !hopeless && (int)finalists.size() < options.finalists)
+            finalists.push_back(std::move(t));
+    }
+    return compete(base, finalists);
+}
+
+// Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
+std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Trial> &finalists)
+{
+    struct Runner {
+        Hypothesis best;
+        FitPoint point;
+        std::vector<int> free;
+        double now = HUGE_VAL;
+        int worse = 0;
+        bool running = true;
+    };
+    std::vector<Runner> runners(finalists.size());
+    for (size_t i = 0; i < runners.size(); i++) {
+        runners[i].best.added = finalists[i].candidate;
+        runners[i].best.score = HUGE_VAL;
+        runners[i].point = std::move(finalists[i].point);
+        runners[i].free = adjustable(runners[i].point.model);
+        runners[i].best.free_count = (int)runners[i].free.size();
+    }
+    double first = std::max(base.drift, 0.1), stages = std::log10(first / TIGHTEST) + 1.0;
+    int stage = 0;
+    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= 0.1, stage++) {
+        for_all(options.threads, runners.size(), [&](size_t i) {
+            Runner &r = runners[i];
+            if (!r.running)
+                return;
+            FitOptions o;
+            o.max_iterations = 20;
+            Fit fit(logs, o);
+            FitPicture p;
+            r.running = fit.settle(r.point, r.free, drift, p);
+            r.now = r.running ? p.evidence + penalty((int)r.free.size()) : HUGE_VAL;
+            if (r.now < r.best.score) {
+                r.best.point = r.point;
+                r.best.picture = p;
+                r.best.drift = drift;
+                r.best.score = r.now;
+                r.worse = 0;
+            } else if (r.now > r.best.score + 2.0) {
+                r.running = r.running && ++r.worse < 2;
+            }
+        });
+        double leader = HUGE_VAL;
+        for (const Runner &r : runners)
+            leader = std::min(leader, r.now);
+        for (Runner &r : runners)
+            r.running = r.running && r.now < leader + FAR_BEHIND;
+        tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
+    }
+    std::vector<Hypothesis> out;
+    for (Runner &r : runners)
+        if (std::isfinite(r.best.score))
+            out.push_back(std::move(r.best));
+    std::sort(out.begin(), out.end(),
+              [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    return out;
+}
+
+} // namespace mk
