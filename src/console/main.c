@@ -34,6 +34,17 @@ static const struct subcommand subcommands[] = {
      "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf, dop853\n"
      "  --json FILE     figures per joint (rms, nrmse); \"-\": standard output\n",
      sub_simulate},
+    {"explain", "find out what the simulation gets wrong, and why",
+     "usage: mechkit explain --model M.ini --out DIR [--holdout V.csv]... LOG.csv...\n"
+     "\n"
+     "Compares the model with the logs, names what it lacks, extends it, and measures the gain on\n"
+     "the hold-out logs (without any, on the end of the last log). Writes report.json and\n"
+     "extended.ini to DIR.\n"
+     "\n"
+     "  --holdout V.csv  a log to measure on; may be repeated\n"
+     "  --window S       length of the free runs that are compared; default 1\n"
+     "  --threads N      default: all processors\n",
+     sub_explain},
     {"design", "linearise a rig and compute feedback gains",
      "usage: mechkit design --model M.ini [options]\n"
      "\n"

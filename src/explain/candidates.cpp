@@ -215,6 +215,31 @@ Starts base_compliance(const Setting &)
     return all;
 }
 
+// Library terms: coefficients that make a small torque at the speeds and angles of the data.
+Starts custom(const Setting &s)
+{
+    Starts all;
+    bool two = s.plant->joints == 2;
+    for (int n = 1; n <= 17; n++) {
+        bool other = n == 3 || (n >= 7 && n <= 10) || n >= 16,
+             position = n == 5 || n == 6 || n == 14 || n == 15;
+        if ((other && !two) || (position && s.wheel()))
+            continue;
+        all.push_back({1e-2 * small(s), (double)n});
+    }
+    return all;
+}
+Starts custom_wave(const Setting &s)
+{
+    Starts all;
+    for (int n = 1; n <= 7; n++)
+        if (s.plant->joints == 2 || (n != 3 && n != 7))
+            all.push_back({0.1 * small(s), 0.3, (double)n, 1.0});
+    for (double hz : {0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 7.0})
+        all.push_back({0.1 * small(s), 0.3, 8.0, hz});
+    return all;
+}
+
 const Row rows[] = {{"viscous", true, viscous},
                     {"coulomb", true, coulomb},
                     {"coulomb-asymmetry", true, coulomb_asymmetry},
@@ -243,7 +268,9 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"encoder-offset", true, encoder_offset},
                     {"sensor-delay", false, sensor_delay},
                     {"base-tilt", true, base_tilt},
-                    {"base-compliance", false, base_compliance}};
+                    {"base-compliance", false, base_compliance},
+                    {"custom", true, custom},
+                    {"custom-wave", true, custom_wave}};
 
 bool present(const mk_model &model, const mk_effect_info *effect, int joint)
 {
@@ -290,6 +317,11 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     return r;
 }
 
+bool is_library(const mk_effect_info *effect)
+{
+    return strncmp(effect->name, "custom", 6) == 0;
+}
+
 bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
 {
     out = model;
@@ -313,7 +345,7 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
         int first = effect->joint_rule == MK_EFFECT_JOINT_ANY ? 1 : 0;
         int last = effect->joint_rule == MK_EFFECT_JOINT_NONE ? 0 : plant->joints;
         for (int joint = first; joint <= last; joint++) {
-            if (present(model, effect, joint))
+            if (!is_library(effect) && present(model, effect, joint))
                 continue;
             Setting setting = {plant, &model, &range, joint - 1};
             for (const std::vector<double> &start : row.starts(setting)) {
@@ -333,8 +365,12 @@ std::vector<int> adjustable(const mk_model &model)
     std::vector<int> free;
     int n = mk_model_parameter_count(&model);
     for (int i = 0; i < n; i++) {
-        const mk_parameter_info *info = mk_model_parameter_info(&model, i, nullptr, 0);
-        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER)
+        char name[64];
+        const mk_parameter_info *info = mk_model_parameter_info(&model, i, name, sizeof name);
+        // Most library terms have no frequency.
+        bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
+                    mk_model_parameter(&model, i - 1) < 8.0;
+        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle)
             free.push_back(i);
     }
     return free;

@@ -31,6 +31,9 @@ struct Candidate {
 // All candidates for a model that may have effects already.
 std::vector<Candidate> candidates(const mk_model &model, const DataRange &range);
 
+// A term of the library rather than an entry of the catalogue.
+bool is_library(const mk_effect_info *effect);
+
 // The model with one more effect; false when it does not fit in.
 bool with_candidate(const mk_model &model, const Candidate &candidate, mk_model &out);
 // Parameters that a fit of the model adjusts: all but those that are fixed or whole numbers.

@@ -38,7 +38,11 @@ void for_all(int threads, size_t count, F &&body)
 
 bool same_place(const Candidate &a, const Candidate &b)
 {
-    return a.effect == b.effect && a.joint == b.joint;
+    if (a.effect != b.effect || a.joint != b.joint)
+        return false;
+    // Terms of the library are causes of their own.
+    int term = mk_effect_parameter_index(a.effect, "term");
+    return term < 0 || a.value[term] == b.value[term];
 }
 
 } // namespace
@@ -196,9 +200,12 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     return true;
 }
 
-std::vector<Hypothesis> Search::extend(const Hypothesis &base)
+std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector<Candidate> *only)
 {
-    const std::vector<Candidate> all = candidates(base.point.model, data);
+    std::vector<Candidate> all = only ? *only : candidates(base.point.model, data);
+    for (Candidate &c : all)
+        c.linear = c.linear && !only;
+    tried_count = (int)all.size();
     FitOptions loose;
     for (double &d : loose.drift)
         d = std::max(base.drift, 0.01);
@@ -227,7 +234,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base)
             tries.push_back(i);
     }
     for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (base.drift > FAITHFUL || all[i].effect->state_count == 0))
+        if (!all[i].linear && (only || base.drift > FAITHFUL || all[i].effect->state_count == 0))
             tries.push_back(i);
     std::vector<Trial> trials(tries.size());
     std::atomic<size_t> done{0};

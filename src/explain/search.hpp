@@ -41,7 +41,10 @@ class Search
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
-    std::vector<Hypothesis> extend(const Hypothesis &base);
+    // `only`: no others than these.
+    std::vector<Hypothesis> extend(const Hypothesis &base,
+                                   const std::vector<Candidate> *only = nullptr);
+    int tried() const { return tried_count; } // candidates of the last extension
 
     double readings() const { return reading_count; }
     const DataRange &range() const { return data; }
@@ -52,6 +55,7 @@ class Search
     SearchOptions options;
     DataRange data;
     double reading_count = 0.0;
+    int tried_count = 0;
 
     struct Trial {
         Candidate candidate = {};

@@ -3,6 +3,7 @@
 #define MECHKIT_MODEL_EFFECTS_LIST_HPP
 
 #include "model/effects_actuator.hpp"
+#include "model/effects_custom.hpp"
 #include "model/effects_friction.hpp"
 #include "model/effects_inertia.hpp"
 #include "model/effects_mount.hpp"
@@ -40,7 +41,9 @@
     X(EncoderEccentricity)                                                                         \
     X(EncoderOffset)                                                                               \
     X(SensorDelay)                                                                                 \
-    X(MissedCounts)
+    X(MissedCounts)                                                                                \
+    X(Custom)                                                                                      \
+    X(CustomWave)
 
 namespace mk
 {

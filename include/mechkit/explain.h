@@ -1,0 +1,101 @@
+/* Explaining data: what the simulation gets wrong, which physical cause that has, the model with
+ * that cause in it, and what it gains on data it did not see. docs/explain.md says how it decides.
+ */
+#ifndef MECHKIT_EXPLAIN_H
+#define MECHKIT_EXPLAIN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "mechkit/ident.h"
+#include "mechkit/log.h"
+#include "mechkit/model.h"
+#include "mechkit/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MK_MAX_CAUSES 4
+#define MK_MAX_RIVALS 12
+
+enum mk_verdict {
+    MK_VERDICT_NONE,       /* the model explains the data */
+    MK_VERDICT_PARAMETERS, /* only values of base parameters were wrong */
+    MK_VERDICT_EFFECT,     /* named causes */
+    MK_VERDICT_UNKNOWN     /* a significant misfit that no entry of the catalogue explains */
+};
+const char *mk_verdict_name(enum mk_verdict verdict); /* "none", "parameters", ... */
+
+struct mk_cause {
+    const struct mk_effect_info *effect;
+    int joint; /* 1-based; 0: no joint */
+    double value[MK_MAX_EFFECT_PARAMETERS];
+    double std_error[MK_MAX_EFFECT_PARAMETERS]; /* NaN: not determined, or not fitted */
+    double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
+    double p_value;    /* likelihood ratio, corrected for the number of causes tried */
+    double confidence; /* 0..1, against its best rival */
+};
+
+struct mk_rival {
+    const struct mk_effect_info *effect;
+    int joint;
+    int instead_of;   /* index of the cause it would replace */
+    double delta_bic; /* of its model against the best one */
+    bool distinguishable;
+};
+
+struct mk_explain_options {
+    int threads;     /* 0: as many as there are processors */
+    double window_s; /* of the free runs that figures are given for; 0: 1 s */
+    mk_progress_fn progress;
+    void *progress_context;
+};
+
+struct mk_explanation {
+    enum mk_verdict verdict;
+    int cause_count;
+    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first; for "unknown": what the structure
+                                             consists of */
+    int rival_count;
+    struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
+    char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
+
+    struct mk_model given, refit, extended; /* extended: what to use from now on */
+    double std_error[MK_MAX_PARAMETERS];    /* of the base parameters of `extended` */
+    double noise[MK_MAX_JOINTS];            /* of the readings, rad */
+    /* Process noise of the speeds that each model needs to follow the data, rad/s per sqrt(s): how
+     * much it lacks. */
+    double drift_refit, drift_extended;
+    double gain_refit, gain_extended; /* log likelihood over the given model, over the refit one */
+    int tried;                        /* causes looked at */
+
+    double window_s;
+    bool held_back;   /* no hold-out logs were given: the end of the last log was held back */
+    double held_from; /* s from its start, where that begins */
+    double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
+    double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
+    double closed;
+    double seconds;
+};
+
+/* `holdout_count` may be 0. On success *out is filled. MK_ERR_PARSE, MK_ERR_RANGE (too little data,
+ * no motion), MK_ERR_NUMERIC (the model cannot follow the data at all), MK_ERR_INTR, MK_ERR_NOMEM.
+ * The same input gives the same answer, whatever the number of threads. */
+MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
+                                       const struct mk_log *const *logs, size_t log_count,
+                                       const struct mk_log *const *holdouts, size_t holdout_count,
+                                       const struct mk_explain_options *options,
+                                       struct mk_explanation *out, struct mk_error *err);
+
+/* Writes report.json (docs/formats.md, section 3). `holdout_names` are the files' names. */
+MK_NODISCARD enum mk_status mk_explanation_write_json(const struct mk_explanation *explanation,
+                                                      const char *path,
+                                                      const char *const *holdout_names,
+                                                      size_t holdout_count, const char *next_why,
+                                                      struct mk_error *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,567 @@
+// From data to a verdict: refit, search, second and third causes, check on held-out data.
+#include "mechkit/explain.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "explain/search.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
+constexpr double CATALOGUE = 10.0;  // by how much a library term must beat the catalogue
+constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
+constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a second of free run
+constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+
+struct LogFree {
+    void operator()(mk_log *log) const { mk_log_free(log); }
+};
+using OwnedLog = std::unique_ptr<mk_log, LogFree>;
+
+// Rows [first, last) of a log, with its metadata and the columns a model needs.
+OwnedLog slice(const mk_log &log, size_t first, size_t last)
+{
+    mk_log *made = nullptr;
+    if (mk_log_create(last - first, &made) != MK_OK)
+        throw std::bad_alloc();
+    OwnedLog out(made);
+    for (size_t c = 0; c < log.column_count; c++) {
+        if (!log.columns[c].data)
+            continue;
+        double *data = mk_log_add_column(made, log.columns[c].name);
+        if (!data)
+            throw std::bad_alloc();
+        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
+    }
+    for (size_t m = 0; m < log.meta_count; m++)
+        if (log.meta[m].key[0] &&
+            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
+            throw std::bad_alloc();
+    return out;
+}
+
+// Probability that chi-square with k degrees of freedom exceeds x.
+double chi2_tail(double x, int k)
+{
+    if (x <= 0.0)
+        return 1.0;
+    // Series in steps of two degrees (Abramowitz, Stegun 26.4.4, 26.4.5).
+    double half = 0.5 * x, sum = 0.0, term = k % 2 ? std::sqrt(x) : 1.0;
+    for (int i = k % 2 ? 1 : 0; i < k - 1; i += 2) {
+        sum += term;
+        term *= x / (double)(i + 2);
+    }
+    if (k % 2)
+        return std::erfc(std::sqrt(half)) +
+               std::sqrt(2.0 / 3.14159265358979) * std::exp(-half) * sum;
+    return std::exp(-half) * sum;
+}
+
+class Explainer
+{
+  public:
+    Explainer(const mk_model &model_in, mk_explanation &out_in,
+              const mk_explain_options &options_in)
+        : model(model_in), out(out_in), options(options_in)
+    {
+    }
+
+    enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
+                       size_t holdout_count, mk_error *err)
+    {
+        enum mk_status st = load(logs, log_count, holdouts, holdout_count, err);
+        if (st != MK_OK)
+            return st;
+        SearchOptions so;
+        so.threads = options.threads;
+        so.progress = options.progress;
+        so.progress_context = options.progress_context;
+        search = std::make_unique<Search>(training, so);
+        if (!search->refit(model, nullptr, refit))
+            return mk_error_set(
+                err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
+                "the model cannot follow the data: are rig, units and signs right?");
+        bool given_runs = search->as_given(model, given);
+        find_causes();
+        if (search->cancelled)
+            return mk_error_set(err, MK_ERR_INTR, "stopped");
+        decide(given_runs);
+        return measure(err);
+    }
+
+  private:
+    struct Round {
+        std::vector<Hypothesis> field; // what competed for a place, best first
+    };
+    const mk_model &model;
+    mk_explanation &out;
+    mk_explain_options options;
+    std::vector<FitLog> fit_logs;
+    std::vector<const FitLog *> training;
+    std::vector<OwnedLog> made;
+    std::vector<const mk_log *> held;
+    std::unique_ptr<Search> search;
+    Hypothesis given, refit, best;
+    std::vector<Round> rounds; // one a cause of `best`, in its order
+
+    enum mk_status load(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
+                        size_t holdout_count, mk_error *err)
+    {
+        held.assign(holdouts, holdouts + holdout_count);
+        for (size_t i = 0; i < log_count; i++) {
+            mk_record record;
+            enum mk_status st = mk_record_from_log(logs[i], &model, &record, err);
+            if (st != MK_OK)
+                return st;
+            size_t last = record.rows;
+            if (holdout_count == 0 && i + 1 == log_count) {
+                last = record.rows - record.rows / 4;
+                out.held_back = true;
+                out.held_from = record.t[last] - record.t[0];
+                made.push_back(slice(*logs[i], last, record.rows));
+                held.push_back(made.back().get());
+            }
+            if (last < 20)
+                return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
+                                   "%zu rows are too few to explain anything: 20 at least", last);
+            fit_logs.push_back(fit_log(record, model, 0, last));
+            st = check_motion(fit_logs.back(), logs[i], err);
+            if (st != MK_OK)
+                return st;
+        }
+        for (const FitLog &log : fit_logs)
+            training.push_back(&log);
+        return MK_OK;
+    }
+    static enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
+    {
+        for (int j = 0; j < log.joints; j++) {
+            double low = HUGE_VAL, high = -HUGE_VAL;
+            for (double q : log.q[j])
+                if (!std::isnan(q))
+                    low = std::min(low, q), high = std::max(high, q);
+            if (high - low >= 5.0 * log.count[j])
+                return MK_OK;
+        }
+        return mk_error_at(err, MK_ERR_RANGE, source->path, 0, 0,
+                           "nothing moves in this log: there is nothing to explain");
+    }
+
+    // --- causes ------------------------------------------------------------------------------
+
+    // The first of a field, catalogue before library unless the library is clearly better.
+    static size_t pick(const std::vector<Hypothesis> &field)
+    {
+        for (size_t i = 0; i < field.size(); i++)
+            if (!is_library(field[i].added.effect))
+                return field[i].score < field[0].score + CATALOGUE ? i : 0;
+        return 0;
+    }
+    void find_causes()
+    {
+        best = refit;
+        while (rounds.size() < MK_MAX_CAUSES && !search->cancelled) {
+            Round round;
+            round.field = search->extend(best);
+            out.tried = std::max(out.tried, search->tried());
+            if (round.field.empty())
+                return;
+            size_t chosen = pick(round.field);
+            if (round.field[chosen].score > best.score - ENOUGH) {
+                last_field = std::move(round.field);
+                return;
+            }
+            std::swap(round.field[0], round.field[chosen]);
+            best = round.field[0];
+            rounds.push_back(std::move(round));
+            if (rounds.size() > 1)
+                reconsider();
+        }
+    }
+    std::vector<Hypothesis> last_field;
+
+    // An earlier choice was made while another cause was still missing: would something else be
+    // better in its place now, or nothing?
+    void reconsider()
+    {
+        for (size_t i = 0; i + 1 < rounds.size(); i++) {
+            Hypothesis without;
+            if (!remove(i, without))
+                continue;
+            std::vector<Candidate> others;
+            for (const Round &r : rounds)
+                for (const Hypothesis &h : r.field)
+                    others.push_back(h.added);
+            std::vector<Hypothesis> field = search->extend(without, &others);
+            if (field.empty())
+                continue;
+            size_t chosen = pick(field);
+            std::swap(field[0], field[chosen]);
+            if (without.score < field[0].score + ENOUGH && without.score < best.score + ENOUGH) {
+                best = without; // not needed any more
+                rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
+                i--;
+                continue;
+            }
+            bool better = field[0].score < best.score - 1e-6;
+            if (better) {
+                // The new one sits last in the model; rounds follow the model's order.
+                best = field[0];
+                rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
+                rounds.push_back({std::move(field)});
+            } else {
+                rounds[i].field = std::move(field);
+            }
+        }
+    }
+    bool remove(size_t cause, Hypothesis &without)
+    {
+        mk_model m = best.point.model;
+        int at = model.effect_count + (int)cause;
+        for (int e = at; e + 1 < m.effect_count; e++)
+            m.effect[e] = m.effect[e + 1];
+        m.effect_count--;
+        return search->refit(m, &best, without);
+    }
+
+    // --- verdict -----------------------------------------------------------------------------
+
+    void decide(bool given_runs)
+    {
+        out.given = model;
+        out.refit = refit.point.model;
+        out.extended = best.point.model;
+        out.drift_refit = refit.drift;
+        out.drift_extended = best.drift;
+        out.gain_refit = given_runs ? given.picture.evidence - refit.picture.evidence : UNKNOWN;
+        out.gain_extended = refit.picture.evidence - best.picture.evidence;
+        for (int j = 0; j < MK_MAX_JOINTS; j++)
+            out.noise[j] = best.point.noise[j];
+        bool library = false;
+        for (const Round &r : rounds)
+            library = library || is_library(r.field[0].added.effect);
+        bool faithful = best.drift <= IMMATERIAL;
+        if (rounds.empty() && faithful)
+            out.verdict = values_off(given_runs) ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+        else if (!rounds.empty() && !library && faithful)
+            out.verdict = MK_VERDICT_EFFECT;
+        else
+            out.verdict = MK_VERDICT_UNKNOWN;
+        describe_causes();
+        describe_rivals();
+        if (out.verdict == MK_VERDICT_UNKNOWN)
+            describe_structure();
+    }
+    // Are the given values outside of what the estimate allows?
+    bool values_off(bool given_runs) const
+    {
+        if (!given_runs)
+            return true;
+        long n = refit.free_count;
+        std::vector<int> free = adjustable(refit.point.model);
+        Eigen::VectorXd off(n);
+        for (long i = 0; i < n; i++)
+            off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
+                      mk_model_parameter(&refit.point.model, free[(size_t)i])) /
+                     Fit::scale_of(refit.point.model, free[(size_t)i]);
+        double distance = off.dot(refit.picture.information * off);
+        double likelihood = 2.0 * (given.picture.evidence - refit.picture.evidence);
+        return chi2_tail(std::min(distance, std::max(likelihood, 0.0) + 4.0 * (double)n), (int)n) <
+               1e-4;
+    }
+    void describe_causes()
+    {
+        std::vector<int> free = adjustable(best.point.model);
+        long n = (long)free.size();
+        Eigen::VectorXd root = best.picture.information.diagonal().cwiseMax(1e-300).cwiseSqrt();
+        Eigen::MatrixXd unit = root.cwiseInverse().asDiagonal() * best.picture.information *
+                               root.cwiseInverse().asDiagonal();
+        Eigen::MatrixXd cov = unit.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+        std::vector<double> error((size_t)mk_model_parameter_count(&best.point.model), UNKNOWN);
+        for (long i = 0; i < n; i++)
+            error[(size_t)free[(size_t)i]] = std::sqrt(std::max(cov(i, i), 0.0)) / root(i) *
+                                             Fit::scale_of(best.point.model, free[(size_t)i]);
+        int base = mk_plant(model.plant)->parameter_count, first = base;
+        for (int i = 0; i < base; i++)
+            out.std_error[i] = error[(size_t)i];
+        for (int e = 0; e < best.point.model.effect_count; e++) {
+            const mk_effect_use &use = best.point.model.effect[e];
+            const mk_effect_info *info = mk_effect(use.index);
+            int cause = e - model.effect_count;
+            if (cause >= 0 && cause < MK_MAX_CAUSES && cause < (int)rounds.size()) {
+                mk_cause &c = out.cause[cause];
+                c = {};
+                c.effect = info;
+                c.joint = use.joint;
+                int fitted = 0;
+                for (int k = 0; k < info->parameter_count; k++) {
+                    c.value[k] = use.value[k];
+                    c.std_error[k] = error[(size_t)(first + k)];
+                    fitted += !std::isnan(c.std_error[k]);
+                }
+                weigh(cause, fitted, c);
+                out.cause_count = cause + 1;
+            }
+            first += info->parameter_count;
+        }
+        std::stable_sort(
+            out.cause, out.cause + out.cause_count,
+            [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+    }
+    void weigh(int cause, int fitted, mk_cause &c)
+    {
+        Hypothesis without;
+        double lost = refit.score - best.score,
+               raw = refit.picture.evidence - best.picture.evidence;
+        if (rounds.size() > 1 && remove((size_t)cause, without)) {
+            lost = without.score - best.score;
+            raw = without.picture.evidence - best.picture.evidence;
+        }
+        c.delta_bic = 2.0 * lost;
+        double p = chi2_tail(2.0 * raw, std::max(fitted, 1));
+        c.p_value = std::min(1.0, p * std::max(out.tried, 1));
+        double rival = HUGE_VAL;
+        const std::vector<Hypothesis> &field = rounds[(size_t)cause].field;
+        for (size_t i = 1; i < field.size(); i++)
+            rival = std::min(rival, field[i].score - field[0].score);
+        c.confidence = 1.0 / (1.0 + std::exp(-std::min(rival, lost)));
+    }
+    void describe_rivals()
+    {
+        struct Entry {
+            mk_rival rival;
+            double behind;
+        };
+        std::vector<Entry> all;
+        for (size_t r = 0; r < rounds.size(); r++) {
+            const std::vector<Hypothesis> &field = rounds[r].field;
+            for (size_t i = 1; i < field.size(); i++) {
+                double behind = field[i].score - field[0].score;
+                if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN)
+                    continue;
+                Entry e = {{field[i].added.effect, field[i].added.joint, (int)r, 2.0 * behind,
+                            behind > INSEPARABLE},
+                           behind};
+                all.push_back(e);
+            }
+        }
+        std::stable_sort(all.begin(), all.end(),
+                         [](const Entry &a, const Entry &b) { return a.behind < b.behind; });
+        for (const Entry &e : all)
+            if (out.rival_count < MK_MAX_RIVALS)
+                out.rival[out.rival_count++] = e.rival;
+    }
+    void describe_structure();
+
+    // --- held-out data -----------------------------------------------------------------------
+
+    struct Figures {
+        double square[MK_MAX_JOINTS] = {0.0, 0.0};
+        double rows = 0.0;
+        double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows, 1.0)); }
+        double total() const { return (square[0] + square[1]) / std::max(rows, 1.0); }
+    };
+    enum mk_status figures_of(const mk_model &m, Figures &f, mk_error *err) const
+    {
+        for (const mk_log *log : held) {
+            mk_predict_options o = {};
+            o.window_s = out.window_s;
+            mk_predict_figures figures = {};
+            mk_log *prediction = nullptr;
+            enum mk_status st = mk_predict(&m, log, &o, &prediction, &figures, nullptr, err);
+            mk_log_free(prediction);
+            if (st != MK_OK)
+                return st;
+            for (int j = 0; j < mk_model_joints(&m); j++)
+                if (std::isfinite(figures.nrmse[j]))
+                    f.square[j] += figures.nrmse[j] * figures.nrmse[j] * (double)figures.rows;
+            f.rows += (double)figures.rows;
+        }
+        return MK_OK;
+    }
+    double deviation(int joint) const
+    {
+        double sum = 0.0, squares = 0.0, n = 0.0;
+        for (const mk_log *log : held) {
+            mk_record record;
+            if (mk_record_from_log(log, &model, &record, nullptr) != MK_OK)
+                continue;
+            for (size_t k = 0; k < record.rows; k++) {
+                double q = record.q[joint][k];
+                if (std::isnan(q))
+                    continue;
+                sum += q, squares += q * q, n += 1.0;
+            }
+        }
+        return n > 1.0 ? std::sqrt(std::max(squares / n - sum / n * (sum / n), 0.0)) : 0.0;
+    }
+    enum mk_status measure(mk_error *err)
+    {
+        Figures before, refitted, after;
+        enum mk_status st = figures_of(model, before, err);
+        if (st == MK_OK)
+            st = figures_of(refit.point.model, refitted, err);
+        if (st == MK_OK)
+            st = figures_of(out.extended, after, err);
+        if (st != MK_OK)
+            return st;
+        // What predicts worse than the refitted model is not offered.
+        if (out.cause_count > 0 && after.total() > refitted.total()) {
+            out.extended = refit.point.model;
+            after = refitted;
+        }
+        if (out.verdict == MK_VERDICT_NONE) {
+            out.extended = model;
+            after = before;
+        }
+        double floor = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            double sd = deviation(j);
+            out.before[j] = before.nrmse(j);
+            out.refitted[j] = refitted.nrmse(j);
+            out.after[j] = after.nrmse(j);
+            out.floor[j] = sd > 0.0 ? out.noise[j] / sd : 0.0;
+            floor += out.floor[j] * out.floor[j];
+        }
+        double room = refitted.total() - floor;
+        out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
+        return MK_OK;
+    }
+};
+
+} // namespace
+
+// --- the missing term as a formula ------------------------------------------------------------
+
+static std::string joint_names(const char *pattern, int joint)
+{
+    std::string s;
+    for (const char *c = pattern; *c; c++) {
+        if (*c == '@')
+            s += std::to_string(joint);
+        else if (*c == '%')
+            s += std::to_string(3 - joint);
+        else
+            s += *c;
+    }
+    return s;
+}
+
+// Formulas of effects by name; '@' is the joint, '%' the other one.
+static std::string formula_of(const mk_effect_info &info, int joint, const double *v)
+{
+    static const char *const terms[] = {"dq@^3",
+                                        "dq@^3*abs(dq@)",
+                                        "sign(dq@)*dq%^2",
+                                        "sign(dq@)*dq@^4",
+                                        "q@^3",
+                                        "q@*abs(q@)",
+                                        "dq%",
+                                        "sign(dq%)",
+                                        "dq%*abs(dq%)",
+                                        "dq@*dq%^2",
+                                        "1",
+                                        "u*abs(u)",
+                                        "u^3",
+                                        "dq@*q@^2",
+                                        "sign(dq@)*q@^2",
+                                        "dq@*abs(dq%)",
+                                        "sign(dq@)*(q1'+q2')^2"};
+    static const char *const waves[] = {"sign(dq@)*sin(q@",   "dq@*sin(q@",   "sign(dq@)*sin(q1+q2",
+                                        "sign(dq@)*sin(2*q@", "dq@*sin(2*q@", "dq@*abs(dq@)*sin(q@",
+                                        "dq%*sin(q@"};
+    char text[160];
+    if (strcmp(info.name, "custom") == 0) {
+        int n = std::min(std::max((int)v[1], 1), 17);
+        snprintf(text, sizeof text, "%+.4g*%s", -v[0], joint_names(terms[n - 1], joint).c_str());
+    } else if (strcmp(info.name, "custom-wave") == 0) {
+        int n = (int)v[2];
+        if (n >= 1 && n <= 7)
+            snprintf(text, sizeof text, "%+.4g*%s%+.3g)", -v[0],
+                     joint_names(waves[n - 1], joint).c_str(), v[1]);
+        else
+            snprintf(text, sizeof text, "%+.4g*sin(2*pi*%.4g*t%+.3g)", -v[0], v[3], v[1]);
+    } else if (strcmp(info.name, "viscous") == 0) {
+        snprintf(text, sizeof text, "%+.4g*dq%d", -v[0], joint);
+    } else if (strcmp(info.name, "coulomb") == 0) {
+        snprintf(text, sizeof text, "%+.4g*sign(dq%d)", -v[0], joint);
+    } else if (strcmp(info.name, "quadratic-drag") == 0) {
+        snprintf(text, sizeof text, "%+.4g*dq%d*abs(dq%d)", -v[0], joint, joint);
+    } else {
+        std::string values;
+        for (int k = 0; k < info.parameter_count; k++) {
+            char one[64];
+            snprintf(one, sizeof one, "%s%s=%.4g", k ? ", " : "", info.parameter[k].name, v[k]);
+            values += one;
+        }
+        snprintf(text, sizeof text, "+ %s(%s)", info.name, values.c_str());
+    }
+    return text;
+}
+
+void Explainer::describe_structure()
+{
+    std::string all;
+    for (int joint = 0; joint <= MK_MAX_JOINTS; joint++) {
+        std::string terms;
+        for (int i = 0; i < out.cause_count; i++)
+            if (out.cause[i].joint == joint)
+                terms += (terms.empty() ? "" : " ") +
+                         formula_of(*out.cause[i].effect, joint, out.cause[i].value);
+        if (terms.empty())
+            continue;
+        if (!all.empty())
+            all += "; ";
+        all += joint > 0 ? "joint " + std::to_string(joint) + ": " + terms : terms;
+    }
+    if (all.empty())
+        all = "no term of the library explains it";
+    snprintf(out.structure, sizeof out.structure, "%s", all.c_str());
+}
+
+} // namespace mk
+
+const char *mk_verdict_name(enum mk_verdict verdict)
+{
+    static const char *const names[] = {"none", "parameters", "effect", "unknown"};
+    return names[verdict];
+}
+
+enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,
+                          const mk_log *const *holdouts, size_t holdout_count,
+                          const mk_explain_options *options, mk_explanation *out, mk_error *err)
+try {
+    auto begin = std::chrono::steady_clock::now();
+    mk_explain_options o = options ? *options : mk_explain_options{};
+    if (o.threads <= 0)
+        o.threads = std::max(1, (int)std::thread::hardware_concurrency());
+    auto result = std::make_unique<mk_explanation>();
+    result->window_s = o.window_s > 0.0 ? o.window_s : 1.0;
+    if (log_count == 0)
+        return mk_error_set(err, MK_ERR_INVALID, "explain needs a log at least");
+    enum mk_status st = mk_model_check(model, err);
+    if (st != MK_OK)
+        return st;
+    mk::Explainer explainer(*model, *result, o);
+    st = explainer.run(logs, log_count, holdouts, holdout_count, err);
+    if (st != MK_OK)
+        return st;
+    result->seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    *out = *result;
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory to explain this much data");
+}

@@ -1,0 +1,120 @@
+// report.json, to the letter of docs/formats.md.
+#include <cJSON.h>
+#include <cmath>
+#include <memory>
+
+#include "mechkit/explain.h"
+#include "mechkit/json.h"
+
+namespace
+{
+
+cJSON *parameters_of(const mk_cause &c)
+{
+    cJSON *all = cJSON_CreateObject();
+    for (int k = 0; k < c.effect->parameter_count; k++) {
+        cJSON *p = cJSON_AddObjectToObject(all, c.effect->parameter[k].name);
+        cJSON_AddItemToObject(p, "value", mk_json_number(c.value[k]));
+        cJSON_AddItemToObject(p, "stderr", mk_json_number(c.std_error[k]));
+        cJSON_AddStringToObject(p, "unit", c.effect->parameter[k].unit);
+    }
+    return all;
+}
+
+cJSON *joint_of(int joint)
+{
+    return joint > 0 ? cJSON_CreateNumber(joint) : cJSON_CreateNull();
+}
+
+cJSON *cause_json(const mk_cause &c)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddStringToObject(o, "name", c.effect->name);
+    cJSON_AddItemToObject(o, "joint", joint_of(c.joint));
+    cJSON_AddItemToObject(o, "parameters", parameters_of(c));
+    cJSON *evidence = cJSON_AddObjectToObject(o, "evidence");
+    cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
+    cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
+    cJSON_AddItemToObject(o, "confidence", mk_json_number(c.confidence));
+    return o;
+}
+
+cJSON *rivals_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.rival_count; i++) {
+        const mk_rival &r = e.rival[i];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "name", r.effect->name);
+        cJSON_AddItemToObject(o, "joint", joint_of(r.joint));
+        cJSON_AddItemToObject(o, "delta_bic", mk_json_number(r.delta_bic));
+        cJSON_AddBoolToObject(o, "distinguishable", r.distinguishable);
+        if (r.instead_of < e.cause_count)
+            cJSON_AddStringToObject(o, "instead_of", e.cause[r.instead_of].effect->name);
+        cJSON_AddItemToArray(all, o);
+    }
+    return all;
+}
+
+cJSON *base_parameters(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateObject();
+    const mk_plant_info *plant = mk_plant(e.given.plant);
+    for (int i = 0; i < plant->parameter_count; i++) {
+        cJSON *p = cJSON_AddObjectToObject(all, plant->parameter[i].name);
+        cJSON_AddItemToObject(p, "value", mk_json_number(e.extended.parameter[i]));
+        cJSON_AddItemToObject(p, "stderr", mk_json_number(e.std_error[i]));
+        cJSON_AddItemToObject(p, "prior", mk_json_number(e.given.parameter[i]));
+        cJSON_AddItemToObject(p, "refit", mk_json_number(e.refit.parameter[i]));
+    }
+    return all;
+}
+
+cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t count)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON *files = cJSON_AddArrayToObject(o, "files");
+    for (size_t i = 0; i < count; i++)
+        cJSON_AddItemToArray(files, cJSON_CreateString(names[i]));
+    if (e.held_back)
+        cJSON_AddItemToObject(o, "held_back_from_s", mk_json_number(e.held_from));
+    size_t n = (size_t)mk_model_joints(&e.given);
+    cJSON_AddItemToObject(o, "window_s", mk_json_number(e.window_s));
+    cJSON_AddItemToObject(o, "nrmse_before", mk_json_numbers(e.before, n));
+    cJSON_AddItemToObject(o, "nrmse_refit", mk_json_numbers(e.refitted, n));
+    cJSON_AddItemToObject(o, "nrmse_after", mk_json_numbers(e.after, n));
+    cJSON_AddItemToObject(o, "noise_floor", mk_json_numbers(e.floor, n));
+    cJSON_AddItemToObject(o, "closed", mk_json_number(e.closed));
+    return o;
+}
+
+} // namespace
+
+enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *path,
+                                         const char *const *holdout_names, size_t holdout_count,
+                                         const char *next_why, mk_error *err)
+{
+    std::unique_ptr<cJSON, void (*)(cJSON *)> root(cJSON_CreateObject(), cJSON_Delete);
+    cJSON *o = root.get();
+    if (!o)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+    bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
+    cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));
+    cJSON *causes = cJSON_AddArrayToObject(o, "causes");
+    cJSON *terms = unknown ? cJSON_AddArrayToObject(o, "terms") : causes;
+    for (int i = 0; i < e->cause_count; i++)
+        cJSON_AddItemToArray(terms, cause_json(e->cause[i]));
+    cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
+    cJSON_AddStringToObject(o, "structure", e->structure);
+    cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
+    cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
+    if (next_why) {
+        cJSON *next = cJSON_AddObjectToObject(o, "next_experiment");
+        cJSON_AddStringToObject(next, "why", next_why);
+        cJSON_AddStringToObject(next, "script", "next.cmd");
+    } else {
+        cJSON_AddNullToObject(o, "next_experiment");
+    }
+    cJSON_AddItemToObject(o, "seconds", mk_json_number(e->seconds));
+    return mk_json_write(path, o, err);
+}
