@@ -291,15 +291,12 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     for (const FitLog *log : logs) {
         for (int j = 0; j < log->joints; j++) {
             const std::vector<double> &q = log->q[j];
-            size_t step = std::max<size_t>(1, (size_t)std::lround(0.02 / log->period));
+            r.v_max[j] = std::max(r.v_max[j], log->v_max[j]);
             for (size_t k = 0; k < q.size(); k++) {
                 if (std::isnan(q[k]))
                     continue;
                 r.q_min[j] = std::min(r.q_min[j], q[k]);
                 r.q_max[j] = std::max(r.q_max[j], q[k]);
-                if (k + step < q.size() && !std::isnan(q[k + step]))
-                    r.v_max[j] = std::max(r.v_max[j], std::fabs(q[k + step] - q[k]) /
-                                                          (log->t[k + step] - log->t[k]));
             }
         }
         for (double u : log->u[0]) {

@@ -252,7 +252,7 @@ class Explainer
         bool library = false;
         for (const Round &r : rounds)
             library = library || is_library(r.field[0].added.effect);
-        bool faithful = best.drift <= IMMATERIAL;
+        bool faithful = best.drift <= std::max(IMMATERIAL, 1e-3 * refit.drift);
         if (rounds.empty() && faithful)
             out.verdict = values_off(given_runs) ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
         else if (!rounds.empty() && !library && faithful)

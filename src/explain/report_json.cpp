@@ -1,5 +1,4 @@
 // report.json, to the letter of docs/formats.md.
-#include <cJSON.h>
 #include <cmath>
 #include <memory>
 

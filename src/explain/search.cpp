@@ -285,7 +285,7 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
             if (!r.running)
                 return;
             FitOptions o;
-            o.max_iterations = 20;
+            o.max_iterations = mk_model_event_count(&r.point.model) > 0 ? 8 : 20;
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);

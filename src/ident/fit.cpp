@@ -17,6 +17,7 @@ namespace
 
 constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
+constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
 constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
 
 double huber_cost(double r, double limit)
@@ -402,6 +403,10 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     for (long j = 0; j < joints; j++) {
         q(joints + j) = options.drift[j] * options.drift[j] * span;
     }
+    // A wheel at full speed shows the digits in which a simulation or a board computes.
+    for (long j = 0; j < joints; j++)
+        if (mk_plant(m.plant)->joint_is_wheel[j])
+            q(joints + j) += std::pow(RELATIVE * logs[l]->v_max[j], 2) * span;
     // What is not known of the command: rows that were not recorded, digits that were not written.
     const FitLog &log = *logs[l];
     double rounding = log.u_step / std::sqrt(12.0);
@@ -452,7 +457,7 @@ static double log_root_det(const Eigen::LLT<MatrixXd> &factor)
     return MatrixXd(factor.matrixL()).diagonal().array().log().sum();
 }
 
-FitPicture Fit::eliminate(const FitPoint &point, int free_count)
+FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
 {
     FitPicture out;
     long ns = mk_model_state_count(&point.model), nf = free_count;
@@ -479,6 +484,8 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count)
             C += s.normal.topRightCorner(ns, nf);
             D += s.normal.bottomRightCorner(nf, nf);
             a += s.right.head(ns);
+            if (damping > 0.0)
+                A.diagonal() += damping * s.normal.diagonal().head(ns);
             d += s.right.tail(nf);
             Eigen::LLT<MatrixXd> factor(A);
             s.P = factor.solve(MatrixXd::Identity(ns, ns));
@@ -545,7 +552,7 @@ double Fit::cost(const FitPoint &point)
 FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
 {
     shoot_all(point, free, true);
-    FitPicture p = eliminate(point, (int)free.size());
+    FitPicture p = eliminate(point, (int)free.size(), 0.0);
     p.cost = total_cost(point);
     p.evidence = p.cost + p.volume;
     return p;
@@ -721,7 +728,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
         }
         Stepper stepper(point.model, free);
         bool accepted = false;
-        double length = 1.0;
+        double length = 1.0, state_damping = 0.0;
         for (int attempt = 0; attempt < 14 && !accepted; attempt++) {
             FitPoint trial = point;
             VectorXd step = length * stepper.solve(p, damping);
@@ -739,13 +746,19 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
                             length > 0.3;
                 point = std::move(trial);
                 damping = std::max(damping * 0.1, 1e-9);
-            } else {
-                // Damping shortens and turns the parameters' step; where the states are to blame
-                // the whole step must shrink.
-                damping = std::max(damping * 10.0, 1e-6);
-                if (attempt >= 2)
-                    length *= 0.4;
+                continue;
             }
+            // Damping shortens and turns the step: that of the parameters first, then the states'
+            // too, in the end the whole.
+            damping = std::max(damping * 10.0, 1e-6);
+            bool contact = mk_model_event_count(&point.model) > 0;
+            if (attempt >= 2 && contact) {
+                state_damping = std::max(10.0 * state_damping, 1e-3);
+                shoot_all(point, free, true);
+                p = eliminate(point, (int)free.size(), state_damping);
+            }
+            if (attempt >= (contact ? 7 : 2))
+                length *= 0.4;
         }
         if (!accepted) {
             converged = true; // no way down at this precision

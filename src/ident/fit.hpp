@@ -126,7 +126,7 @@ class Fit
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;
     Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;
-    FitPicture eliminate(const FitPoint &point, int free_count);
+    FitPicture eliminate(const FitPoint &point, int free_count, double damping);
     void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;
 
   public:

@@ -163,6 +163,20 @@ void weigh(FitLog &log, int j)
     }
 }
 
+// Over steps of 20 ms, so that a count is not a speed.
+double largest_speed(const FitLog &log, int j)
+{
+    const std::vector<double> &q = log.q[j];
+    size_t step = std::max<size_t>(1, (size_t)std::lround(0.02 / log.period));
+    double largest = 0.0;
+    for (size_t k = 0; k + step < q.size(); k++) {
+        double v = std::fabs(q[k + step] - q[k]) / (log.t[k + step] - log.t[k]);
+        if (!std::isnan(v))
+            largest = std::max(largest, v);
+    }
+    return largest;
+}
+
 // A single reading far off both neighbours' line is a glitch.
 void drop_glitches(FitLog &log, int j, double noise)
 {
@@ -200,6 +214,7 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
         log.count[j] = 6.283185307179586 / model.encoder_cpr[j];
         drop_glitches(log, j, log.count[j]);
         weigh(log, j);
+        log.v_max[j] = largest_speed(log, j);
     }
     return log;
 }

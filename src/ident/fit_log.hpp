@@ -21,6 +21,7 @@ struct FitLog {
     std::vector<double> doubt;                 // uncertainty of the command at a row, command units
     double count[MK_MAX_JOINTS];               // resolution of the readings, rad; 0: none seen
     double u_step;                             // last digit of the command as logged; 0: none seen
+    double v_max[MK_MAX_JOINTS] = {0.0, 0.0};  // largest speed, rad/s
     double period;                             // median time between rows, s
     int joints;
 

@@ -133,7 +133,7 @@ struct Backlash {
     static double rate(const Frame<S> &f, const EffectArgs<S> &e)
     {
         double light = value_of(light_inertia(f, e));
-        return ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light;
+        return 1.5 * ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light;
     }
 };
 

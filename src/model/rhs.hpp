@@ -137,6 +137,18 @@ inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx,
     with_plant(c.plant, [&](auto law) { rhs_of<decltype(law)>(c, t, x, u, dx, power); });
 }
 
+// Switching functions at a state.
+template <class S>
+inline void events(const Compiled<S> &c, const S &t, const S *x, S *g)
+{
+    Frame<S> f;
+    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
+    frame_begin(f, c, t, x, u);
+    for (int i = 0; i < c.effect_count; i++)
+        if (auto *stage = effect_ops<S>(c.effect[i].index).events)
+            stage(f, args_of(c.effect[i], x), g + c.effect[i].event);
+}
+
 // The fastest rate that effects bring in at a state, 1/s.
 template <class S>
 inline double fastest_rate(const Compiled<S> &c, const S &t, const S *x)

@@ -176,19 +176,46 @@ class Shooter
         if (!slope_known)
             derivative(from, x, f0);
         slope_known = true;
-        long count = (long)(length / k.step + 0.999);
-        long sharp = reversal_steps(length);
+        double left = from, right = from;
+        long fine = sharp_reversal(length, left, right);
+        if (fine == 0) {
+            run_steps(from, to, reversal_steps(length));
+            return;
+        }
+        run_steps(from, left, 1);
+        run_steps(left, right, fine);
+        run_steps(right, to, 1);
+    }
+    void run_steps(double from, double to, long count)
+    {
+        double length = to - from;
+        if (!(length > 0.0) || !k.finite)
+            return;
+        long usual = (long)(length / k.step + 0.999);
+        count = usual > count ? usual : count;
         if (stiff) {
             double rate = fastest_rate(c, Scalar(from), x) * length / 1.6;
             count = rate > (double)count ? (long)(rate < 24.0 ? rate + 1.0 : 24.0) : count;
         }
-        if (sharp > count)
-            count = sharp;
-        if (count < 1)
-            count = 1;
         double h = length / (double)count;
         for (long i = 0; i < count && k.finite; i++)
             step(from + h * (double)i, i + 1 == count ? to : from + h * (double)(i + 1));
+    }
+    // A light wheel runs through the whole turn of its friction within a fraction of a step: when,
+    // and how many steps it takes to follow. 0: no such thing.
+    long sharp_reversal(double length, double &left, double &right) const
+    {
+        for (int j = 0; j < c.joints; j++) {
+            double v = value_of(x[c.joints + j]), a = value_of(f0[c.joints + j]);
+            double reach = 0.35 / fabs(a), middle = -v / a;
+            if (!(fabs(a) * length > 0.4) || middle + reach < 0.0 || middle - reach > length)
+                continue;
+            double from = left;
+            left = from + (middle > reach ? middle - reach : 0.0);
+            right = from + (middle + reach < length ? middle + reach : length);
+            return (long)(14.0 * (right - left) / (2.0 * reach)) + 1;
+        }
+        return 0;
     }
     // Friction turns over within |v| < 0.2 rad/s; a step must resolve that.
     long reversal_steps(double length) const
@@ -204,14 +231,13 @@ class Shooter
         return count;
     }
 
-    // One step of the classical Runge-Kutta method; f0 is the slope at its start.
-    void step(double a, double b)
+    // The classical Runge-Kutta method over a step that may depend on what is differentiated by.
+    template <class H>
+    void runge_kutta(double a, const H &h, Scalar *y) const
     {
-        double h = b - a, mid = a + 0.5 * h;
-        int ns = c.state_count;
-        Scalar k2[MK_MAX_STATES], k3[MK_MAX_STATES], k4[MK_MAX_STATES], y[MK_MAX_STATES];
-        if (!slope_known)
-            derivative(a, x, f0);
+        const int ns = c.state_count;
+        double mid = a + 0.5 * value_of(h), b = a + value_of(h);
+        Scalar k2[MK_MAX_STATES], k3[MK_MAX_STATES], k4[MK_MAX_STATES];
         for (int i = 0; i < ns; i++)
             y[i] = x[i] + (0.5 * h) * f0[i];
         derivative(mid, y, k2);
@@ -222,7 +248,81 @@ class Shooter
             y[i] = x[i] + h * k3[i];
         derivative(b, y, k4);
         for (int i = 0; i < ns; i++)
-            y[i] = x[i] + (h / 6.0) * (f0[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+            y[i] = x[i] + (h * (1.0 / 6.0)) * (f0[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+    }
+
+    // One step; where a law switches inside (contact), it ends there and another goes on.
+    void step(double a, double b)
+    {
+        Scalar y[MK_MAX_STATES];
+        if (!slope_known)
+            derivative(a, x, f0);
+        slope_known = true;
+        if (c.event_count == 0) {
+            runge_kutta(a, b - a, y);
+            arrive(a, b, y);
+            return;
+        }
+        Scalar start = Scalar(a);
+        for (int part = 0;; part++) {
+            Scalar h = Scalar(b) - start;
+            runge_kutta(value_of(start), h, y);
+            Scalar to_switch;
+            if (part == 6 || !switches(value_of(start), h, y, to_switch)) {
+                arrive(value_of(start), b, y);
+                return;
+            }
+            runge_kutta(value_of(start), to_switch, y);
+            double from = value_of(start);
+            start += to_switch;
+            arrive(from, value_of(start), y);
+            if (!k.finite)
+                return;
+            derivative(value_of(start), x, f0);
+            slope_known = true;
+        }
+    }
+
+    // Whether a law switches on the way to y, and after how long (just past it).
+    bool switches(double a, const Scalar &h, const Scalar *y, Scalar &to_switch) const
+    {
+        constexpr double PAST = 1e-8; // s
+        Scalar ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
+        mk::events(c, Scalar(a), x, ga);
+        mk::events(c, Scalar(a + value_of(h)), y, gb);
+        int which = -1;
+        double share = 1.0;
+        for (int e = 0; e < c.event_count; e++) {
+            double va = value_of(ga[e]), vb = value_of(gb[e]);
+            if ((va > 0.0) == (vb > 0.0) || value_of(h) < 10.0 * PAST)
+                continue;
+            if (va / (va - vb) <= share) {
+                share = va / (va - vb);
+                which = e;
+            }
+        }
+        if (which < 0)
+            return false;
+        Scalar slope = (gb[which] - ga[which]) / h;
+        Scalar guess = h * (ga[which] / (ga[which] - gb[which]));
+        for (int round = 0; round < 3; round++) {
+            Scalar at[MK_MAX_STATES], g[MK_MAX_EVENTS];
+            runge_kutta(a, guess, at);
+            mk::events(c, Scalar(a + value_of(guess)), at, g);
+            guess -= g[which] / slope;
+            if (!(value_of(guess) > 0.0))
+                guess = guess - value_of(guess) + 1e-3 * value_of(h);
+            if (!(value_of(guess) < value_of(h)))
+                guess = guess - value_of(guess) + 0.999 * value_of(h);
+        }
+        to_switch = guess + PAST;
+        return value_of(to_switch) < value_of(h);
+    }
+
+    // Takes what was read on the way from a to b and moves to y.
+    void arrive(double a, double b, const Scalar *y)
+    {
+        const int ns = c.state_count;
         take_states(a, b);
         take_at_start(a);
         slope_known = readings_before(b);
