@@ -34,6 +34,18 @@ static const struct subcommand subcommands[] = {
      "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf, dop853\n"
      "  --json FILE     figures per joint (rms, nrmse); \"-\": standard output\n",
      sub_simulate},
+    {"identify", "fit a model's parameters to logs",
+     "usage: mechkit identify --model M.ini --out FITTED.ini [options] LOG.csv...\n"
+     "\n"
+     "Fits [parameters], and those of the effects in the model, and says how well they are known.\n"
+     "\n"
+     "  --method NAME     output-error (default): maximum likelihood of the measured angles\n"
+     "  --json FILE       the result with covariance; \"-\": standard output\n"
+     "  --fix NAME        hold a parameter, as p5 or effect.backlash.width; may be repeated\n"
+     "  --validate V.csv  free-run error on a log that was not fitted; may be repeated\n"
+     "  --cutoff HZ       of the filter of the linear methods; default 10\n"
+     "  --threads N       default: all processors\n",
+     sub_identify},
     {"explain", "find out what the simulation gets wrong, and why",
      "usage: mechkit explain --model M.ini --out DIR [--holdout V.csv]... LOG.csv...\n"
      "\n"

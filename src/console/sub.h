@@ -22,6 +22,7 @@ int sub_design(int argc, char **argv);
 int sub_summary(int argc, char **argv);
 int sub_plot(int argc, char **argv);
 int sub_robustness(int argc, char **argv);
+int sub_identify(int argc, char **argv);
 int sub_explain(int argc, char **argv);
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad

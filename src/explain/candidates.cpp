@@ -36,6 +36,8 @@ struct Setting {
     double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1); }
 };
 
+constexpr double TOO_FAST = 3000.0; // 1/s
+
 using Starts = std::vector<std::vector<double>>;
 
 // One row an effect: starting values for a joint, empty where there is nothing to look for.
@@ -83,7 +85,10 @@ Starts quadratic_drag(const Setting &s)
 Starts stiction(const Setting &s)
 {
     Starts all;
-    for (double bend : {0.008, 0.04}) {
+    for (double bend : {0.008, 0.04, 0.2}) {
+        // Bristles that bend and slip thousands of times a second cannot be told from Coulomb's.
+        if (s.speed() / bend > TOO_FAST || (bend > 0.1 && !s.wheel()))
+            continue;
         double g = 2.0 * small(s);
         all.push_back({g / bend, 0.02 * g / bend, g});
     }
@@ -103,7 +108,11 @@ Starts cable_stiffness(const Setting &s)
 }
 Starts cable_hysteresis(const Setting &s)
 {
-    return s.wheel() ? Starts{} : product({3.0 * small(s)}, {0.03, 0.1, 0.4});
+    Starts all;
+    for (double yield : {0.03, 0.1, 0.4})
+        if (!s.wheel() && s.speed() / yield < TOO_FAST)
+            all.push_back({3.0 * small(s), yield});
+    return all;
 }
 Starts cogging(const Setting &s)
 {

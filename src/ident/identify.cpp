@@ -1,0 +1,124 @@
+// mk_identify: the table of methods, and what all of them need done before and after.
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <new>
+
+#include "ident/method.hpp"
+
+namespace
+{
+
+const mk::IdentMethod *const methods[] = {&mk::method_output_error};
+constexpr int method_count = sizeof methods / sizeof methods[0];
+
+const mk::IdentMethod *find(const char *name)
+{
+    for (const mk::IdentMethod *m : methods)
+        if (strcmp(m->info.name, name) == 0)
+            return m;
+    return nullptr;
+}
+
+// A log must move, or there is nothing to learn from it.
+enum mk_status check_motion(const mk_model &model, const mk_record &record, const mk_log *log,
+                            mk_error *err)
+{
+    if (record.rows < 20)
+        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
+                           "%zu rows are too few to fit anything: 20 at least", record.rows);
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        double low = HUGE_VAL, high = -HUGE_VAL, count = 6.283185307179586 / model.encoder_cpr[j];
+        for (size_t k = 0; k < record.rows; k++) {
+            double q = record.q[j][k];
+            if (!std::isnan(q)) {
+                low = q < low ? q : low;
+                high = q > high ? q : high;
+            }
+        }
+        if (high - low >= 3.0 * count)
+            return MK_OK;
+    }
+    return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
+                       "nothing moves in this log: there is nothing to learn from it");
+}
+
+void name_parameters(const mk_ident_options &options, mk_ident_result &r)
+{
+    r.parameter_count = mk_model_parameter_count(&r.model);
+    for (int i = 0; i < r.parameter_count; i++) {
+        mk_ident_parameter &p = r.parameter[i];
+        const mk_parameter_info *info = mk_model_parameter_info(&r.model, i, p.name, sizeof p.name);
+        p.unit = info->unit;
+        p.initial = p.value = mk_model_parameter(&r.model, i);
+        p.std_error = p.crb = std::nan("");
+        p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;
+    }
+}
+
+} // namespace
+
+int mk_ident_method_count(void)
+{
+    return method_count;
+}
+
+const mk_ident_method_info *mk_ident_method(int index)
+{
+    return index >= 0 && index < method_count ? &methods[index]->info : nullptr;
+}
+
+const mk_ident_method_info *mk_ident_method_by_name(const char *name)
+{
+    const mk::IdentMethod *m = name ? find(name) : nullptr;
+    return m ? &m->info : nullptr;
+}
+
+enum mk_status mk_identify(const mk_model *model, const mk_log *const *logs, size_t log_count,
+                           const mk_ident_options *options, mk_ident_result *out, mk_error *err)
+try {
+    auto begin = std::chrono::steady_clock::now();
+    mk::IdentProblem problem = {};
+    problem.model = *model;
+    if (options)
+        problem.options = *options;
+    const char *name = problem.options.method ? problem.options.method : "output-error";
+    const mk::IdentMethod *method = find(name);
+    if (!method)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no method '%s'", name);
+    if (log_count == 0)
+        return mk_error_set(err, MK_ERR_INVALID, "a fit needs a log at least");
+    enum mk_status st = mk_model_check(model, err);
+    for (size_t i = 0; i < log_count && st == MK_OK; i++) {
+        mk_record record;
+        st = mk_record_from_log(logs[i], model, &record, err);
+        if (st == MK_OK)
+            st = check_motion(*model, record, logs[i], err);
+        if (st != MK_OK)
+            return st;
+        problem.logs.push_back(logs[i]);
+        problem.records.push_back(record);
+    }
+    if (st != MK_OK)
+        return st;
+    auto result = std::make_unique<mk_ident_result>();
+    result->model = *model;
+    snprintf(result->method, sizeof result->method, "%s", name);
+    name_parameters(problem.options, *result);
+    st = method->fit(problem, *result, err);
+    if (st != MK_OK)
+        return st;
+    for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
+        double e = result->parameter[i].std_error;
+        if (i < mk_plant(model->plant)->parameter_count)
+            result->model.parameter_stderr[i] = std::isfinite(e) ? e : 0.0;
+    }
+    result->seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    *out = *result;
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory to fit this much data");
+}
