@@ -95,6 +95,7 @@ class Explainer
                 "the model cannot follow the data: are rig, units and signs right?");
         bool given_runs = search->as_given(model, given);
         find_causes();
+        polish_rivals();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         decide(given_runs);
@@ -171,6 +172,7 @@ class Explainer
     }
     void find_causes()
     {
+        search->polish(refit);
         best = refit;
         while (rounds.size() < MK_MAX_CAUSES && !search->cancelled) {
             Round round;
@@ -184,6 +186,7 @@ class Explainer
                 return;
             }
             std::swap(round.field[0], round.field[chosen]);
+            search->polish(round.field[0]);
             best = round.field[0];
             rounds.push_back(std::move(round));
             if (rounds.size() > 1)
@@ -209,6 +212,7 @@ class Explainer
                 continue;
             size_t chosen = pick(field);
             std::swap(field[0], field[chosen]);
+            search->polish(field[0]);
             if (without.score < field[0].score + ENOUGH && without.score < best.score + ENOUGH) {
                 best = without; // not needed any more
                 rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
@@ -234,6 +238,26 @@ class Explainer
             m.effect[e] = m.effect[e + 1];
         m.effect_count--;
         return search->refit(m, &best, without);
+    }
+
+    // Rivals near the best get the same care as the best before they are compared.
+    void polish_rivals()
+    {
+        constexpr double NEAR = 60.0;
+        for (Round &r : rounds) {
+            for (size_t i = 1; i < r.field.size() && i <= 3; i++)
+                if (r.field[i].score < r.field[0].score + NEAR)
+                    search->polish(r.field[i]);
+            std::stable_sort(
+                r.field.begin() + 1, r.field.end(),
+                [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+        }
+        if (rounds.size() == 1 && rounds[0].field.size() > 1 &&
+            !is_library(rounds[0].field[1].added.effect) &&
+            rounds[0].field[1].score < rounds[0].field[0].score) {
+            std::swap(rounds[0].field[0], rounds[0].field[1]);
+            best = rounds[0].field[0];
+        }
     }
 
     // --- verdict -----------------------------------------------------------------------------

@@ -100,6 +100,29 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     return true;
 }
 
+void Search::polish(Hypothesis &h)
+{
+    FitOptions o;
+    o.threads = options.threads;
+    o.max_iterations = mk_model_event_count(&h.point.model) > 0 ? 15 : 60;
+    o.tolerance = 1e-2;
+    Fit fit(logs, o);
+    FitPoint point = h.point;
+    FitPicture picture;
+    std::vector<int> free = adjustable(point.model);
+    for (double drift : {h.drift, 0.1 * h.drift}) {
+        if (drift < 0.9 * TIGHTEST || !fit.settle(point, free, drift, picture))
+            return;
+        double score = picture.evidence + penalty((int)free.size());
+        if (score < h.score) {
+            h.point = point;
+            h.picture = picture;
+            h.drift = drift;
+            h.score = score;
+        }
+    }
+}
+
 // Gain in log likelihood that each linear candidate promises, from the slope of the cost where the
 // candidate is next to nothing. Many are looked at in one pass.
 void Search::screen(const Hypothesis &base, const FitOptions &loose,
@@ -308,9 +331,15 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
         tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
     }
     std::vector<Hypothesis> out;
-    for (Runner &r : runners)
-        if (std::isfinite(r.best.score))
+    for (Runner &r : runners) {
+        // An effect that the fit has switched off is none.
+        const mk_effect_use &last = r.best.point.model.effect[r.best.point.model.effect_count - 1];
+        const mk_parameter_info &size = mk_effect(last.index)->parameter[0];
+        bool off = std::isfinite(r.best.score) && size.min == 0.0 &&
+                   last.value[0] < 1e-7 * std::max(size.initial, 1e-6);
+        if (std::isfinite(r.best.score) && !off)
             out.push_back(std::move(r.best));
+    }
     std::sort(out.begin(), out.end(),
               [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
     return out;

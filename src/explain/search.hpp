@@ -39,6 +39,8 @@ class Search
     bool as_given(const mk_model &model, Hypothesis &out);
     // All adjustable parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
+    // Carries a fit on until it stands still.
+    void polish(Hypothesis &h);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     // `only`: no others than these.
