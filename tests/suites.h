@@ -34,7 +34,8 @@
     X(loop)                                                                                        \
     X(loop_faults)                                                                                 \
     X(board)                                                                                       \
-    X(fault_script)
+    X(fault_script)                                                                                \
+    X(shoot)
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,0 +1,338 @@
+// Shooting and fits: derivatives against differences, trajectories against SUNDIALS, estimates
+// against the truth.
+#include "suites.h"
+
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "mechkit/ident.h"
+#include "sim/shoot.hpp"
+
+namespace
+{
+
+// A command held over samples, a model, and what shooting makes of them.
+struct Bench {
+    mk_model model;
+    std::vector<double> t, u, zero, one;
+    std::vector<double> residual, jac, x_end, jac_end;
+    std::vector<int> free;
+    std::vector<double> scale;
+
+    explicit Bench(enum mk_plant_kind kind, double period = 0.004, int rows = 126)
+    {
+        mk_model_default(kind, &model);
+        for (int k = 0; k < rows; k++) {
+            t.push_back(period * k);
+            u.push_back(1.5 * std::sin(6.0 * t.back()) + 0.4 * std::sin(31.0 * t.back()));
+        }
+        zero.assign(t.size(), 0.0);
+        one.assign(t.size(), 1.0);
+    }
+    mk::ShootTask task(const std::vector<double> &x, bool derivatives)
+    {
+        int ns = mk_model_state_count(&model), n = (int)free.size();
+        static mk::ShootData data;
+        data = {};
+        data.rows = t.size();
+        data.t = t.data();
+        data.u[0] = u.data();
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            data.q[j] = zero.data(), data.w[j] = one.data();
+        int columns = derivatives ? ns + n : 0;
+        residual.assign(4 * t.size(), 0.0);
+        jac.assign(4 * t.size() * (size_t)(ns + n), 0.0);
+        x_end.assign((size_t)ns, 0.0);
+        jac_end.assign((size_t)(ns * (ns + n)), 0.0);
+        scale.assign(free.size(), 1.0);
+        mk::ShootTask k = {};
+        k.model = &model;
+        k.data = &data;
+        k.begin = 0.0;
+        k.end = t.back();
+        k.last = true;
+        k.x = x.data();
+        k.step = 2e-3;
+        k.free_count = derivatives ? n : 0;
+        k.free = free.data();
+        k.scale = scale.data();
+        k.columns = columns;
+        k.x_end = x_end.data();
+        k.jac_end = jac_end.data();
+        k.row_capacity = residual.size();
+        k.residual = residual.data();
+        k.jac = jac.data();
+        return k;
+    }
+    std::vector<double> predicted(const std::vector<double> &x)
+    {
+        mk::ShootTask k = task(x, false);
+        mk::shoot(k);
+        ck_assert(k.finite);
+        std::vector<double> y(residual.begin(), residual.begin() + (long)k.row_count);
+        for (double &r : y)
+            r = -r;
+        return y;
+    }
+};
+
+void add(mk_model &m, const char *name, int joint, std::initializer_list<double> values)
+{
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_model_add_effect(&m, name, joint, &err) == MK_OK, "%s", err.message);
+    int i = 0;
+    for (double v : values)
+        m.effect[m.effect_count - 1].value[i++] = v;
+}
+
+// Derivatives by everything against central differences of the same trajectory.
+void check_derivatives(Bench &b, std::vector<double> x, double tolerance)
+{
+    int ns = mk_model_state_count(&b.model), np = mk_model_parameter_count(&b.model);
+    b.free.clear();
+    for (int i = 0; i < np; i++)
+        b.free.push_back(i);
+    mk::ShootTask k = b.task(x, true);
+    mk::shoot(k);
+    ck_assert(k.finite);
+    size_t rows = k.row_count;
+    std::vector<double> jac = b.jac;
+    for (int c = 0; c < ns + np; c++) {
+        std::vector<double> y[2];
+        double v = c < ns ? x[(size_t)c] : mk_model_parameter(&b.model, c - ns);
+        double h = 1e-6 * std::fmax(std::fabs(v), 1e-2);
+        for (int side = 0; side < 2; side++) {
+            double moved = v + (side ? h : -h);
+            mk_model kept = b.model;
+            std::vector<double> x1 = x;
+            if (c < ns)
+                x1[(size_t)c] = moved;
+            else
+                mk_model_set_parameter(&b.model, c - ns, moved);
+            y[side] = b.predicted(x1);
+            b.model = kept;
+        }
+        double largest = 0.0, off = 0.0;
+        ck_assert_uint_eq(y[0].size(), rows);
+        for (size_t r = 0; r < rows; r++) {
+            double difference = (y[1][r] - y[0][r]) / (2.0 * h);
+            largest = std::fmax(largest, std::fabs(difference));
+            off = std::fmax(off, std::fabs(difference - jac[r * (size_t)(ns + np) + (size_t)c]));
+        }
+        ck_assert_msg(off <= tolerance * (1.0 + largest), "column %d: off by %g of %g", c, off,
+                      largest);
+    }
+}
+
+} // namespace
+
+START_TEST(derivatives_are_those_of_the_trajectory)
+{
+    Bench b((enum mk_plant_kind)_i);
+    std::vector<double> x((size_t)mk_model_state_count(&b.model), 0.1);
+    check_derivatives(b, x, 4e-3);
+}
+END_TEST
+
+START_TEST(derivatives_by_delays_lags_and_bristles_are_exact)
+{
+    Bench b(MK_PLANT_PENDUBOT);
+    add(b.model, "input-delay", 0, {0.0057});
+    add(b.model, "sensor-delay", 2, {0.0031});
+    add(b.model, "actuator-lag", 0, {0.011});
+    add(b.model, "stiction", 2, {2.0, 0.02, 0.05});
+    std::vector<double> x((size_t)mk_model_state_count(&b.model), 0.05);
+    x[0] = -1.4;
+    check_derivatives(b, x, 1e-2);
+}
+END_TEST
+
+START_TEST(derivatives_through_contact_include_its_instant)
+{
+    Bench b(MK_PLANT_PENDULUM);
+    add(b.model, "end-stop", 1, {0.15, 60.0, 0.4});
+    std::vector<double> x = {0.05, 2.5};
+    check_derivatives(b, x, 1e-2);
+}
+END_TEST
+
+START_TEST(trajectories_agree_with_sundials)
+{
+    Bench b((enum mk_plant_kind)_i);
+    int ns = mk_model_state_count(&b.model);
+    std::vector<double> x((size_t)ns, 0.1);
+    (void)b.predicted(x);
+    mk_sim *sim = nullptr;
+    mk_error err = MK_ERROR_INIT;
+    mk_sim_config config = {MK_SOLVER_CVODE_ADAMS, 1e-11, 1e-12};
+    ck_assert_int_eq(mk_sim_create(&b.model, &config, &sim, &err), MK_OK);
+    ck_assert_int_eq(mk_sim_reset(sim, 0.0, x.data(), nullptr), MK_OK);
+    for (size_t k = 0; k + 1 < b.t.size(); k++) {
+        double u[2] = {b.u[k], 0.0};
+        ck_assert_int_eq(mk_sim_advance(sim, b.t[k + 1], u, &err), MK_OK);
+    }
+    // A tenth of a count of a 4000 line encoder, over half a second.
+    for (int i = 0; i < mk_model_joints(&b.model); i++)
+        ck_assert_double_eq_tol(b.x_end[(size_t)i], mk_sim_state(sim)[i], 1.6e-4);
+    mk_sim_destroy(sim);
+}
+END_TEST
+
+// --- output error
+// ----------------------------------------------------------------------------------
+
+namespace
+{
+
+double normal(unsigned &seed)
+{
+    double sum = -6.0;
+    for (int i = 0; i < 12; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        sum += (double)(seed >> 8) / 16777216.0;
+    }
+    return sum;
+}
+
+// A log of the model under a multisine, by SUNDIALS, with normal noise on the readings.
+mk_log *record(const mk_model &model, double seconds, double rate, double noise, unsigned seed)
+{
+    size_t rows = (size_t)(seconds * rate);
+    mk_log *log = nullptr;
+    ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+    double *t = mk_log_add_column(log, "t");
+    double *q[2] = {mk_log_add_column(log, "q1"), nullptr};
+    int n = mk_model_joints(&model);
+    if (n > 1)
+        q[1] = mk_log_add_column(log, "q2");
+    double *u = mk_log_add_column(log, "u");
+    mk_sim *sim = nullptr;
+    mk_error err = MK_ERROR_INIT;
+    double x[MK_MAX_STATES], zero[2] = {0.0, 0.0};
+    mk_model_initial_state(&model, mk_plant(model.plant)->rest, zero, x);
+    ck_assert_int_eq(mk_sim_create(&model, nullptr, &sim, &err), MK_OK);
+    ck_assert_int_eq(mk_sim_reset(sim, 0.0, x, nullptr), MK_OK);
+    for (size_t k = 0; k < rows; k++) {
+        double y[2];
+        t[k] = (double)k / rate;
+        u[k] = 2.0 * std::sin(6.0 * t[k]) + 1.5 * std::sin(13.1 * t[k] + 1.0);
+        mk_sim_measure(sim, y);
+        for (int j = 0; j < n; j++)
+            q[j][k] = y[j] + noise * normal(seed);
+        double command[2] = {u[k], 0.0};
+        ck_assert_int_eq(mk_sim_advance(sim, (double)(k + 1) / rate, command, &err), MK_OK);
+    }
+    mk_sim_destroy(sim);
+    return log;
+}
+
+} // namespace
+
+START_TEST(output_error_finds_the_parameters_of_every_plant)
+{
+    mk_model truth, given;
+    mk_model_default((enum mk_plant_kind)_i, &truth);
+    given = truth;
+    for (int p = 0; p < mk_plant(truth.plant)->parameter_count; p++)
+        given.parameter[p] *= p % 2 ? 1.12 : 0.9;
+    mk_log *log = record(truth, 4.0, 250.0, 2e-4, 7u);
+    static mk_ident_result r;
+    mk_error err = MK_ERROR_INIT;
+    mk_ident_options options = {};
+    options.threads = 1;
+    ck_assert_msg(mk_identify(&given, &log, 1, &options, &r, &err) == MK_OK, "%s", err.message);
+    for (int p = 0; p < mk_plant(truth.plant)->parameter_count; p++) {
+        ck_assert_msg(r.parameter[p].std_error < 0.1 * truth.parameter[p], "%s +- %g",
+                      r.parameter[p].name, r.parameter[p].std_error);
+        ck_assert_msg(std::fabs(r.parameter[p].value - truth.parameter[p]) <
+                          4.0 * r.parameter[p].std_error,
+                      "%s = %g +- %g, not %g", r.parameter[p].name, r.parameter[p].value,
+                      r.parameter[p].std_error, truth.parameter[p]);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(output_error_fits_effects_too)
+{
+    mk_model truth, given;
+    mk_model_default(MK_PLANT_PENDULUM, &truth);
+    add(truth, "quadratic-drag", 1, {0.02});
+    add(truth, "input-delay", 0, {0.006});
+    given = truth;
+    given.effect[0].value[0] = 0.001;
+    given.effect[1].value[0] = 0.001;
+    mk_log *log = record(truth, 4.0, 250.0, 2e-4, 3u);
+    static mk_ident_result r;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_identify(&given, &log, 1, nullptr, &r, &err) == MK_OK, "%s", err.message);
+    ck_assert_str_eq(r.parameter[4].name, "effect.quadratic-drag.coefficient");
+    ck_assert_double_eq_tol(r.parameter[4].value, 0.02, 4.0 * r.parameter[4].std_error);
+    ck_assert_double_eq_tol(r.parameter[5].value, 0.006, 4.0 * r.parameter[5].std_error);
+    ck_assert_double_lt(r.parameter[5].std_error, 2e-4);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(intervals_of_output_error_hold_the_truth_as_often_as_they_say)
+{
+    mk_model truth;
+    mk_model_default(MK_PLANT_PENDULUM, &truth);
+    int inside = 0, all = 0;
+    for (unsigned draw = 0; draw < 40; draw++) {
+        mk_log *log = record(truth, 2.0, 100.0, 1e-3, 100u + draw);
+        static mk_ident_result r;
+        mk_error err = MK_ERROR_INIT;
+        mk_ident_options options = {};
+        options.threads = 1;
+        ck_assert_int_eq(mk_identify(&truth, &log, 1, &options, &r, &err), MK_OK);
+        for (int p = 0; p < 4; p++, all++)
+            inside += std::fabs(r.parameter[p].value - truth.parameter[p]) <
+                      1.96 * r.parameter[p].std_error;
+        mk_log_free(log);
+    }
+    // 95 % of 160; four standard deviations either way.
+    ck_assert_int_ge(inside, (int)(all * 0.88));
+}
+END_TEST
+
+START_TEST(a_log_that_says_nothing_is_refused)
+{
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    mk_log *log = nullptr;
+    ck_assert_int_eq(mk_log_create(100, &log), MK_OK);
+    double *t = mk_log_add_column(log, "t"), *q = mk_log_add_column(log, "q1");
+    double *u = mk_log_add_column(log, "u");
+    for (int k = 0; k < 100; k++)
+        t[k] = 0.01 * k, q[k] = 0.0, u[k] = 0.0;
+    static mk_ident_result r;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_identify(&m, &log, 1, nullptr, &r, &err), MK_ERR_RANGE);
+    ck_assert_ptr_nonnull(strstr(err.message, "nothing moves"));
+    mk_ident_options options = {};
+    options.method = "guessing";
+    ck_assert_int_eq(mk_identify(&m, &log, 1, &options, &r, &err), MK_ERR_NOTFOUND);
+    mk_log_free(log);
+}
+END_TEST
+
+Suite *suite_shoot(void)
+{
+    Suite *s = suite_create("shoot");
+    TCase *t = tcase_create("derivatives");
+    tcase_add_loop_test(t, derivatives_are_those_of_the_trajectory, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, derivatives_by_delays_lags_and_bristles_are_exact);
+    tcase_add_test(t, derivatives_through_contact_include_its_instant);
+    tcase_add_loop_test(t, trajectories_agree_with_sundials, 0, MK_PLANT_COUNT);
+    suite_add_tcase(s, t);
+    t = tcase_create("output-error");
+    tcase_set_timeout(t, 60);
+    tcase_add_loop_test(t, output_error_finds_the_parameters_of_every_plant, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, output_error_fits_effects_too);
+    tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
+    tcase_add_test(t, a_log_that_says_nothing_is_refused);
+    suite_add_tcase(s, t);
+    return s;
+}
