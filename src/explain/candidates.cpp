@@ -234,7 +234,14 @@ Starts custom(const Setting &s)
              position = n == 5 || n == 6 || n == 14 || n == 15;
         if ((other && !two) || (position && s.wheel()))
             continue;
-        all.push_back({1e-2 * small(s), (double)n});
+        // Powers of the speeds and of the angle in a term.
+        static const double own[] = {3, 4, 0, 4, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0};
+        static const double others[] = {0, 0, 2, 0, 0, 0, 1, 0, 2, 2, 0, 0, 0, 0, 0, 1, 2};
+        double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
+        double size = std::pow(s.speed(), own[n - 1]) * std::pow(w, others[n - 1]);
+        if (n == 12 || n == 13)
+            size = std::pow(s.range->u_max, n - 10);
+        all.push_back({0.1 * small(s) / size, (double)n});
     }
     return all;
 }

@@ -137,22 +137,31 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
     const std::vector<int> own = adjustable(base.point.model);
     std::atomic<size_t> done{0};
     for_all(options.threads, groups, [&](size_t g) {
-        mk_model model = base.point.model;
+        mk_model model;
         std::vector<size_t> members;
-        for (size_t k = g * TOGETHER; k < std::min(linear.size(), (g + 1) * TOGETHER); k++) {
-            Candidate c = all[linear[k]];
-            c.value[0] *= 1e-3;
-            mk_model more;
-            if (with_candidate(model, c, more)) {
-                model = more;
-                members.push_back(linear[k]);
-            }
-        }
+        std::vector<int> free;
+        FitPicture p;
         Fit fit(logs, loose);
-        FitPoint point = base.point;
-        point.model = model;
-        const std::vector<int> free = adjustable(model);
-        FitPicture p = fit.picture(point, free);
+        // So little of each that the trajectory stays where it is.
+        for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
+            model = base.point.model;
+            members.clear();
+            for (size_t k = g * TOGETHER; k < std::min(linear.size(), (g + 1) * TOGETHER); k++) {
+                Candidate c = all[linear[k]];
+                c.value[0] *= share;
+                mk_model more;
+                if (with_candidate(model, c, more)) {
+                    model = more;
+                    members.push_back(linear[k]);
+                }
+            }
+            FitPoint point = base.point;
+            point.model = model;
+            free = adjustable(model);
+            p = fit.picture(point, free);
+            if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
+                break;
+        }
         if (!p.finite)
             return;
         int first = mk_plant(model.plant)->parameter_count;
