@@ -93,12 +93,11 @@ class Explainer
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
-        bool given_runs = search->as_given(model, given);
         find_causes();
         polish_rivals();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
-        decide(given_runs);
+        decide();
         return measure(err);
     }
 
@@ -114,7 +113,7 @@ class Explainer
     std::vector<OwnedLog> made;
     std::vector<const mk_log *> held;
     std::unique_ptr<Search> search;
-    Hypothesis given, refit, best;
+    Hypothesis refit, best;
     std::vector<Round> rounds; // one a cause of `best`, in its order
 
     enum mk_status load(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
@@ -262,14 +261,14 @@ class Explainer
 
     // --- verdict -----------------------------------------------------------------------------
 
-    void decide(bool given_runs)
+    void decide()
     {
         out.given = model;
         out.refit = refit.point.model;
         out.extended = best.point.model;
         out.drift_refit = refit.drift;
         out.drift_extended = best.drift;
-        out.gain_refit = given_runs ? given.picture.evidence - refit.picture.evidence : UNKNOWN;
+        out.gain_refit = 0.5 * distance_of_given();
         out.gain_extended = refit.picture.evidence - best.picture.evidence;
         for (int j = 0; j < MK_MAX_JOINTS; j++)
             out.noise[j] = best.point.noise[j];
@@ -278,7 +277,7 @@ class Explainer
             library = library || is_library(r.field[0].added.effect);
         bool faithful = best.drift <= std::max(IMMATERIAL, 1e-3 * refit.drift);
         if (rounds.empty() && faithful)
-            out.verdict = values_off(given_runs) ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+            out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
         else if (!rounds.empty() && !library && faithful)
             out.verdict = MK_VERDICT_EFFECT;
         else
@@ -288,23 +287,19 @@ class Explainer
         if (out.verdict == MK_VERDICT_UNKNOWN)
             describe_structure();
     }
-    // Are the given values outside of what the estimate allows?
-    bool values_off(bool given_runs) const
+    // How far the given values are from the estimate, in its own covariance: chi-square distributed
+    // if they are right.
+    double distance_of_given() const
     {
-        if (!given_runs)
-            return true;
-        long n = refit.free_count;
         std::vector<int> free = adjustable(refit.point.model);
-        Eigen::VectorXd off(n);
-        for (long i = 0; i < n; i++)
+        Eigen::VectorXd off((long)free.size());
+        for (long i = 0; i < off.size(); i++)
             off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
                       mk_model_parameter(&refit.point.model, free[(size_t)i])) /
                      Fit::scale_of(refit.point.model, free[(size_t)i]);
-        double distance = off.dot(refit.picture.information * off);
-        double likelihood = 2.0 * (given.picture.evidence - refit.picture.evidence);
-        return chi2_tail(std::min(distance, std::max(likelihood, 0.0) + 4.0 * (double)n), (int)n) <
-               1e-4;
+        return off.dot(refit.picture.information * off);
     }
+    bool values_off() const { return chi2_tail(distance_of_given(), refit.free_count) < 1e-4; }
     void describe_causes()
     {
         std::vector<int> free = adjustable(best.point.model);

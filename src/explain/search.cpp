@@ -14,8 +14,9 @@ namespace
 {
 
 constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
+constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr int QUICK_ITERATIONS = 5;
-constexpr double FAR_BEHIND = 60.0; // log likelihood at the same drift
+constexpr double FAR_BEHIND = 40.0; // log likelihood at the same drift
 // A model that needs no more drift than this follows its data; what moves or stores something of
 // its own cannot be hidden in what is left.
 constexpr double FAITHFUL = 1.5e-3;
@@ -68,20 +69,6 @@ void Search::finish(Fit &fit, Hypothesis &h) const
 {
     h.drift = fit.options.drift[0];
     h.score = h.picture.evidence + 0.5 * h.free_count * std::log(std::max(reading_count, 2.0));
-}
-
-bool Search::as_given(const mk_model &model, Hypothesis &out)
-{
-    FitOptions o;
-    o.threads = options.threads;
-    Fit fit(logs, o);
-    out.point = fit.start(model);
-    out.free_count = 0;
-    data = data_range(model, logs);
-    if (!fit.descend(out.point, {}, LOOSEST, TIGHTEST, out.picture))
-        return false;
-    finish(fit, out);
-    return true;
 }
 
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
@@ -232,6 +219,16 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     return true;
 }
 
+// A model that follows its data lacks nothing that stores or strikes; of what remains, the mildest
+// start will do.
+bool Search::worth_trying(const Hypothesis &base, const std::vector<Candidate> &all, size_t i)
+{
+    if (base.drift > FAITHFUL)
+        return true;
+    bool first = i == 0 || !same_place(all[i - 1], all[i]);
+    return first && all[i].effect->state_count == 0;
+}
+
 std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector<Candidate> *only)
 {
     std::vector<Candidate> all = only ? *only : candidates(base.point.model, data);
@@ -266,7 +263,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
             tries.push_back(i);
     }
     for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (only || base.drift > FAITHFUL || all[i].effect->state_count == 0))
+        if (!all[i].linear && (only || worth_trying(base, all, i)))
             tries.push_back(i);
     std::vector<Trial> trials(tries.size());
     std::atomic<size_t> done{0};
@@ -309,9 +306,10 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
         runners[i].free = adjustable(runners[i].point.model);
         runners[i].best.free_count = (int)runners[i].free.size();
     }
-    double first = std::max(base.drift, 0.1), stages = std::log10(first / TIGHTEST) + 1.0;
+    double first = std::max(base.drift, 0.1),
+           stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
-    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= 0.1, stage++) {
+    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
         for_all(options.threads, runners.size(), [&](size_t i) {
             Runner &r = runners[i];
             if (!r.running)

@@ -25,7 +25,7 @@ struct Hypothesis {
 
 struct SearchOptions {
     int threads = 2;
-    int finalists = 8; // candidates that get a full fit
+    int finalists = 6; // candidates that get a full fit
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
 };
@@ -35,8 +35,6 @@ class Search
   public:
     Search(std::vector<const FitLog *> logs, const SearchOptions &options);
 
-    // The model as it is: states alone are fitted.
-    bool as_given(const mk_model &model, Hypothesis &out);
     // All adjustable parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
     // Carries a fit on until it stands still.
@@ -70,6 +68,7 @@ class Search
                 std::vector<double> &gain);
     static double promised(const FitPicture &picture, const std::vector<int> &free,
                            const std::vector<int> &wanted);
+    static bool worth_trying(const Hypothesis &base, const std::vector<Candidate> &all, size_t i);
     double penalty(int parameters) const;
     bool try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
                  double reference, Trial &trial);
