@@ -134,7 +134,7 @@ Starts end_stop(const Setting &s)
     double span = s.range->q_max[s.j] - s.range->q_min[s.j];
     double k = s.inertia() * 40.0 * 40.0;
     Starts all;
-    for (double in : {0.02, 0.08, 0.2})
+    for (double in : {0.03, 0.15})
         all.push_back({s.range->q_max[s.j] - in * span, k, 0.02 * k});
     return all;
 }
@@ -150,9 +150,7 @@ Starts backlash(const Setting &s)
         return {};
     double share = s.motor() ? 0.2 : 0.075, light = share * s.inertia();
     double k = light * 150.0 * 150.0;
-    return {{0.006, k, 30.0 * light, share, 4.0},
-            {0.02, k, 30.0 * light, share, 4.0},
-            {0.05, k, 30.0 * light, share, 4.0}};
+    return {{0.01, k, 30.0 * light, share, 4.0}, {0.04, k, 30.0 * light, share, 4.0}};
 }
 Starts input_delay(const Setting &)
 {
@@ -184,7 +182,7 @@ Starts actuator_lag(const Setting &)
 Starts saturation(const Setting &s)
 {
     Starts all;
-    for (double share : {0.97, 0.85, 0.65, 0.45})
+    for (double share : {0.95, 0.75, 0.5})
         all.push_back({share * s.range->u_max});
     return all;
 }

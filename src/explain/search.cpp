@@ -205,6 +205,8 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     if (!with_candidate(base.point.model, candidate, model))
         return false;
     Fit fit(logs, loose);
+    if (candidate.effect->event_count > 0)
+        fit.options.max_iterations = QUICK_ITERATIONS - 2;
     FitPoint p = fit.adopt(base.point, model);
     std::vector<int> free = adjustable(model);
     if (!fit.minimise(p, free))
@@ -265,6 +267,11 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
     for (size_t i = 0; i < all.size(); i++)
         if (!all[i].linear && (only || worth_trying(base, all, i)))
             tries.push_back(i);
+    // What takes longest goes first, so that no thread is left with it alone at the end.
+    std::stable_sort(tries.begin(), tries.end(), [&](size_t a, size_t b) {
+        return all[a].effect->event_count + all[a].effect->state_count >
+               all[b].effect->event_count + all[b].effect->state_count;
+    });
     std::vector<Trial> trials(tries.size());
     std::atomic<size_t> done{0};
     for_all(options.threads, tries.size(), [&](size_t k) {
@@ -315,7 +322,7 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
             if (!r.running)
                 return;
             FitOptions o;
-            o.max_iterations = mk_model_event_count(&r.point.model) > 0 ? 8 : 20;
+            o.max_iterations = mk_model_event_count(&r.point.model) > 0 ? 6 : 20;
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);
