@@ -35,7 +35,8 @@
     X(loop_faults)                                                                                 \
     X(board)                                                                                       \
     X(fault_script)                                                                                \
-    X(shoot)
+    X(shoot)                                                                                       \
+    X(linear)
 
 #ifdef __cplusplus
 extern "C" {

@@ -11,7 +11,8 @@
 namespace
 {
 
-const mk::IdentMethod *const methods[] = {&mk::method_output_error};
+const mk::IdentMethod *const methods[] = {&mk::method_output_error, &mk::method_sls,
+                                          &mk::method_wls, &mk::method_energy};
 constexpr int method_count = sizeof methods / sizeof methods[0];
 
 const mk::IdentMethod *find(const char *name)

@@ -27,6 +27,7 @@ struct IdentMethod {
 
 // The methods' rows, in the file that defines each.
 extern const IdentMethod method_output_error;
+extern const IdentMethod method_sls, method_wls, method_energy;
 
 } // namespace mk
 #endif
