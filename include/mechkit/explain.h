@@ -45,6 +45,15 @@ struct mk_rival {
     bool distinguishable;
 };
 
+/* What pushed the rig beyond the refitted model during one stretch of the training data. */
+struct mk_push {
+    double t;                                  /* s from the start of its log */
+    double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS]; /* in the middle of the stretch */
+    double u;
+    double torque[MK_MAX_JOINTS]; /* mean missing torque in the equation of each joint */
+};
+#define MK_MAX_PUSHES 400
+
 struct mk_explain_options {
     int threads;     /* 0: as many as there are processors */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
@@ -76,6 +85,9 @@ struct mk_explanation {
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
     double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
     double closed;
+    int push_count;
+    struct mk_push push[MK_MAX_PUSHES];
+    double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation */
     double seconds;
 };
 
@@ -93,6 +105,11 @@ MK_NODISCARD enum mk_status mk_explanation_write_json(const struct mk_explanatio
                                                       const char *path,
                                                       const char *const *holdout_names,
                                                       size_t holdout_count, const char *next_why,
+                                                      struct mk_error *err);
+
+/* Writes report.html, self-contained, with plots; `log` is a held-out log to show the models on. */
+MK_NODISCARD enum mk_status mk_explanation_write_html(const struct mk_explanation *explanation,
+                                                      const char *path, const struct mk_log *log,
                                                       struct mk_error *err);
 
 #ifdef __cplusplus

@@ -142,6 +142,10 @@ static void print_explanation(const struct mk_explanation *e)
         for (int i = 0; i < e->cause_count; i++)
             print_cause(&e->cause[i]);
     print_rivals(e);
+    if (e->verdict >= MK_VERDICT_EFFECT)
+        for (int j = 0; j < mk_model_joints(&e->given); j++)
+            printf("  missing torque in the equation of joint %d: %.3g rms\n", j + 1,
+                   e->missing[j]);
     printf("Free runs of %g s on held-out data, error over standard deviation:\n", e->window_s);
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         printf("  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
@@ -159,7 +163,7 @@ static enum mk_status make_directory(const char *path, struct mk_error *err)
 }
 
 static enum mk_status write_reports(const struct options *o, const struct mk_explanation *e,
-                                    struct mk_error *err)
+                                    const struct mk_log *shown, struct mk_error *err)
 {
     char path[4096], comment[256];
     enum mk_status st = make_directory(o->out, err);
@@ -173,6 +177,9 @@ static enum mk_status write_reports(const struct options *o, const struct mk_exp
     if (st == MK_OK)
         st = mk_explanation_write_json(e, path, given ? o->holdout : &o->input[o->input_count - 1],
                                        given ? o->holdout_count : 1, NULL, err);
+    snprintf(path, sizeof path, "%s/report.html", o->out);
+    if (st == MK_OK)
+        st = mk_explanation_write_html(e, path, shown, err);
     return st;
 }
 
@@ -203,7 +210,7 @@ int sub_explain(int argc, char **argv)
     if (percent >= 0)
         fprintf(stderr, "\r%30s\r", "");
     if (st == MK_OK)
-        st = write_reports(&o, &e, &err);
+        st = write_reports(&o, &e, o.holdout_count ? holdouts[0] : logs[o.input_count - 1], &err);
     if (st == MK_OK)
         print_explanation(&e);
     for (size_t i = 0; i < MAX_FILES; i++) {

@@ -98,6 +98,7 @@ class Explainer
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         decide();
+        find_pushes();
         return measure(err);
     }
 
@@ -383,6 +384,53 @@ class Explainer
                 out.rival[out.rival_count++] = e.rival;
     }
     void describe_structure();
+
+    // --- what pushes the rig -----------------------------------------------------------------
+
+    // Between stretches the refitted model had to be pushed to follow the data: by this torque,
+    // spread over the stretch.
+    void find_pushes()
+    {
+        FitOptions o;
+        o.threads = options.threads;
+        for (double &d : o.drift)
+            d = std::max(refit.drift, 1e-3);
+        Fit fit(training, o);
+        FitResiduals r = fit.residuals(refit.point);
+        int n = mk_model_joints(&model);
+        size_t total = 0, index = 0;
+        for (const FitNodes &nodes : refit.point.nodes)
+            total += nodes.row.size();
+        size_t skip = total / MK_MAX_PUSHES + 1;
+        double squares[MK_MAX_JOINTS] = {0.0, 0.0};
+        for (size_t l = 0; l < training.size(); l++) {
+            const FitNodes &nodes = refit.point.nodes[l];
+            for (size_t i = 1; i < nodes.row.size(); i++) {
+                double span = training[l]->t[nodes.row[i]] - training[l]->t[nodes.row[i - 1]];
+                double mass[4], h[2], q[2] = {0.0, 0.0}, v[2] = {0.0, 0.0}, a[2] = {0.0, 0.0};
+                for (int j = 0; j < n; j++) {
+                    q[j] = 0.5 * (nodes.x(j, (long)i) + nodes.x(j, (long)i - 1));
+                    v[j] = 0.5 * (nodes.x(n + j, (long)i) + nodes.x(n + j, (long)i - 1));
+                    a[j] = r.jump[l](n + j, (long)i) / span;
+                }
+                mk_plant_mass(&refit.point.model, q, v, mass, h);
+                mk_push push = {};
+                push.t = training[l]->t[nodes.row[i]] - 0.5 * span;
+                push.u = training[l]->u[0][(nodes.row[i] + nodes.row[i - 1]) / 2];
+                for (int j = 0; j < n; j++) {
+                    push.q[j] = q[j];
+                    push.v[j] = v[j];
+                    for (int k = 0; k < n; k++)
+                        push.torque[j] += mass[j * n + k] * a[k];
+                    squares[j] += push.torque[j] * push.torque[j];
+                }
+                if (index++ % skip == 0 && out.push_count < MK_MAX_PUSHES)
+                    out.push[out.push_count++] = push;
+            }
+        }
+        for (int j = 0; j < n; j++)
+            out.missing[j] = std::sqrt(squares[j] / std::max<double>((double)index, 1.0));
+    }
 
     // --- held-out data -----------------------------------------------------------------------
 

@@ -1,0 +1,376 @@
+// report.html: one page without anything outside of it, for a phone and for paper.
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mechkit/explain.h"
+#include "mechkit/sim.h"
+
+namespace
+{
+
+MK_PRINTF(2, 3) void add(std::string &s, const char *format, ...)
+{
+    char text[1024];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    s += text;
+}
+
+std::string escaped(const std::string &text)
+{
+    std::string s;
+    for (char c : text) {
+        if (c == '<')
+            s += "&lt;";
+        else if (c == '>')
+            s += "&gt;";
+        else if (c == '&')
+            s += "&amp;";
+        else
+            s += c;
+    }
+    return s;
+}
+
+std::string cause_name(const mk_effect_info *effect, int joint)
+{
+    std::string s = effect->name;
+    if (joint > 0)
+        s += " at joint " + std::to_string(joint);
+    return s;
+}
+
+// --- plots
+// -----------------------------------------------------------------------------------------
+
+struct Series {
+    std::vector<double> x, y;
+    const char *style; // class of its line, or "dots"
+    const char *label;
+};
+
+// A round step that divides a span into about five.
+double round_step(double span)
+{
+    double raw = span / 5.0, power = std::pow(10.0, std::floor(std::log10(raw)));
+    for (double m : {1.0, 2.0, 5.0})
+        if (m * power >= raw)
+            return m * power;
+    return 10.0 * power;
+}
+
+class Plot
+{
+  public:
+    Plot(const char *x_title, const char *y_title) : x_name(x_title), y_name(y_title) {}
+    void add_series(Series s) { all.push_back(std::move(s)); }
+
+    std::string svg() const
+    {
+        double x0 = HUGE_VAL, x1 = -HUGE_VAL, y0 = HUGE_VAL, y1 = -HUGE_VAL;
+        for (const Series &s : all)
+            for (size_t i = 0; i < s.x.size(); i++) {
+                if (!std::isfinite(s.x[i]) || !std::isfinite(s.y[i]))
+                    continue;
+                x0 = std::min(x0, s.x[i]), x1 = std::max(x1, s.x[i]);
+                y0 = std::min(y0, s.y[i]), y1 = std::max(y1, s.y[i]);
+            }
+        if (!(x1 > x0) || !std::isfinite(y0))
+            return "";
+        if (!(y1 > y0))
+            y0 -= 1.0, y1 += 1.0;
+        double pad = 0.06 * (y1 - y0);
+        Frame f = {x0, x1, y0 - pad, y1 + pad};
+        std::string s = "<svg viewBox='0 0 640 270' role='img'>";
+        axes(s, f);
+        for (const Series &one : all)
+            draw(s, f, one);
+        legend(s);
+        return s + "</svg>";
+    }
+
+  private:
+    struct Frame {
+        double x0, x1, y0, y1;
+        double px(double x) const { return 62.0 + 566.0 * (x - x0) / (x1 - x0); }
+        double py(double y) const { return 222.0 - 190.0 * (y - y0) / (y1 - y0); }
+    };
+    const char *x_name, *y_name;
+    std::vector<Series> all;
+
+    void axes(std::string &s, const Frame &f) const
+    {
+        add(s, "<rect class='frame' x='62' y='32' width='566' height='190'/>");
+        double step = round_step(f.x1 - f.x0);
+        for (double x = std::ceil(f.x0 / step) * step; x <= f.x1 + 1e-9 * step; x += step)
+            add(s, "<text class='tick' x='%.1f' y='238' text-anchor='middle'>%.4g</text>", f.px(x),
+                std::fabs(x) < 1e-9 * step ? 0.0 : x);
+        step = round_step(f.y1 - f.y0);
+        for (double y = std::ceil(f.y0 / step) * step; y <= f.y1 + 1e-9 * step; y += step) {
+            add(s, "<line class='grid' x1='62' x2='628' y1='%.1f' y2='%.1f'/>", f.py(y), f.py(y));
+            add(s, "<text class='tick' x='57' y='%.1f' text-anchor='end'>%.4g</text>",
+                f.py(y) + 4.0, std::fabs(y) < 1e-9 * step ? 0.0 : y);
+        }
+        add(s, "<text class='tick' x='345' y='260' text-anchor='middle'>%s</text>", x_name);
+        add(s, "<text class='tick' x='62' y='24'>%s</text>", y_name);
+    }
+    static void draw(std::string &s, const Frame &f, const Series &one)
+    {
+        if (strcmp(one.style, "dots") == 0) {
+            for (size_t i = 0; i < one.x.size(); i++)
+                if (std::isfinite(one.y[i]))
+                    add(s, "<circle class='dots' cx='%.1f' cy='%.1f' r='1.7'/>", f.px(one.x[i]),
+                        f.py(one.y[i]));
+            return;
+        }
+        bool open = false;
+        for (size_t i = 0; i < one.x.size(); i++) {
+            bool there = std::isfinite(one.y[i]);
+            if (there && !open)
+                add(s, "<polyline class='%s' points='", one.style);
+            if (there)
+                add(s, "%.1f,%.1f ", f.px(one.x[i]), f.py(one.y[i]));
+            else if (open)
+                s += "'/>";
+            open = there;
+        }
+        if (open)
+            s += "'/>";
+    }
+    void legend(std::string &s) const
+    {
+        double x = 628.0;
+        for (size_t i = all.size(); i-- > 0;) {
+            if (!all[i].label)
+                continue;
+            x -= 8.0 * (double)strlen(all[i].label) + 34.0;
+            if (strcmp(all[i].style, "dots") == 0)
+                add(s, "<circle class='dots' cx='%.1f' cy='20' r='3'/>", x + 12.0);
+            else
+                add(s, "<polyline class='%s' points='%.1f,20 %.1f,20'/>", all[i].style, x,
+                    x + 24.0);
+            add(s, "<text class='tick' x='%.1f' y='24'>%s</text>", x + 29.0, all[i].label);
+        }
+    }
+};
+
+// --- sections
+// --------------------------------------------------------------------------------------
+
+struct LogFree {
+    void operator()(mk_log *log) const { mk_log_free(log); }
+};
+using OwnedLog = std::unique_ptr<mk_log, LogFree>;
+
+OwnedLog predicted(const mk_model &model, const mk_log *log, double window)
+{
+    mk_predict_options o = {};
+    o.window_s = window;
+    mk_log *made = nullptr;
+    if (mk_predict(&model, log, &o, &made, nullptr, nullptr, nullptr) != MK_OK)
+        return nullptr;
+    return OwnedLog(made);
+}
+
+// Error of both models over the held-out data, joint by joint.
+std::string error_plots(const mk_explanation &e, const mk_log *log)
+{
+    OwnedLog before = predicted(e.refit, log, e.window_s);
+    OwnedLog after = predicted(e.extended, log, e.window_s);
+    mk_record record;
+    std::string s;
+    if (!before || !after || mk_record_from_log(log, &e.given, &record, nullptr) != MK_OK)
+        return s;
+    size_t step = record.rows / 1500 + 1;
+    for (int j = 0; j < mk_model_joints(&e.given); j++) {
+        const char *name = j == 0 ? "q1" : "q2";
+        const double *b = mk_log_get(before.get(), name), *a = mk_log_get(after.get(), name);
+        Series sb = {{}, {}, "before", "refitted"}, sa = {{}, {}, "after", "extended"};
+        const double *w = mk_log_get(before.get(), "window");
+        for (size_t k = 0; k < record.rows; k += step) {
+            double t = record.t[k] - record.t[0];
+            bool starts = k >= step && w && w[k] != w[k - step];
+            for (Series *one : {&sb, &sa}) {
+                if (starts) {
+                    one->x.push_back(t);
+                    one->y.push_back(std::nan(""));
+                }
+                one->x.push_back(t);
+                one->y.push_back((one == &sb ? b : a)[k] - record.q[j][k]);
+            }
+        }
+        Plot plot("time, s",
+                  j == 0 ? "q1 simulated - measured, rad" : "q2 simulated - measured, rad");
+        plot.add_series(std::move(sb));
+        plot.add_series(std::move(sa));
+        s += "<figure>" + plot.svg() + "</figure>";
+    }
+    return s;
+}
+
+// Missing torque against what it seems to hang on, the law of a cause drawn through where it is one
+// of speed or angle alone.
+std::string push_plots(const mk_explanation &e)
+{
+    std::string s;
+    int n = mk_model_joints(&e.given);
+    int j = n > 1 && e.missing[1] > e.missing[0] ? 1 : 0;
+    for (int c = 0; c < e.cause_count; c++)
+        if (e.cause[c].joint > 0 && c == 0)
+            j = e.cause[c].joint - 1;
+    const char *against[] = {"speed of the joint, rad/s", "angle of the joint, rad", "command u"};
+    for (int kind = 0; kind < 3; kind++) {
+        Series dots = {{}, {}, "dots", "missing torque"};
+        for (int i = 0; i < e.push_count; i++) {
+            const mk_push &p = e.push[i];
+            dots.x.push_back(kind == 0 ? p.v[j] : kind == 1 ? p.q[j] : p.u);
+            dots.y.push_back(p.torque[j]);
+        }
+        Plot plot(against[kind], j == 0 ? "torque in the equation of joint 1"
+                                        : "torque in the equation of joint 2");
+        plot.add_series(std::move(dots));
+        s += "<figure>" + plot.svg() + "</figure>";
+    }
+    return s;
+}
+
+std::string sentence(const mk_explanation &e)
+{
+    std::string s;
+    switch (e.verdict) {
+    case MK_VERDICT_NONE:
+        return "The model explains the data: nothing is missing, and its values are right.";
+    case MK_VERDICT_PARAMETERS:
+        return "Only the values of parameters were wrong; nothing is missing in the model.";
+    case MK_VERDICT_EFFECT:
+        for (int i = 0; i < e.cause_count; i++)
+            s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
+        return "The model lacks " + s + ".";
+    default:
+        return "Something is missing that no known effect explains; as a formula: " +
+               std::string(e.structure);
+    }
+}
+
+std::string cause_table(const mk_explanation &e)
+{
+    std::string s = "<table><tr><th>Cause</th><th>Parameters</th><th>BIC</th><th>Verdict</th></tr>";
+    for (int i = 0; i < e.cause_count; i++) {
+        const mk_cause &c = e.cause[i];
+        s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
+        for (int k = 0; k < c.effect->parameter_count; k++) {
+            add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
+            if (std::isfinite(c.std_error[k]))
+                add(s, " &plusmn; %.2g", c.std_error[k]);
+            add(s, " %s", c.effect->parameter[k].unit);
+        }
+        add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
+            c.confidence);
+    }
+    for (int i = 0; i < e.rival_count; i++) {
+        const mk_rival &r = e.rival[i];
+        s += "<tr><td>" + cause_name(r.effect, r.joint) + "</td><td></td>";
+        add(s, "<td>%.1f worse</td><td>%s</td></tr>", r.delta_bic,
+            r.distinguishable ? "ruled out" : "cannot be told apart on these data");
+    }
+    return s + "</table>";
+}
+
+std::string parameter_table(const mk_explanation &e)
+{
+    std::string s = "<table><tr><th>Parameter</th><th>given</th><th>refitted</th><th>with the "
+                    "cause</th><th>95 % interval</th></tr>";
+    const mk_plant_info *plant = mk_plant(e.given.plant);
+    for (int i = 0; i < plant->parameter_count; i++) {
+        double v = e.extended.parameter[i], half = 1.96 * e.std_error[i];
+        add(s, "<tr><td>%s, %s</td><td>%.5g</td><td>%.5g</td><td>%.5g</td>",
+            plant->parameter[i].name, plant->parameter[i].help, e.given.parameter[i],
+            e.refit.parameter[i], v);
+        add(s, "<td>%.5g .. %.5g</td></tr>", v - half, v + half);
+    }
+    return s + "</table>";
+}
+
+std::string gain_table(const mk_explanation &e)
+{
+    std::string s =
+        "<table><tr><th>Joint</th><th>given</th><th>refitted</th><th>extended</th><th>noise "
+        "of the readings</th></tr>";
+    for (int j = 0; j < mk_model_joints(&e.given); j++)
+        add(s, "<tr><td>q%d</td><td>%.4g</td><td>%.4g</td><td>%.4g</td><td>%.2g</td></tr>", j + 1,
+            e.before[j], e.refitted[j], e.after[j], e.floor[j]);
+    return s + "</table>";
+}
+
+std::string advice(const mk_explanation &e)
+{
+    bool tied = false;
+    for (int i = 0; i < e.rival_count; i++)
+        tied = tied || !e.rival[i].distinguishable;
+    if (tied)
+        return "Some causes cannot be told apart on these data: record another excitation (free "
+               "swings "
+               "from several angles, slow ramps both ways, steps) and explain all logs together.";
+    if (e.verdict == MK_VERDICT_UNKNOWN)
+        return "Look for a mechanism that makes this torque. The formula is in extended.ini and "
+               "can be "
+               "simulated, but it holds only for motions like those in the data.";
+    return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
+}
+
+const char style[] =
+    "body{font:16px/1.45 system-ui,sans-serif;max-width:44em;margin:1.5em auto;padding:0 1em;"
+    "color:#222}h1{font-size:1.35em}h2{font-size:1.1em;margin-top:1.6em}"
+    "table{border-collapse:collapse;width:100%;font-size:.88em}td,th{border-bottom:1px solid #ccc;"
+    "padding:.3em .5em;text-align:left;vertical-align:top}figure{margin:1em 0}svg{width:100%}"
+    ".frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{font-size:12px;fill:#444}"
+    ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
+    ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"
+    "@media print{body{max-width:none}}";
+
+} // namespace
+
+enum mk_status mk_explanation_write_html(const mk_explanation *e, const char *path,
+                                         const mk_log *log, mk_error *err)
+try {
+    std::string s = "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
+                    "<meta name='viewport' content='width=device-width,initial-scale=1'>"
+                    "<title>mechkit explain</title><style>";
+    s += style;
+    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>";
+    add(s,
+        "<p>Rig: %s. Free runs of %g s on held-out data%s; error over the standard deviation of "
+        "the "
+        "reading:</p>",
+        mk_plant(e->given.plant)->name, e->window_s,
+        e->held_back ? " (the end of the last log)" : "");
+    s += gain_table(*e);
+    if (e->cause_count > 0)
+        add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",
+            100.0 * e->closed);
+    s += "<h2>Before and after</h2>" + error_plots(*e, log);
+    if (e->verdict >= MK_VERDICT_EFFECT)
+        s += "<h2>What pushes the rig beyond the refitted model</h2>" + push_plots(*e);
+    if (e->cause_count + e->rival_count > 0)
+        s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    s += "<h2>Parameters</h2>" + parameter_table(*e);
+    s += "<h2>What to do next</h2><p>" + advice(*e) + "</p>";
+    add(s, "<p>%d candidate causes, %.1f s.</p></body></html>\n", e->tried, e->seconds);
+    FILE *f = fopen(path, "w");
+    if (!f)
+        return mk_error_errno(err, errno, path, "cannot write");
+    bool ok = fwrite(s.data(), 1, s.size(), f) == s.size();
+    ok = fclose(f) == 0 && ok;
+    return ok ? MK_OK : mk_error_errno(err, errno, path, "cannot write");
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+}
