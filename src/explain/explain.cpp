@@ -387,24 +387,33 @@ class Explainer
 
     // --- what pushes the rig -----------------------------------------------------------------
 
-    // Between stretches the refitted model had to be pushed to follow the data: by this torque,
-    // spread over the stretch.
+    // The model with the final base parameters but without the causes follows the data only if it
+    // is pushed between short stretches: by this torque, spread over the stretch.
     void find_pushes()
     {
         FitOptions o;
         o.threads = options.threads;
+        o.stretch = 0.06;
+        o.max_iterations = 8;
         for (double &d : o.drift)
-            d = std::max(refit.drift, 1e-3);
+            d = std::max(refit.drift, 1.0);
+        mk_model bare = best.point.model;
+        bare.effect_count = model.effect_count;
         Fit fit(training, o);
-        FitResiduals r = fit.residuals(refit.point);
+        FitPoint point = fit.start(bare);
+        std::copy(std::begin(best.point.noise), std::end(best.point.noise),
+                  std::begin(point.noise));
+        if (!fit.minimise(point, {}))
+            return;
+        FitResiduals r = fit.residuals(point);
         int n = mk_model_joints(&model);
         size_t total = 0, index = 0;
-        for (const FitNodes &nodes : refit.point.nodes)
+        for (const FitNodes &nodes : point.nodes)
             total += nodes.row.size();
         size_t skip = total / MK_MAX_PUSHES + 1;
         double squares[MK_MAX_JOINTS] = {0.0, 0.0};
         for (size_t l = 0; l < training.size(); l++) {
-            const FitNodes &nodes = refit.point.nodes[l];
+            const FitNodes &nodes = point.nodes[l];
             for (size_t i = 1; i < nodes.row.size(); i++) {
                 double span = training[l]->t[nodes.row[i]] - training[l]->t[nodes.row[i - 1]];
                 double mass[4], h[2], q[2] = {0.0, 0.0}, v[2] = {0.0, 0.0}, a[2] = {0.0, 0.0};
@@ -413,7 +422,7 @@ class Explainer
                     v[j] = 0.5 * (nodes.x(n + j, (long)i) + nodes.x(n + j, (long)i - 1));
                     a[j] = r.jump[l](n + j, (long)i) / span;
                 }
-                mk_plant_mass(&refit.point.model, q, v, mass, h);
+                mk_plant_mass(&bare, q, v, mass, h);
                 mk_push push = {};
                 push.t = training[l]->t[nodes.row[i]] - 0.5 * span;
                 push.u = training[l]->u[0][(nodes.row[i] + nodes.row[i - 1]) / 2];

@@ -136,7 +136,7 @@ class Plot
         for (size_t i = 0; i < one.x.size(); i++) {
             bool there = std::isfinite(one.y[i]);
             if (there && !open)
-                add(s, "<polyline class='%s' points='", one.style);
+                add(s, "<path class='%s' d='M", one.style);
             if (there)
                 add(s, "%.1f,%.1f ", f.px(one.x[i]), f.py(one.y[i]));
             else if (open)
@@ -217,6 +217,40 @@ std::string error_plots(const mk_explanation &e, const mk_log *log)
     return s;
 }
 
+// Torque of the causes in the equation of joint j when its speed (or angle) has a value and nothing
+// else moves; empty where that does not say it all.
+Series law(const mk_explanation &e, int j, bool speed, double low, double high)
+{
+    Series s = {{}, {}, "after", "fitted law"};
+    for (int c = 0; c < e.cause_count; c++)
+        if (e.cause[c].effect->state_count > 0 || !(e.cause[c].effect->stages & MK_STAGE_TORQUE))
+            return s;
+    mk_model bare = e.extended;
+    bare.effect_count = e.given.effect_count;
+    int n = mk_model_joints(&bare);
+    bool flat = true;
+    for (int i = 0; i <= 200; i++) {
+        double x[MK_MAX_STATES] = {0.0}, with[MK_MAX_STATES], without[MK_MAX_STATES];
+        double u[MK_MAX_INPUTS] = {0.0, 0.0}, mass[4], h[2];
+        for (int k = 0; k < n; k++)
+            x[k] = mk_plant(bare.plant)->rest[k];
+        double at = low + (high - low) * i / 200.0;
+        x[speed ? n + j : j] = at;
+        mk_model_rhs(&e.extended, 0.0, x, u, with);
+        mk_model_rhs(&bare, 0.0, x, u, without);
+        mk_plant_mass(&bare, x, x + n, mass, h);
+        double torque = 0.0;
+        for (int k = 0; k < n; k++)
+            torque += mass[j * n + k] * (with[n + k] - without[n + k]);
+        flat = flat && std::fabs(torque - (s.y.empty() ? torque : s.y[0])) < 1e-9;
+        s.x.push_back(at);
+        s.y.push_back(torque);
+    }
+    if (flat)
+        s.x.clear(), s.y.clear();
+    return s;
+}
+
 // Missing torque against what it seems to hang on, the law of a cause drawn through where it is one
 // of speed or angle alone.
 std::string push_plots(const mk_explanation &e)
@@ -237,6 +271,12 @@ std::string push_plots(const mk_explanation &e)
         }
         Plot plot(against[kind], j == 0 ? "torque in the equation of joint 1"
                                         : "torque in the equation of joint 2");
+        if (kind < 2 && !dots.x.empty()) {
+            auto ends = std::minmax_element(dots.x.begin(), dots.x.end());
+            Series line = law(e, j, kind == 0, *ends.first, *ends.second);
+            if (!line.x.empty())
+                plot.add_series(std::move(line));
+        }
         plot.add_series(std::move(dots));
         s += "<figure>" + plot.svg() + "</figure>";
     }
@@ -359,7 +399,7 @@ try {
             100.0 * e->closed);
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
-        s += "<h2>What pushes the rig beyond the refitted model</h2>" + push_plots(*e);
+        s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
     if (e->cause_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
     s += "<h2>Parameters</h2>" + parameter_table(*e);
