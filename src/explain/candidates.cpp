@@ -134,7 +134,7 @@ Starts end_stop(const Setting &s)
     double span = s.range->q_max[s.j] - s.range->q_min[s.j];
     double k = s.inertia() * 40.0 * 40.0;
     Starts all;
-    for (double in : {0.03, 0.15})
+    for (double in : {0.02, 0.08, 0.2})
         all.push_back({s.range->q_max[s.j] - in * span, k, 0.02 * k});
     return all;
 }

@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "explain/search.hpp"
+#include "explain/slips.hpp"
 
 namespace mk
 {
@@ -20,6 +21,8 @@ namespace
 {
 
 constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
+constexpr double AGAIN = 20.0;      // the same for a second cause and further ones
+constexpr size_t MOST = 3;          // causes looked for
 constexpr double CATALOGUE = 10.0;  // by how much a library term must beat the catalogue
 constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a second of free run
@@ -93,6 +96,7 @@ class Explainer
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
+        look_for_slips(so);
         find_causes();
         polish_rivals();
         if (search->cancelled)
@@ -160,6 +164,74 @@ class Explainer
                            "nothing moves in this log: there is nothing to explain");
     }
 
+    // Lost pulses would look like kicks to every model: if taking the steps back explains far more,
+    // the search goes on without them.
+    void look_for_slips(const SearchOptions &so)
+    {
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            std::vector<Slip> slips = find_slips(training, j);
+            if (slips.empty())
+                continue;
+            std::vector<FitLog> mended;
+            for (size_t l = 0; l < training.size(); l++)
+                mended.push_back(without_slips(*training[l], l, j, slips));
+            std::vector<const FitLog *> views;
+            for (const FitLog &log : mended)
+                views.push_back(&log);
+            auto other = std::make_unique<Search>(views, so);
+            Hypothesis h;
+            if (!other->refit(model, nullptr, h))
+                continue;
+            double gain = refit.score - h.score -
+                          0.5 * std::log(other->readings()) * (double)(slips.size() + 1);
+            if (gain < ENOUGH)
+                continue;
+            slipped = {j + 1, std::fabs(slips[0].step), (double)slips.size(), 2.0 * gain};
+
+            fit_logs = std::move(mended);
+            training.clear();
+            for (const FitLog &log : fit_logs)
+                training.push_back(&log);
+            search = std::make_unique<Search>(training, so);
+            if (search->refit(model, nullptr, h))
+                refit = h;
+            return;
+        }
+    }
+    struct {
+        int joint;
+        double step, count, delta_bic;
+    } slipped = {0, 0.0, 0.0, 0.0};
+
+    void add_slips()
+    {
+        if (slipped.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
+            return;
+        double seconds = 0.0;
+        for (const FitLog *log : training)
+            seconds += log->duration();
+        const mk_effect_info *effect = mk_effect_by_name("missed-counts");
+        mk_cause &c = out.cause[out.cause_count++];
+        c = {};
+        c.effect = effect;
+        c.joint = slipped.joint;
+        c.value[0] = slipped.step;
+        c.value[1] = slipped.count / seconds;
+        c.std_error[0] = 0.0;
+        c.std_error[1] = std::sqrt(slipped.count) / seconds;
+        c.delta_bic = slipped.delta_bic;
+        c.p_value = 0.0;
+        c.confidence = 1.0 / (1.0 + std::exp(-0.5 * slipped.delta_bic));
+        std::stable_sort(
+            out.cause, out.cause + out.cause_count,
+            [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+        if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
+            mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
+            use.value[0] = slipped.step;
+            use.value[1] = slipped.count / seconds;
+        }
+    }
+
     // --- causes ------------------------------------------------------------------------------
 
     // The first of a field, catalogue before library unless the library is clearly better.
@@ -174,14 +246,14 @@ class Explainer
     {
         search->polish(refit);
         best = refit;
-        while (rounds.size() < MK_MAX_CAUSES && !search->cancelled) {
+        while (rounds.size() < MOST && !search->cancelled) {
             Round round;
             round.field = search->extend(best);
             out.tried = std::max(out.tried, search->tried());
             if (round.field.empty())
                 return;
             size_t chosen = pick(round.field);
-            if (round.field[chosen].score > best.score - ENOUGH) {
+            if (round.field[chosen].score > best.score - (rounds.empty() ? ENOUGH : AGAIN)) {
                 last_field = std::move(round.field);
                 return;
             }
@@ -189,7 +261,7 @@ class Explainer
             search->polish(round.field[0]);
             best = round.field[0];
             rounds.push_back(std::move(round));
-            if (rounds.size() > 1)
+            if (rounds.size() == 2)
                 reconsider();
         }
     }
@@ -277,13 +349,14 @@ class Explainer
         for (const Round &r : rounds)
             library = library || is_library(r.field[0].added.effect);
         bool faithful = best.drift <= std::max(IMMATERIAL, 1e-3 * refit.drift);
-        if (rounds.empty() && faithful)
+        if (rounds.empty() && faithful && slipped.joint == 0)
             out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
-        else if (!rounds.empty() && !library && faithful)
+        else if ((slipped.joint > 0 || !rounds.empty()) && !library && faithful)
             out.verdict = MK_VERDICT_EFFECT;
         else
             out.verdict = MK_VERDICT_UNKNOWN;
         describe_causes();
+        add_slips();
         describe_rivals();
         if (out.verdict == MK_VERDICT_UNKNOWN)
             describe_structure();

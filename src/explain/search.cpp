@@ -91,7 +91,7 @@ void Search::polish(Hypothesis &h)
 {
     FitOptions o;
     o.threads = options.threads;
-    o.max_iterations = mk_model_event_count(&h.point.model) > 0 ? 15 : 60;
+    o.max_iterations = mk_model_event_count(&h.point.model) > 1 ? 15 : 60;
     o.tolerance = 1e-2;
     Fit fit(logs, o);
     FitPoint point = h.point;
@@ -205,7 +205,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     if (!with_candidate(base.point.model, candidate, model))
         return false;
     Fit fit(logs, loose);
-    if (candidate.effect->event_count > 0)
+    if (candidate.effect->event_count > 0 && candidate.effect->state_count > 0)
         fit.options.max_iterations = QUICK_ITERATIONS - 2;
     FitPoint p = fit.adopt(base.point, model);
     std::vector<int> free = adjustable(model);
@@ -322,7 +322,7 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
             if (!r.running)
                 return;
             FitOptions o;
-            o.max_iterations = mk_model_event_count(&r.point.model) > 0 ? 6 : 20;
+            o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);

@@ -25,7 +25,7 @@ struct Hypothesis {
 
 struct SearchOptions {
     int threads = 2;
-    int finalists = 6; // candidates that get a full fit
+    int finalists = 8; // candidates that get a full fit
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
 };
