@@ -36,7 +36,8 @@
     X(board)                                                                                       \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
-    X(linear)
+    X(linear)                                                                                      \
+    X(explain)
 
 #ifdef __cplusplus
 extern "C" {

@@ -9,7 +9,7 @@ namespace mk
 namespace
 {
 
-constexpr int SIDE = 9;             // readings on either side
+constexpr int SIDE = 6;             // readings on either side
 constexpr double COUNTS = 4.0;      // smallest step, in counts
 constexpr double OUTSTANDING = 8.0; // over the usual disagreement of both sides
 
@@ -29,7 +29,7 @@ double edge(const std::vector<double> &q, size_t nearest, int direction)
                 b[k] += p * y;
         }
     }
-    if (s[0] < 6.0)
+    if (s[0] < 5.0)
         return std::nan("");
     // Cramer's rule for the constant term.
     auto det = [](double a, double e, double c, double d, double f, double g, double h, double i,

@@ -1,0 +1,242 @@
+// Effects hidden in data, which explain must find. The data come from a simulator of their own: a
+// pendulum as a torque balance in steps of 20 us, friction and contact resolved, quantised
+// readings.
+#include "suites.h"
+
+#include <cmath>
+#include <cstring>
+#include <initializer_list>
+
+#include "mechkit/explain.h"
+#include "mechkit/json.h"
+extern "C" {
+#include "support/files.h"
+}
+
+namespace
+{
+
+constexpr double J = 0.0611, MGL = 6.9, C = 0.0123, F = 0.352;
+
+// What is hidden, in the pendulum's own terms.
+struct Hidden {
+    double drag = 0.0;   // v|v|
+    double cubic = 0.0;  // v^3
+    double dead = 0.0;   // of the amplifier
+    double delay = 0.0;  // s
+    double tilt = 0.0;   // rad
+    double slip = 0.0;   // rad, at two instants
+    bool bumper = false; // a stop at 0.6 rad
+};
+
+double balance(const Hidden &h, double q, double v, double u)
+{
+    double command = std::fabs(u) <= h.dead ? 0.0 : u - std::copysign(h.dead, u);
+    double torque = command - MGL * std::sin(q - h.tilt) - C * v - F * std::tanh(15.0 * v);
+    torque -= h.drag * v * std::fabs(v) + h.cubic * v * v * v;
+    if (h.bumper && q > 0.6)
+        torque -= std::fmax(0.0, 60.0 * (q - 0.6) + 0.4 * v);
+    return torque / J;
+}
+
+double command_at(double t, int kind)
+{
+    if (t < 0.0)
+        return 0.0;
+    if (kind == 0)
+        return 3.0 * std::sin(7.3 * t) + 2.0 * std::sin(11.9 * t + 0.7) + std::sin(4.1 * t);
+    return 4.5 * std::sin((3.0 + 1.1 * t) * t);
+}
+
+mk_log *record(const Hidden &h, int kind, double seconds)
+{
+    constexpr double RATE = 250.0, STEP = 2e-5, COUNT = 2.0 * M_PI / 4000.0;
+    size_t rows = (size_t)(seconds * RATE);
+    mk_log *log = nullptr;
+    ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+    double *t = mk_log_add_column(log, "t"), *y = mk_log_add_column(log, "q1");
+    double *u = mk_log_add_column(log, "u");
+    double q = 0.0, v = 0.0, lost = 0.0;
+    int per_row = (int)std::lround(1.0 / (RATE * STEP));
+    for (size_t k = 0; k < rows; k++) {
+        t[k] = (double)k / RATE;
+        u[k] = command_at(t[k], kind);
+        if (k == rows / 3 || k == rows / 2)
+            lost += k == rows / 3 ? h.slip : -h.slip;
+        y[k] = COUNT * std::round((q + lost) / COUNT);
+        for (int i = 0; i < per_row; i++) {
+            // The command is held from row to row; what acts is what was sent a delay ago.
+            double held = std::floor((t[k] + i * STEP - h.delay) * RATE + 1e-9) / RATE;
+            double acting = command_at(held, kind);
+            // Midpoint rule.
+            double a = balance(h, q, v, acting);
+            double vm = v + 0.5 * STEP * a, qm = q + 0.5 * STEP * v;
+            q += STEP * vm;
+            v += STEP * balance(h, qm, vm, acting);
+        }
+    }
+    return log;
+}
+
+mk_explanation explained(const Hidden &h, bool exact = false)
+{
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    double truth[4] = {J, MGL, C, F};
+    for (int i = 0; i < 4; i++)
+        model.parameter[i] = truth[i] * (exact ? 1.0 : i % 2 ? 1.1 : 0.92);
+    mk_log *train = record(h, 0, 6.0), *hold = record(h, 1, 5.0);
+    mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    mk_explain_options options = {};
+    options.threads = 2;
+    enum mk_status st = mk_explain(&model, &train, 1, &hold, 1, &options, &e, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    mk_log_free(train);
+    mk_log_free(hold);
+    return e;
+}
+
+bool named(const mk_explanation &e, const char *name)
+{
+    for (int i = 0; i < e.cause_count; i++)
+        if (strcmp(e.cause[i].effect->name, name) == 0)
+            return true;
+    for (int i = 0; i < e.rival_count; i++)
+        if (!e.rival[i].distinguishable && strcmp(e.rival[i].effect->name, name) == 0)
+            return true;
+    return false;
+}
+
+} // namespace
+
+START_TEST(a_right_model_raises_no_alarm)
+{
+    mk_explanation e = explained({}, true);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "none");
+    ck_assert_int_eq(e.cause_count, 0);
+}
+END_TEST
+
+START_TEST(wrong_values_are_told_from_missing_physics)
+{
+    mk_explanation e = explained({});
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "parameters");
+    ck_assert_double_eq_tol(e.extended.parameter[0], J, 4.0 * e.std_error[0]);
+    ck_assert_double_lt(e.after[0], 0.2 * e.before[0]);
+}
+END_TEST
+
+START_TEST(a_hidden_effect_is_named_and_measured)
+{
+    struct {
+        const char *name;
+        Hidden hidden;
+        double value;
+    } rows[] = {{"quadratic-drag", {}, 0.012},
+                {"deadband", {}, 0.25},
+                {"input-delay", {}, 0.0062},
+                {"end-stop", {}, 0.6}};
+    rows[0].hidden.drag = 0.012;
+    rows[1].hidden.dead = 0.25;
+    rows[2].hidden.delay = 0.0062;
+    rows[3].hidden.bumper = true;
+    mk_explanation e = explained(rows[_i].hidden);
+    ck_assert_msg(e.verdict == MK_VERDICT_EFFECT, "%s: %s %s", rows[_i].name,
+                  mk_verdict_name(e.verdict), e.structure);
+    ck_assert_msg(named(e, rows[_i].name), "%s was called %s", rows[_i].name,
+                  e.cause[0].effect->name);
+    if (strcmp(e.cause[0].effect->name, rows[_i].name) == 0)
+        ck_assert_double_eq_tol(e.cause[0].value[0], rows[_i].value, 0.05 * rows[_i].value);
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
+START_TEST(tilt_and_encoder_offset_are_declared_inseparable)
+{
+    Hidden h;
+    h.tilt = 0.02;
+    mk_explanation e = explained(h);
+    ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
+    ck_assert(named(e, "base-tilt"));
+    ck_assert(named(e, "encoder-offset"));
+}
+END_TEST
+
+START_TEST(lost_pulses_are_found)
+{
+    Hidden h;
+    h.slip = 20.0 * 2.0 * M_PI / 4000.0;
+    mk_explanation e = explained(h);
+    ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
+    ck_assert_str_eq(e.cause[0].effect->name, "missed-counts");
+    ck_assert_double_eq_tol(e.cause[0].value[0], h.slip, 2.0 * M_PI / 4000.0);
+}
+END_TEST
+
+START_TEST(a_cause_that_no_entry_names_is_unknown_and_gets_a_formula)
+{
+    Hidden h;
+    h.cubic = 2e-3;
+    mk_explanation e = explained(h);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
+    ck_assert_msg(strstr(e.structure, "dq1^3") != nullptr, "%s", e.structure);
+    ck_assert_double_gt(e.closed, 0.5);
+}
+END_TEST
+
+START_TEST(the_reports_say_what_was_found)
+{
+    Hidden h;
+    h.drag = 0.012;
+    mk_explanation e = explained(h);
+    mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("report.json"), *files[] = {"held.csv"};
+    ck_assert_int_eq(mk_explanation_write_json(&e, path, files, 1, nullptr, &err), MK_OK);
+    cJSON *o = nullptr;
+    ck_assert_int_eq(mk_json_read(path, &o, &err), MK_OK);
+    ck_assert_str_eq(cJSON_GetObjectItem(o, "verdict")->valuestring, "effect");
+    cJSON *cause = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "causes"), 0);
+    ck_assert_str_eq(cJSON_GetObjectItem(cause, "name")->valuestring, "quadratic-drag");
+    ck_assert_int_eq(cJSON_GetObjectItem(cause, "joint")->valueint, 1);
+    for (const char *key : {"rivals", "parameters", "holdout", "next_experiment", "seconds"})
+        ck_assert_msg(cJSON_GetObjectItem(o, key) != nullptr, "%s", key);
+    cJSON_Delete(o);
+    mk_log *log = record(h, 1, 4.0);
+    path = scratch("report.html");
+    ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_log_without_motion_is_refused)
+{
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    Hidden h;
+    h.dead = 100.0;
+    mk_log *log = record(h, 0, 2.0);
+    mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_explain(&model, &log, 1, nullptr, 0, nullptr, &e, &err), MK_ERR_RANGE);
+    ck_assert_ptr_nonnull(strstr(err.message, "nothing moves"));
+    mk_log_free(log);
+}
+END_TEST
+
+Suite *suite_explain(void)
+{
+    Suite *s = suite_create("explain");
+    TCase *t = tcase_create("hidden effects");
+    tcase_set_timeout(t, 120);
+    tcase_add_test(t, a_right_model_raises_no_alarm);
+    tcase_add_test(t, wrong_values_are_told_from_missing_physics);
+    tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
+    tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
+    tcase_add_test(t, lost_pulses_are_found);
+    tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
+    tcase_add_test(t, the_reports_say_what_was_found);
+    tcase_add_test(t, a_log_without_motion_is_refused);
+    suite_add_tcase(s, t);
+    return s;
+}
