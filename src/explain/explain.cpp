@@ -244,7 +244,7 @@ class Explainer
     }
     void find_causes()
     {
-        search->polish(refit);
+        search->polish(refit, true);
         best = refit;
         while (rounds.size() < MOST && !search->cancelled) {
             Round round;
@@ -258,7 +258,7 @@ class Explainer
                 return;
             }
             std::swap(round.field[0], round.field[chosen]);
-            search->polish(round.field[0]);
+            search->polish(round.field[0], true);
             best = round.field[0];
             rounds.push_back(std::move(round));
             if (rounds.size() == 2)
@@ -284,7 +284,7 @@ class Explainer
                 continue;
             size_t chosen = pick(field);
             std::swap(field[0], field[chosen]);
-            search->polish(field[0]);
+            search->polish(field[0], true);
             if (without.score < field[0].score + ENOUGH && without.score < best.score + ENOUGH) {
                 best = without; // not needed any more
                 rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
@@ -315,11 +315,11 @@ class Explainer
     // Rivals near the best get the same care as the best before they are compared.
     void polish_rivals()
     {
-        constexpr double NEAR = 60.0;
+        constexpr double NEAR = 25.0;
         for (Round &r : rounds) {
             for (size_t i = 1; i < r.field.size() && i <= 3; i++)
                 if (r.field[i].score < r.field[0].score + NEAR)
-                    search->polish(r.field[i]);
+                    search->polish(r.field[i], false);
             std::stable_sort(
                 r.field.begin() + 1, r.field.end(),
                 [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });

@@ -87,27 +87,40 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     return true;
 }
 
-void Search::polish(Hypothesis &h)
+void Search::polish(Hypothesis &h, bool drift_too)
 {
     FitOptions o;
     o.threads = options.threads;
-    o.max_iterations = mk_model_event_count(&h.point.model) > 1 ? 15 : 60;
+    o.max_iterations = mk_model_event_count(&h.point.model) > 1 ? 10 : 25;
     o.tolerance = 1e-2;
     Fit fit(logs, o);
     FitPoint point = h.point;
     FitPicture picture;
     std::vector<int> free = adjustable(point.model);
-    for (double drift : {h.drift, 0.1 * h.drift}) {
+    // The drift is part of the estimate: a coarser one would leave something for a next cause to
+    // gain.
+    auto try_drift = [&](double drift) {
         if (drift < 0.9 * TIGHTEST || !fit.settle(point, free, drift, picture))
-            return;
+            return false;
         double score = picture.evidence + penalty((int)free.size());
-        if (score < h.score) {
+        bool better = score < h.score;
+        if (better) {
             h.point = point;
             h.picture = picture;
             h.drift = drift;
             h.score = score;
         }
-    }
+        return better;
+    };
+    try_drift(h.drift);
+    if (!drift_too)
+        return;
+    bool lower = false;
+    while (try_drift(h.drift / 3.0))
+        lower = true;
+    point = h.point;
+    while (!lower && try_drift(h.drift * 3.0))
+        continue;
 }
 
 // Gain in log likelihood that each linear candidate promises, from the slope of the cost where the

@@ -37,8 +37,8 @@ class Search
 
     // All adjustable parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
-    // Carries a fit on until it stands still.
-    void polish(Hypothesis &h);
+    // Carries a fit on until it stands still, its drift too.
+    void polish(Hypothesis &h, bool drift_too);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     // `only`: no others than these.

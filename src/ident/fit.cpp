@@ -713,6 +713,10 @@ class Stepper
 
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
+    // Gains far below what evidence is weighed in, again and again: kinks of friction, not
+    // progress.
+    constexpr double CREEP = 0.1;
+    int creeping = 0;
     double damping = 1e-4;
     converged = false;
     iterations = 0;
@@ -742,8 +746,10 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             if (possible && trial.cost < point.cost + 1e-9) {
                 accepted = true;
                 double gain = point.cost - trial.cost;
-                converged = gain < options.tolerance * (1.0 + 1e-6 * point.cost) && damping < 1.0 &&
-                            length > 0.3;
+                creeping = gain < CREEP ? creeping + 1 : 0;
+                converged =
+                    creeping >= 3 || (gain < options.tolerance * (1.0 + 1e-6 * point.cost) &&
+                                      damping < 1.0 && length > 0.3);
                 point = std::move(trial);
                 damping = std::max(damping * 0.1, 1e-9);
                 continue;
