@@ -100,7 +100,8 @@ void Search::polish(Hypothesis &h, bool drift_too)
     // The drift is part of the estimate: a coarser one would leave something for a next cause to
     // gain.
     auto try_drift = [&](double drift) {
-        if (drift < 0.9 * TIGHTEST || !fit.settle(point, free, drift, picture))
+        if (drift < 0.9 * TIGHTEST || drift > 1.1 * LOOSEST ||
+            !fit.settle(point, free, drift, picture))
             return false;
         double score = picture.evidence + penalty((int)free.size());
         bool better = score < h.score;
