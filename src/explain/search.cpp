@@ -362,9 +362,11 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
     for (Runner &r : runners) {
         // An effect that the fit has switched off is none.
         const mk_effect_use &last = r.best.point.model.effect[r.best.point.model.effect_count - 1];
-        const mk_parameter_info &size = mk_effect(last.index)->parameter[0];
+        const mk_effect_info *effect = mk_effect(last.index);
+        int place = std::max(mk_effect_parameter_index(effect, "gain"), 0);
+        const mk_parameter_info &size = effect->parameter[place];
         bool off = std::isfinite(r.best.score) && size.min == 0.0 &&
-                   last.value[0] < 1e-7 * std::max(size.initial, 1e-6);
+                   last.value[place] < 1e-7 * std::max(size.initial, 1e-6);
         if (std::isfinite(r.best.score) && !off)
             out.push_back(std::move(r.best));
     }
