@@ -253,7 +253,11 @@ class Explainer
             if (round.field.empty())
                 return;
             size_t chosen = pick(round.field);
-            if (round.field[chosen].score > best.score - (rounds.empty() ? ENOUGH : AGAIN)) {
+            double needed = rounds.empty() ? ENOUGH : AGAIN;
+            // A nameless term on top of named causes that already follow the data names nothing.
+            bool idle = !rounds.empty() && best.drift <= IMMATERIAL &&
+                        is_library(round.field[chosen].added.effect);
+            if (idle || round.field[chosen].score > best.score - needed) {
                 last_field = std::move(round.field);
                 return;
             }
