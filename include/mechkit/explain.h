@@ -50,7 +50,9 @@ struct mk_push {
     double t;                                  /* s from the start of its log */
     double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS]; /* in the middle of the stretch */
     double u;
-    double torque[MK_MAX_JOINTS]; /* mean missing torque in the equation of each joint */
+    /* Mean missing torque in the equation of each joint, in the model's torque units (command
+     * units, or N m where u_to_torque is 1). */
+    double torque[MK_MAX_JOINTS];
 };
 #define MK_MAX_PUSHES 400
 
@@ -70,13 +72,17 @@ struct mk_explanation {
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
     char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
 
-    struct mk_model given, refit, extended; /* extended: what to use from now on */
-    double std_error[MK_MAX_PARAMETERS];    /* of the base parameters of `extended` */
+    /* extended: what to use from now on. With the causes in it if `offered`; else, because they
+     * predict held-out data worse or there are none, the refitted model (verdict none: the given). */
+    struct mk_model given, refit, extended;
+    bool offered;
+    double std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
     double noise[MK_MAX_JOINTS];            /* of the readings, rad */
     /* Process noise of the speeds that each model needs to follow the data, rad/s per sqrt(s): how
      * much it lacks. */
     double drift_refit, drift_extended;
-    double gain_refit, gain_extended; /* log likelihood over the given model, over the refit one */
+    /* In log likelihood: of refitting (from the estimate's covariance), of the causes on top. */
+    double gain_refit, gain_extended;
     int tried;                        /* causes looked at */
 
     double window_s;
@@ -87,7 +93,7 @@ struct mk_explanation {
     double closed;
     int push_count;
     struct mk_push push[MK_MAX_PUSHES];
-    double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation */
+    double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation, same units */
     double seconds;
 };
 

@@ -9,6 +9,10 @@
 
 #include "mechkit/status.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 struct mk_out_file {
     int fd;
     const char *path; /* as the user gave it, for messages; the caller's */
@@ -32,4 +36,7 @@ int mk_write_all(int fd, const char *data, size_t size, size_t *written);
 /* fsync(2), where the file is of a kind that has it. 0 or errno. */
 int mk_sync(int fd);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -150,8 +150,10 @@ static void print_explanation(const struct mk_explanation *e)
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         printf("  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
                e->before[j], e->refitted[j], e->after[j], e->floor[j]);
-    if (e->cause_count > 0)
+    if (e->offered)
         printf("  The extension closes %.1f %% of what refitting leaves.\n", 100.0 * e->closed);
+    else if (e->cause_count > 0)
+        printf("  It predicts no better than the refitted model there, and is not offered.\n");
     printf("%.1f s\n", e->seconds);
 }
 

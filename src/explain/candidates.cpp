@@ -371,20 +371,4 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
     return all;
 }
 
-std::vector<int> adjustable(const mk_model &model)
-{
-    std::vector<int> free;
-    int n = mk_model_parameter_count(&model);
-    for (int i = 0; i < n; i++) {
-        char name[64];
-        const mk_parameter_info *info = mk_model_parameter_info(&model, i, name, sizeof name);
-        // Most library terms have no frequency.
-        bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
-                    mk_model_parameter(&model, i - 1) < 8.0;
-        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle)
-            free.push_back(i);
-    }
-    return free;
-}
-
 } // namespace mk

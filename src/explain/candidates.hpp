@@ -36,8 +36,6 @@ bool is_library(const mk_effect_info *effect);
 
 // The model with one more effect; false when it does not fit in.
 bool with_candidate(const mk_model &model, const Candidate &candidate, mk_model &out);
-// Parameters that a fit of the model adjusts: all but those that are fixed or whole numbers.
-std::vector<int> adjustable(const mk_model &model);
 
 } // namespace mk
 #endif

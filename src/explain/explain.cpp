@@ -2,6 +2,7 @@
 #include "mechkit/explain.h"
 
 #include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -11,8 +12,10 @@
 #include <string>
 #include <thread>
 
+#include "explain/owned_log.hpp"
 #include "explain/search.hpp"
 #include "explain/slips.hpp"
+#include "model/effects_custom.hpp"
 
 namespace mk
 {
@@ -22,16 +25,12 @@ namespace
 
 constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
 constexpr double AGAIN = 20.0;      // the same for a second cause and further ones
+constexpr size_t FEWEST = 40;       // rows of a log
 constexpr size_t MOST = 3;          // causes looked for
 constexpr double CATALOGUE = 10.0;  // by how much a library term must beat the catalogue
 constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a second of free run
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
-
-struct LogFree {
-    void operator()(mk_log *log) const { mk_log_free(log); }
-};
-using OwnedLog = std::unique_ptr<mk_log, LogFree>;
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
 OwnedLog slice(const mk_log &log, size_t first, size_t last)
@@ -131,6 +130,10 @@ class Explainer
             if (st != MK_OK)
                 return st;
             size_t last = record.rows;
+            if (record.rows < FEWEST)
+                return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
+                                   "%zu rows are too few to explain anything: %zu at least",
+                                   record.rows, FEWEST);
             if (holdout_count == 0 && i + 1 == log_count) {
                 last = record.rows - record.rows / 4;
                 out.held_back = true;
@@ -138,9 +141,6 @@ class Explainer
                 made.push_back(slice(*logs[i], last, record.rows));
                 held.push_back(made.back().get());
             }
-            if (last < 20)
-                return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
-                                   "%zu rows are too few to explain anything: 20 at least", last);
             fit_logs.push_back(fit_log(record, model, 0, last));
             st = check_motion(fit_logs.back(), logs[i], err);
             if (st != MK_OK)
@@ -187,7 +187,6 @@ class Explainer
             if (gain < ENOUGH)
                 continue;
             slipped = {j + 1, std::fabs(slips[0].step), (double)slips.size(), 2.0 * gain};
-
             fit_logs = std::move(mended);
             training.clear();
             for (const FitLog &log : fit_logs)
@@ -257,10 +256,8 @@ class Explainer
             // A nameless term on top of named causes that already follow the data names nothing.
             bool idle = !rounds.empty() && best.drift <= IMMATERIAL &&
                         is_library(round.field[chosen].added.effect);
-            if (idle || round.field[chosen].score > best.score - needed) {
-                last_field = std::move(round.field);
+            if (idle || round.field[chosen].score > best.score - needed)
                 return;
-            }
             std::swap(round.field[0], round.field[chosen]);
             search->polish(round.field[0], true);
             best = round.field[0];
@@ -269,8 +266,6 @@ class Explainer
                 reconsider();
         }
     }
-    std::vector<Hypothesis> last_field;
-
     // An earlier choice was made while another cause was still missing: would something else be
     // better in its place now, or nothing?
     void reconsider()
@@ -352,7 +347,7 @@ class Explainer
         bool library = false;
         for (const Round &r : rounds)
             library = library || is_library(r.field[0].added.effect);
-        bool faithful = best.drift <= std::max(IMMATERIAL, 1e-3 * refit.drift);
+        bool faithful = best.drift <= IMMATERIAL;
         if (rounds.empty() && faithful && slipped.joint == 0)
             out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
         else if ((slipped.joint > 0 || !rounds.empty()) && !library && faithful)
@@ -369,7 +364,7 @@ class Explainer
     // if they are right.
     double distance_of_given() const
     {
-        std::vector<int> free = adjustable(refit.point.model);
+        std::vector<int> free = fitted_parameters(refit.point.model);
         Eigen::VectorXd off((long)free.size());
         for (long i = 0; i < off.size(); i++)
             off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
@@ -378,18 +373,19 @@ class Explainer
         return off.dot(refit.picture.information * off);
     }
     bool values_off() const { return chi2_tail(distance_of_given(), refit.free_count) < 1e-4; }
+    // Of all parameters of a hypothesis; NaN for those that were not fitted.
+    static std::vector<double> standard_errors(const Hypothesis &h)
+    {
+        std::vector<int> free = fitted_parameters(h.point.model);
+        Eigen::MatrixXd cov = Fit::covariance(h.point.model, h.picture, free);
+        std::vector<double> error((size_t)mk_model_parameter_count(&h.point.model), UNKNOWN);
+        for (size_t i = 0; i < free.size(); i++)
+            error[(size_t)free[i]] = std::sqrt(std::max(cov((long)i, (long)i), 0.0));
+        return error;
+    }
     void describe_causes()
     {
-        std::vector<int> free = adjustable(best.point.model);
-        long n = (long)free.size();
-        Eigen::VectorXd root = best.picture.information.diagonal().cwiseMax(1e-300).cwiseSqrt();
-        Eigen::MatrixXd unit = root.cwiseInverse().asDiagonal() * best.picture.information *
-                               root.cwiseInverse().asDiagonal();
-        Eigen::MatrixXd cov = unit.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-        std::vector<double> error((size_t)mk_model_parameter_count(&best.point.model), UNKNOWN);
-        for (long i = 0; i < n; i++)
-            error[(size_t)free[(size_t)i]] = std::sqrt(std::max(cov(i, i), 0.0)) / root(i) *
-                                             Fit::scale_of(best.point.model, free[(size_t)i]);
+        const std::vector<double> error = standard_errors(best);
         int base = mk_plant(model.plant)->parameter_count, first = base;
         for (int i = 0; i < base; i++)
             out.std_error[i] = error[(size_t)i];
@@ -435,6 +431,14 @@ class Explainer
             rival = std::min(rival, field[i].score - field[0].score);
         c.confidence = 1.0 / (1.0 + std::exp(-std::min(rival, lost)));
     }
+    // Causes are listed by importance, rounds in the order of the model.
+    int place_of(const Candidate &chosen) const
+    {
+        for (int i = 0; i < out.cause_count; i++)
+            if (out.cause[i].effect == chosen.effect && out.cause[i].joint == chosen.joint)
+                return i;
+        return 0;
+    }
     void describe_rivals()
     {
         struct Entry {
@@ -448,8 +452,8 @@ class Explainer
                 double behind = field[i].score - field[0].score;
                 if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN)
                     continue;
-                Entry e = {{field[i].added.effect, field[i].added.joint, (int)r, 2.0 * behind,
-                            behind > INSEPARABLE},
+                Entry e = {{field[i].added.effect, field[i].added.joint, place_of(field[0].added),
+                            2.0 * behind, behind > INSEPARABLE},
                            behind};
                 all.push_back(e);
             }
@@ -560,6 +564,25 @@ class Explainer
         }
         return n > 1.0 ? std::sqrt(std::max(squares / n - sum / n * (sum / n), 0.0)) : 0.0;
     }
+    // What predicts held-out data worse than the refitted model is not offered, and no cause is
+    // claimed: the formula, if any, stays as an observation.
+    void withdraw()
+    {
+        out.extended = refit.point.model;
+        std::vector<double> error = standard_errors(refit);
+        std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count,
+                  out.std_error);
+        out.drift_extended = refit.drift;
+        if (out.verdict != MK_VERDICT_EFFECT)
+            return;
+        if (refit.drift > IMMATERIAL) {
+            out.verdict = MK_VERDICT_UNKNOWN;
+            describe_structure();
+            return;
+        }
+        out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+        out.cause_count = out.rival_count = 0;
+    }
     enum mk_status measure(mk_error *err)
     {
         Figures before, refitted, after;
@@ -570,11 +593,14 @@ class Explainer
             st = figures_of(out.extended, after, err);
         if (st != MK_OK)
             return st;
-        // What predicts worse than the refitted model is not offered.
-        if (out.cause_count > 0 && after.total() > refitted.total()) {
-            out.extended = refit.point.model;
+        out.offered = out.cause_count > 0 && !(after.total() > refitted.total());
+        if (out.cause_count > 0 && !out.offered) {
+            withdraw();
             after = refitted;
         }
+        for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
+            out.extended.parameter_stderr[i] =
+                std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
         if (out.verdict == MK_VERDICT_NONE) {
             out.extended = model;
             after = before;
@@ -598,54 +624,47 @@ class Explainer
 
 // --- the missing term as a formula ------------------------------------------------------------
 
-static std::string joint_names(const char *pattern, int joint)
+// A library term with its joint's variables: 'v' and 'w' are the speeds of the joint and of the
+// other, 'q' the angle (of `custom`: from rest), 'a' the sum of both angles.
+static std::string with_variables(const char *text, int joint, double rest)
 {
     std::string s;
-    for (const char *c = pattern; *c; c++) {
-        if (*c == '@')
-            s += std::to_string(joint);
-        else if (*c == '%')
-            s += std::to_string(3 - joint);
-        else
+    for (const char *c = text; *c; c++) {
+        // A letter of a function's name is no variable.
+        bool word =
+            std::isalpha((unsigned char)c[1]) || (c != text && std::isalpha((unsigned char)c[-1]));
+        if (word || !strchr("vwqa", *c)) {
             s += *c;
+            continue;
+        }
+        char one[32];
+        int other = 3 - joint;
+        if (*c == 'a')
+            snprintf(one, sizeof one, "(q1+q2)");
+        else if (*c == 'q' && rest != 0.0)
+            snprintf(one, sizeof one, "(q%d%+.5g)", joint, -rest);
+        else
+            snprintf(one, sizeof one, "%s%d", *c == 'q' ? "q" : "dq", *c == 'w' ? other : joint);
+        s += one;
     }
     return s;
 }
 
-// Formulas of effects by name; '@' is the joint, '%' the other one.
-static std::string formula_of(const mk_effect_info &info, int joint, const double *v)
+static std::string formula_of(const mk_cause &cause, const mk_plant_info &plant)
 {
-    static const char *const terms[] = {"dq@^3",
-                                        "dq@^3*abs(dq@)",
-                                        "sign(dq@)*dq%^2",
-                                        "sign(dq@)*dq@^4",
-                                        "q@^3",
-                                        "q@*abs(q@)",
-                                        "dq%",
-                                        "sign(dq%)",
-                                        "dq%*abs(dq%)",
-                                        "dq@*dq%^2",
-                                        "1",
-                                        "u*abs(u)",
-                                        "u^3",
-                                        "dq@*q@^2",
-                                        "sign(dq@)*q@^2",
-                                        "dq@*abs(dq%)",
-                                        "sign(dq@)*(q1'+q2')^2"};
-    static const char *const waves[] = {"sign(dq@)*sin(q@",   "dq@*sin(q@",   "sign(dq@)*sin(q1+q2",
-                                        "sign(dq@)*sin(2*q@", "dq@*sin(2*q@", "dq@*abs(dq@)*sin(q@",
-                                        "dq%*sin(q@"};
-    char text[160];
+    const double *v = cause.value;
+    const mk_effect_info &info = *cause.effect;
+    int joint = cause.joint;
+    char text[200];
     if (strcmp(info.name, "custom") == 0) {
-        int n = std::min(std::max((int)v[1], 1), 17);
-        snprintf(text, sizeof text, "%+.4g*%s", -v[0], joint_names(terms[n - 1], joint).c_str());
+        std::string term = with_variables(Custom::text((int)v[1]), joint, plant.rest[joint - 1]);
+        snprintf(text, sizeof text, "%+.4g*%s", -v[0], term.c_str());
     } else if (strcmp(info.name, "custom-wave") == 0) {
-        int n = (int)v[2];
-        if (n >= 1 && n <= 7)
-            snprintf(text, sizeof text, "%+.4g*%s%+.3g)", -v[0],
-                     joint_names(waves[n - 1], joint).c_str(), v[1]);
-        else
+        std::string term = with_variables(CustomWave::text((int)v[2]), joint, 0.0);
+        if ((int)v[2] == CustomWave::IN_TIME)
             snprintf(text, sizeof text, "%+.4g*sin(2*pi*%.4g*t%+.3g)", -v[0], v[3], v[1]);
+        else
+            snprintf(text, sizeof text, "%+.4g*%s%+.3g)", -v[0], term.c_str(), v[1]);
     } else if (strcmp(info.name, "viscous") == 0) {
         snprintf(text, sizeof text, "%+.4g*dq%d", -v[0], joint);
     } else if (strcmp(info.name, "coulomb") == 0) {
@@ -659,7 +678,7 @@ static std::string formula_of(const mk_effect_info &info, int joint, const doubl
             snprintf(one, sizeof one, "%s%s=%.4g", k ? ", " : "", info.parameter[k].name, v[k]);
             values += one;
         }
-        snprintf(text, sizeof text, "+ %s(%s)", info.name, values.c_str());
+        return "+ " + std::string(info.name) + "(" + values + ")";
     }
     return text;
 }
@@ -671,8 +690,8 @@ void Explainer::describe_structure()
         std::string terms;
         for (int i = 0; i < out.cause_count; i++)
             if (out.cause[i].joint == joint)
-                terms += (terms.empty() ? "" : " ") +
-                         formula_of(*out.cause[i].effect, joint, out.cause[i].value);
+                terms +=
+                    (terms.empty() ? "" : " ") + formula_of(out.cause[i], *mk_plant(model.plant));
         if (terms.empty())
             continue;
         if (!all.empty())

@@ -1,16 +1,18 @@
 // report.html: one page without anything outside of it, for a phone and for paper.
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
-#include <memory>
 #include <string>
 #include <vector>
 
+#include "base/out_file.h"
+#include "explain/owned_log.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/sim.h"
+
+using mk::OwnedLog;
 
 namespace
 {
@@ -165,11 +167,6 @@ class Plot
 
 // --- sections
 // --------------------------------------------------------------------------------------
-
-struct LogFree {
-    void operator()(mk_log *log) const { mk_log_free(log); }
-};
-using OwnedLog = std::unique_ptr<mk_log, LogFree>;
 
 OwnedLog predicted(const mk_model &model, const mk_log *log, double window)
 {
@@ -330,8 +327,9 @@ std::string parameter_table(const mk_explanation &e)
     std::string s = "<table><tr><th>Parameter</th><th>given</th><th>refitted</th><th>with the "
                     "cause</th><th>95 % interval</th></tr>";
     const mk_plant_info *plant = mk_plant(e.given.plant);
+    const mk_model &fitted = e.offered ? e.extended : e.refit;
     for (int i = 0; i < plant->parameter_count; i++) {
-        double v = e.extended.parameter[i], half = 1.96 * e.std_error[i];
+        double v = fitted.parameter[i], half = 1.96 * e.std_error[i];
         add(s, "<tr><td>%s, %s</td><td>%.5g</td><td>%.5g</td><td>%.5g</td>",
             plant->parameter[i].name, plant->parameter[i].help, e.given.parameter[i],
             e.refit.parameter[i], v);
@@ -360,6 +358,11 @@ std::string advice(const mk_explanation &e)
         return "Some causes cannot be told apart on these data: record another excitation (free "
                "swings "
                "from several angles, slow ramps both ways, steps) and explain all logs together.";
+    if (e.cause_count > 0 && !e.offered)
+        return "What was found on the training data predicts the held-out data no better than the "
+               "refitted "
+               "model: it is not offered, and extended.ini is the refitted model. Record more "
+               "data.";
     if (e.verdict == MK_VERDICT_UNKNOWN)
         return "Look for a mechanism that makes this torque. The formula is in extended.ini and "
                "can be "
@@ -394,7 +397,7 @@ try {
         mk_plant(e->given.plant)->name, e->window_s,
         e->held_back ? " (the end of the last log)" : "");
     s += gain_table(*e);
-    if (e->cause_count > 0)
+    if (e->offered)
         add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",
             100.0 * e->closed);
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
@@ -405,12 +408,15 @@ try {
     s += "<h2>Parameters</h2>" + parameter_table(*e);
     s += "<h2>What to do next</h2><p>" + advice(*e) + "</p>";
     add(s, "<p>%d candidate causes, %.1f s.</p></body></html>\n", e->tried, e->seconds);
-    FILE *f = fopen(path, "w");
-    if (!f)
-        return mk_error_errno(err, errno, path, "cannot write");
-    bool ok = fwrite(s.data(), 1, s.size(), f) == s.size();
-    ok = fclose(f) == 0 && ok;
-    return ok ? MK_OK : mk_error_errno(err, errno, path, "cannot write");
+    mk_out_file file;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st != MK_OK)
+        return st;
+    st = mk_out_file_write(&file, s.data(), s.size(), err);
+    if (st == MK_OK)
+        return mk_out_file_commit(&file, err);
+    mk_out_file_abandon(&file);
+    return st;
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
 }

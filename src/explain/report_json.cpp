@@ -59,9 +59,10 @@ cJSON *base_parameters(const mk_explanation &e)
 {
     cJSON *all = cJSON_CreateObject();
     const mk_plant_info *plant = mk_plant(e.given.plant);
+    const mk_model &fitted = e.offered ? e.extended : e.refit;
     for (int i = 0; i < plant->parameter_count; i++) {
         cJSON *p = cJSON_AddObjectToObject(all, plant->parameter[i].name);
-        cJSON_AddItemToObject(p, "value", mk_json_number(e.extended.parameter[i]));
+        cJSON_AddItemToObject(p, "value", mk_json_number(fitted.parameter[i]));
         cJSON_AddItemToObject(p, "stderr", mk_json_number(e.std_error[i]));
         cJSON_AddItemToObject(p, "prior", mk_json_number(e.given.parameter[i]));
         cJSON_AddItemToObject(p, "refit", mk_json_number(e.refit.parameter[i]));

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <cstring>
 #include <mutex>
-#include <thread>
+
+#include "base/parallel.hpp"
 
 namespace mk
 {
@@ -20,22 +21,6 @@ constexpr double FAR_BEHIND = 40.0; // log likelihood at the same drift
 // A model that needs no more drift than this follows its data; what moves or stores something of
 // its own cannot be hidden in what is left.
 constexpr double FAITHFUL = 1.5e-3;
-
-template <class F>
-void for_all(int threads, size_t count, F &&body)
-{
-    std::atomic<size_t> next{0};
-    auto worker = [&] {
-        for (size_t i; (i = next++) < count;)
-            body(i);
-    };
-    std::vector<std::thread> team;
-    for (int i = 1; i < threads; i++)
-        team.emplace_back(worker);
-    worker();
-    for (std::thread &member : team)
-        member.join();
-}
 
 bool same_place(const Candidate &a, const Candidate &b)
 {
@@ -77,7 +62,7 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     o.threads = options.threads;
     Fit fit(logs, o);
     out.point = from ? fit.adopt(from->point, model) : fit.start(model);
-    std::vector<int> free = adjustable(model);
+    std::vector<int> free = fitted_parameters(model);
     out.free_count = (int)free.size();
     data = data_range(model, logs);
     double first = from ? std::min(LOOSEST, std::max(10.0 * from->drift, 0.1)) : LOOSEST;
@@ -96,7 +81,7 @@ void Search::polish(Hypothesis &h, bool drift_too)
     Fit fit(logs, o);
     FitPoint point = h.point;
     FitPicture picture;
-    std::vector<int> free = adjustable(point.model);
+    std::vector<int> free = fitted_parameters(point.model);
     // The drift is part of the estimate: a coarser one would leave something for a next cause to
     // gain.
     auto try_drift = [&](double drift) {
@@ -135,9 +120,9 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         if (all[i].linear)
             linear.push_back(i);
     size_t groups = (linear.size() + TOGETHER - 1) / TOGETHER;
-    const std::vector<int> own = adjustable(base.point.model);
+    const std::vector<int> own = fitted_parameters(base.point.model);
     std::atomic<size_t> done{0};
-    for_all(options.threads, groups, [&](size_t g) {
+    parallel_for(options.threads, groups, [&](size_t g) {
         mk_model model;
         std::vector<size_t> members;
         std::vector<int> free;
@@ -158,7 +143,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
             }
             FitPoint point = base.point;
             point.model = model;
-            free = adjustable(model);
+            free = fitted_parameters(model);
             p = fit.picture(point, free);
             if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
                 break;
@@ -222,10 +207,10 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     if (candidate.effect->event_count > 0 && candidate.effect->state_count > 0)
         fit.options.max_iterations = QUICK_ITERATIONS - 2;
     FitPoint p = fit.adopt(base.point, model);
-    std::vector<int> free = adjustable(model);
+    std::vector<int> free = fitted_parameters(model);
     if (!fit.minimise(p, free))
         return false;
-    int extra = (int)(free.size() - adjustable(base.point.model).size());
+    int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
     double gain = reference - p.cost - penalty(extra);
     if (!(gain > trial.gain))
         return false;
@@ -260,7 +245,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
     {
         Fit fit(logs, loose);
         fit.options.threads = options.threads;
-        fit.minimise(start.point, adjustable(start.point.model));
+        fit.minimise(start.point, fitted_parameters(start.point.model));
     }
     std::vector<double> gain(all.size(), -HUGE_VAL);
     screen(start, loose, all, gain);
@@ -288,7 +273,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
     });
     std::vector<Trial> trials(tries.size());
     std::atomic<size_t> done{0};
-    for_all(options.threads, tries.size(), [&](size_t k) {
+    parallel_for(options.threads, tries.size(), [&](size_t k) {
         if (cancelled)
             return;
         try_out(start, loose, all[tries[k]], start.point.cost, trials[k]);
@@ -324,14 +309,14 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
         runners[i].best.added = finalists[i].candidate;
         runners[i].best.score = HUGE_VAL;
         runners[i].point = std::move(finalists[i].point);
-        runners[i].free = adjustable(runners[i].point.model);
+        runners[i].free = fitted_parameters(runners[i].point.model);
         runners[i].best.free_count = (int)runners[i].free.size();
     }
     double first = std::max(base.drift, 0.1),
            stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
     for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
-        for_all(options.threads, runners.size(), [&](size_t i) {
+        parallel_for(options.threads, runners.size(), [&](size_t i) {
             Runner &r = runners[i];
             if (!r.running)
                 return;

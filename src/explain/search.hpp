@@ -35,7 +35,7 @@ class Search
   public:
     Search(std::vector<const FitLog *> logs, const SearchOptions &options);
 
-    // All adjustable parameters of the model refitted, from a hypothesis (states, noise) or anew.
+    // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
     // Carries a fit on until it stands still, its drift too.
     void polish(Hypothesis &h, bool drift_too);
@@ -47,7 +47,6 @@ class Search
     int tried() const { return tried_count; } // candidates of the last extension
 
     double readings() const { return reading_count; }
-    const DataRange &range() const { return data; }
     std::atomic<bool> cancelled{false};
 
   private:

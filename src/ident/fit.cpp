@@ -1,10 +1,10 @@
 #include "ident/fit.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <limits>
-#include <thread>
+#include <cstring>
+
+#include "base/parallel.hpp"
 
 namespace mk
 {
@@ -19,33 +19,6 @@ constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a 
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
 constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
-
-double huber_cost(double r, double limit)
-{
-    double a = std::fabs(r);
-    return a <= limit ? 0.5 * r * r : limit * (a - 0.5 * limit);
-}
-
-template <class F>
-void parallel_for(int threads, size_t count, F &&body)
-{
-    if (threads <= 1 || count < 2) {
-        for (size_t i = 0; i < count; i++)
-            body(i);
-        return;
-    }
-    std::atomic<size_t> next{0};
-    auto worker = [&] {
-        for (size_t i; (i = next++) < count;)
-            body(i);
-    };
-    std::vector<std::thread> team;
-    for (int i = 1; i < threads; i++)
-        team.emplace_back(worker);
-    worker();
-    for (std::thread &member : team)
-        member.join();
-}
 
 } // namespace
 
@@ -64,7 +37,7 @@ struct Fit::Segment {
     MatrixXd normal;  // J'J
     VectorXd right;   // J'r
     std::vector<double> residual;
-    std::vector<int> joint, row;
+    std::vector<int> joint;
     double sum2[MK_MAX_JOINTS] = {0.0, 0.0};
     double cost = 0.0;
     // From the elimination, for the way back.
@@ -78,6 +51,22 @@ Fit::Fit(std::vector<const FitLog *> logs_in, const FitOptions &options_in)
 }
 Fit::~Fit() = default;
 
+std::vector<int> fitted_parameters(const mk_model &model)
+{
+    std::vector<int> free;
+    int n = mk_model_parameter_count(&model);
+    for (int i = 0; i < n; i++) {
+        char name[64];
+        const mk_parameter_info *info = mk_model_parameter_info(&model, i, name, sizeof name);
+        // Most library terms have no frequency.
+        bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
+                    mk_model_parameter(&model, i - 1) < 8.0;
+        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle)
+            free.push_back(i);
+    }
+    return free;
+}
+
 double Fit::scale_of(const mk_model &model, int number)
 {
     char name[64];
@@ -87,7 +76,7 @@ double Fit::scale_of(const mk_model &model, int number)
     return scale > 1e-9 ? scale : 0.01;
 }
 
-// --- start ---------------------------------------------------------------------------------------
+// --- start ---
 
 static std::vector<size_t> node_rows(const FitLog &log, double stretch)
 {
@@ -137,10 +126,7 @@ FitPoint Fit::start(const mk_model &model)
         p.nodes.push_back(std::move(nodes));
         for (int j = 0; j < log->joints; j++) {
             double quantised = log->count[j] / std::sqrt(12.0);
-            double seen = std::max(fit_log_noise(*log, j), 0.0);
-            p.noise[j] = std::max(p.noise[j], std::max(seen, 0.0));
-            if (seen < quantised)
-                p.noise[j] = std::max(p.noise[j], quantised);
+            p.noise[j] = std::max({p.noise[j], fit_log_noise(*log, j), quantised});
         }
     }
     return adopt(p, model);
@@ -253,7 +239,7 @@ void Fit::filter_states(FitPoint &point, size_t l)
     }
 }
 
-// --- shooting ------------------------------------------------------------------------------------
+// --- shooting ---
 
 void Fit::prepare(const FitPoint &point)
 {
@@ -298,7 +284,6 @@ void Fit::lay_data(const FitPoint &point)
                 w /= point.noise[j];
             d.shoot.q[j] = logs[l]->q[j].data();
             d.shoot.w[j] = d.weight[j].data();
-            d.shoot.shift[j] = logs[l]->shift[j].empty() ? nullptr : logs[l]->shift[j].data();
         }
     }
 }
@@ -320,7 +305,6 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
     s.residual.resize(capacity);
     s.joint.resize(capacity);
-    s.row.resize(capacity);
     s.x_end.resize(ns);
     s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
     static thread_local std::vector<double> jac;
@@ -344,33 +328,21 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     task.residual = s.residual.data();
     task.jac = jac.data();
     task.joint_of = s.joint.data();
-    task.row_of = s.row.data();
     shoot(task);
     s.finite = task.finite;
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
-    s.row.resize(n);
-    double limit = options.outlier > 0.0 ? options.outlier : HUGE_VAL;
-    s.sum2[0] = s.sum2[1] = s.cost = 0.0;
+    s.sum2[0] = s.sum2[1] = 0.0;
     for (size_t r = 0; r < n; r++) {
         s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
-        s.cost += huber_cost(s.residual[r], limit);
     }
+    s.cost = 0.5 * (s.sum2[0] + s.sum2[1]);
     if (!derivatives || !s.finite)
         return;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<RowMajor> J(jac.data(), (long)n, columns);
     VectorXd r = Eigen::Map<VectorXd>(s.residual.data(), (long)n);
-    // Readings far out pull no harder than the limit: scaled by their distance.
-    for (long row = 0; row < (long)n; row++) {
-        double far = std::fabs(r(row)) / limit;
-        if (far > 1.0) {
-            double root = 1.0 / std::sqrt(far);
-            J.row(row) *= root;
-            r(row) *= root;
-        }
-    }
     s.normal.setZero(columns, columns);
     s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
     s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
@@ -389,8 +361,7 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
     });
 }
 
-// --- the quadratic picture
-// -------------------------------------------------------------------------
+// --- the quadratic picture ---
 
 VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) const
 {
@@ -519,7 +490,7 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
         for (int j = 0; j < joints; j++)
             for (double w : logs[l]->weight[j])
                 out.volume += w * w * std::log(point.noise[j]);
-    out.finite = D.allFinite() && d.allFinite();
+    out.finite = D.allFinite() && d.allFinite() && std::isfinite(out.volume);
     return out;
 }
 
@@ -540,8 +511,7 @@ void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
     }
 }
 
-// --- minimising
-// ------------------------------------------------------------------------------------
+// --- minimising ---
 
 double Fit::cost(const FitPoint &point)
 {
@@ -556,6 +526,22 @@ FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
     p.cost = total_cost(point);
     p.evidence = p.cost + p.volume;
     return p;
+}
+
+MatrixXd Fit::covariance(const mk_model &model, const FitPicture &picture,
+                         const std::vector<int> &free)
+{
+    long n = (long)free.size();
+    // Parameters differ by many orders of magnitude: solved with a unit diagonal.
+    VectorXd root(n), scale(n);
+    for (long i = 0; i < n; i++) {
+        root(i) = std::sqrt(std::max(picture.information(i, i), 1e-300));
+        scale(i) = scale_of(model, free[(size_t)i]) / root(i);
+    }
+    MatrixXd unit =
+        root.cwiseInverse().asDiagonal() * picture.information * root.cwiseInverse().asDiagonal();
+    MatrixXd inverse = unit.ldlt().solve(MatrixXd::Identity(n, n));
+    return scale.asDiagonal() * inverse * scale.asDiagonal();
 }
 
 namespace
@@ -824,21 +810,14 @@ FitResiduals Fit::residuals(const FitPoint &point)
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     shoot_all(point, {}, false);
     for (size_t l = 0; l < logs.size(); l++) {
-        const FitLog &log = *logs[l];
-        for (int j = 0; j < joints; j++)
-            out.residual[j].emplace_back(log.rows(), std::numeric_limits<double>::quiet_NaN());
-        MatrixXd states = MatrixXd::Zero(ns, (long)log.rows());
         MatrixXd jump = MatrixXd::Zero(ns, (long)work[l].size());
         for (size_t i = 0; i < work[l].size(); i++) {
             const Segment &s = work[l][i];
             for (int j = 0; j < joints; j++)
                 out.chi2[j] += s.sum2[j];
-            for (int j : s.joint)
-                out.readings[j]++;
             if (!s.last && s.finite)
                 jump.col((long)i + 1) = point.nodes[l].x.col((long)i + 1) - s.x_end;
         }
-        out.states.push_back(std::move(states));
         out.jump.push_back(std::move(jump));
     }
     return out;
@@ -856,9 +835,7 @@ double Fit::update_noise(FitPoint &point)
         if (!(weight > 20.0))
             continue;
         double ratio = std::sqrt(r.chi2[j] / weight);
-        double floor = logs[0]->count[j] / std::sqrt(12.0) * 0.9;
         double next = std::max(point.noise[j] * ratio, 1e-9);
-        (void)floor;
         change = std::max(change, std::fabs(next / point.noise[j] - 1.0));
         point.noise[j] = next;
     }

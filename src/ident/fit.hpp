@@ -26,7 +26,6 @@ struct FitOptions {
     double stretch = 0.25;                      // s
     double step = 2.5e-3;                       // longest integration step, s
     double tolerance = 1e-3;                    // stop when a step gains less, in log likelihood
-    double outlier = 0.0; // standard deviations beyond which a reading pulls no harder; 0: none
     int max_iterations = 40;
     int threads = 1;
 };
@@ -58,16 +57,16 @@ struct FitPicture {
     bool finite = false;
 };
 
-// Residuals at a point, for those who look at what is left.
+// What is left at a point.
 struct FitResiduals {
-    // By log and joint: weighted residual of each row, NaN where there is no reading.
-    std::vector<std::vector<double>> residual[MK_MAX_JOINTS];
-    // By log: states at every row (states x rows), jump of the state at each node (states x nodes,
-    // first column 0) and the standard deviation that the drift gives it.
-    std::vector<Eigen::MatrixXd> states, jump;
-    double chi2[MK_MAX_JOINTS] = {0.0, 0.0}; // sum of squares
-    size_t readings[MK_MAX_JOINTS] = {0, 0};
+    std::vector<Eigen::MatrixXd>
+        jump; // by log: of the state at each node (states x nodes; first 0)
+    double chi2[MK_MAX_JOINTS] = {0.0, 0.0}; // sum of squares of the weighted residuals
 };
+
+// Numbers (mechkit/ident.h) of the parameters that a fit may move: no constants of a law, no
+// counts, no parameter that its term does not use.
+std::vector<int> fitted_parameters(const mk_model &model);
 
 class Fit
 {
@@ -106,6 +105,9 @@ class Fit
     bool descend(FitPoint &point, const std::vector<int> &free, double first, double last,
                  FitPicture &result);
 
+    // Covariance of the free parameters in their units, from their information.
+    static Eigen::MatrixXd covariance(const mk_model &model, const FitPicture &picture,
+                                      const std::vector<int> &free);
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
 

@@ -85,7 +85,6 @@ class Builder
     {
         bool real = row != SIZE_MAX;
         log.t.push_back(t);
-        log.source.push_back(row);
         for (int i = 0; i < MK_MAX_INPUTS; i++)
             log.u[i].push_back(!rec.u[i] ? 0.0 : real ? rec.u[i][row] : MISSING);
         for (int j = 0; j < log.joints; j++)

@@ -16,8 +16,6 @@ struct FitLog {
     std::vector<double> t; // from the first row on, s
     std::vector<double> u[MK_MAX_INPUTS], q[MK_MAX_JOINTS];
     std::vector<double> weight[MK_MAX_JOINTS]; // 0..1 by reading: how much of an own reading it is
-    std::vector<double> shift[MK_MAX_JOINTS];  // lost counts so far; empty: none
-    std::vector<size_t> source;                // row in the log; SIZE_MAX where a row was put in
     std::vector<double> doubt;                 // uncertainty of the command at a row, command units
     double count[MK_MAX_JOINTS];               // resolution of the readings, rad; 0: none seen
     double u_step;                             // last digit of the command as logged; 0: none seen

@@ -20,13 +20,9 @@ constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 std::vector<int> free_parameters(const IdentProblem &problem)
 {
     std::vector<int> free;
-    int n = mk_model_parameter_count(&problem.model);
-    for (int i = 0; i < n; i++) {
-        const mk_parameter_info *info = mk_model_parameter_info(&problem.model, i, nullptr, 0);
-        bool fitted = info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER;
-        if (fitted && !problem.options.fixed[i])
-            free.push_back(i);
-    }
+    for (int number : fitted_parameters(problem.model))
+        if (!problem.options.fixed[number])
+            free.push_back(number);
     return free;
 }
 
@@ -60,11 +56,11 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
         scale.cwiseInverse().asDiagonal() * picture.information * scale.cwiseInverse().asDiagonal();
     r.condition_number = condition(physical);
     r.condition_number_scaled = condition(unit);
-    Eigen::MatrixXd cov = unit.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    Eigen::MatrixXd cov = Fit::covariance(point.model, picture, free);
     int count = r.parameter_count;
     for (long i = 0; i < n; i++) {
         mk_ident_parameter &p = r.parameter[free[(size_t)i]];
-        double variance = cov(i, i) * std::pow(scale(i) / root(i), 2);
+        double variance = cov(i, i);
         bool known = std::isfinite(variance) && variance > 0.0 && picture.information(i, i) > 1e-6;
         p.std_error = p.crb = known ? std::sqrt(variance) : UNKNOWN;
         p.excited = known && p.std_error < std::max(std::fabs(p.value), 0.3 * scale(i));
@@ -78,8 +74,7 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
         if (p.at_bound)
             warn(r, std::string(p.name) + " is at the end of its physical range");
         for (long k = 0; k < n; k++)
-            r.covariance[free[(size_t)i] * count + free[(size_t)k]] =
-                cov(i, k) * scale(i) / root(i) * scale(k) / root(k);
+            r.covariance[free[(size_t)i] * count + free[(size_t)k]] = cov(i, k);
     }
 }
 

@@ -30,7 +30,7 @@ struct Custom {
     static S term(const Frame<S> &f, int j, int number)
     {
         const S &v = f.m.v[j], &w = f.m.v[1 - j];
-        S q = f.m.q[j] - rest(f.c->plant, j);
+        S q = f.m.q[j] - mk_plant(f.c->plant)->rest[j];
         const S &u = f.command[0];
         switch (number) {
         case 1:
@@ -69,11 +69,15 @@ struct Custom {
             return smooth_sign(v) * (v + w) * (v + w);
         }
     }
-    static double rest(enum mk_plant_kind plant, int j)
+    // The terms as people read them, in the same letters.
+    static const char *text(int number)
     {
-        if (plant == MK_PLANT_PENDUBOT && j == 0)
-            return -0.25 * TWO_PI;
-        return plant == MK_PLANT_FURUTA && j == 1 ? 0.5 * TWO_PI : 0.0;
+        static const char *const all[] = {"v^3",       "v^3*abs(v)",  "sign(v)*w^2", "sign(v)*v^4",
+                                          "q^3",       "q*abs(q)",    "w",           "sign(w)",
+                                          "w*abs(w)",  "v*w^2",       "1",           "u*abs(u)",
+                                          "u^3",       "v*q^2",       "sign(v)*q^2", "v*abs(w)",
+                                          "sign(v)*(v+w)^2"};
+        return all[number >= 1 && number <= 17 ? number - 1 : 16];
     }
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
@@ -98,6 +102,15 @@ struct CustomWave {
          {"phase", "rad", "phi", -INF, INF, 0.0, MK_FIT_ANGLE},
          {"term", "", "number of f and angle", 1.0, 8.0, 1.0, MK_FIT_FIXED},
          {"frequency", "Hz", "of a term in time", 0.0, 1000.0, 1.0, MK_FIT_FREE, true}}};
+    static constexpr int IN_TIME = 8;
+    // Up to the phase.
+    static const char *text(int number)
+    {
+        static const char *const all[] = {"sign(v)*sin(q",   "v*sin(q",   "sign(v)*sin(a",
+                                          "sign(v)*sin(2*q", "v*sin(2*q", "v*abs(v)*sin(q",
+                                          "w*sin(q",         "sin(2*pi*f*t"};
+        return all[number >= 1 && number <= IN_TIME ? number - 1 : IN_TIME - 1];
+    }
     template <class S>
     static S wave(const Frame<S> &f, const EffectArgs<S> &e)
     {

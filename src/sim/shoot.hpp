@@ -23,7 +23,6 @@ struct ShootData {
     const double *u[MK_MAX_INPUTS]; // held commands, no NaN; u[1] may be NULL
     const double *q[MK_MAX_JOINTS]; // readings
     const double *w[MK_MAX_JOINTS]; // weight of a reading (1 / standard deviation); 0: ignore it
-    const double *shift[MK_MAX_JOINTS]; // known offset of readings (lost counts); may be NULL
 };
 
 // One call.
@@ -46,9 +45,7 @@ struct ShootTask {
     size_t row_count;    // out
     double *residual;    // w (reading - predicted)
     double *jac;         // row_count x columns: w d(predicted)/d(column)
-    int *row_of;         // sample of each residual, may be NULL
     int *joint_of;       // its joint, may be NULL
-    double *x_at;        // states at every sample in [begin, end): rows x ns by sample; may be NULL
     bool finite;         // out: false when the trajectory ran away
 };
 

@@ -81,7 +81,6 @@ class Shooter
     bool moving_edges = false;                              // the delay is differentiated by
     long command = -1;                                      // row in force
     long next[MK_MAX_JOINTS] = {0, 0};                      // first reading not yet taken
-    long next_state = 0;
     size_t rows = 0;
     bool stiff = false;       // an effect has a rate
     bool slope_known = false; // f0 belongs to x
@@ -137,7 +136,6 @@ class Shooter
         set_command(on_edge ? row : row - 1);
         for (int j = 0; j < c.joints; j++)
             next[j] = first_row(-value_of(old[j]));
-        next_state = first_row(0.0);
     }
     void set_command(long row)
     {
@@ -323,7 +321,6 @@ class Shooter
     void arrive(double a, double b, const Scalar *y)
     {
         const int ns = c.state_count;
-        take_states(a, b);
         take_at_start(a);
         slope_known = readings_before(b);
         if (slope_known) {
@@ -389,24 +386,12 @@ class Shooter
         double none = k.end + 1e-9;
         if (!slope_known)
             derivative(k.end, x, f0);
-        take_states(k.end, none);
         for (int j = 0; j < c.joints; j++)
             while (pending(j, none)) {
                 compare(j, next[j], x, f0, time_of(j, next[j]));
                 next[j]++;
             }
     }
-    void take_states(double a, double b)
-    {
-        if (!k.x_at)
-            return;
-        for (; next_state < (long)d.rows && d.t[next_state] < b - 1e-9; next_state++) {
-            double dt = d.t[next_state] - a;
-            for (int i = 0; i < c.state_count; i++)
-                k.x_at[next_state * c.state_count + i] = value_of(x[i]) + dt * value_of(f0[i]);
-        }
-    }
-
     void compare(int j, long row, const Scalar *at, const Scalar *slope, double t)
     {
         double w = d.w[j][row];
@@ -417,11 +402,8 @@ class Shooter
         for (int i = 0; i < c.state_count; i++)
             seen[i] = at[i] + early * value_of(slope[i]);
         measure(c, Scalar(t), seen, y);
-        double reading = d.q[j][row] - (d.shift[j] ? d.shift[j][row] : 0.0);
-        k.residual[rows] = w * (reading - value_of(y[j]));
+        k.residual[rows] = w * (d.q[j][row] - value_of(y[j]));
         store_scaled(y[j], w, k.jac + (long)rows * k.columns);
-        if (k.row_of)
-            k.row_of[rows] = (int)row;
         if (k.joint_of)
             k.joint_of[rows] = j;
         rows++;
