@@ -73,7 +73,7 @@ LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
 TEST_C   := $(wildcard tests/*.c tests/support/*.c)
-TEST_CXX := $(wildcard tests/*.cpp)
+TEST_CXX := $(wildcard tests/test_*.cpp tests/support/*.cpp)
 
 # The fast path is one source compiled once per instruction set and chosen when the program runs.
 ISA_SRC   := src/sim/fast_kernel.cc
@@ -145,12 +145,13 @@ endef
 $(foreach i,$(ISAS),$(foreach n,$(SHOOT_LANES),$(eval $(call SHOOT_RULE,$(i),$(n)))))
 
 # Check's macros convert freely; conversions are not errors in tests.
-$(TEST_OBJ): CFLAGS_ALL += -Wno-conversion -Wno-pedantic
+$(TEST_OBJ) $(B)/tests/challenge.o: CFLAGS_ALL += -Wno-conversion -Wno-pedantic
 $(TEST_OBJ): CXXFLAGS_ALL += -Wno-conversion -Wno-pedantic -Wno-format-extra-args
+$(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d)
+-include $(B)/tools/latency.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -172,6 +173,15 @@ check-tsan: ## the tests with threads under ThreadSanitizer
 .PHONY: run-tests
 run-tests: tests
 	@tools/run-tests.sh $(TESTS) $(VARIANT)
+
+# Cases by the dozen take their time; the tests have a few of each.
+.PHONY: challenge
+CHALLENGE_OBJ := $(B)/tests/challenge.o $(B)/tests/support/truth.o $(B)/tests/support/cases.o
+challenge: $(B)/mechkit-challenge $(APP) ## hide effects in made-up logs and score explain (CASES=200 SEED=1)
+	@$< --cases $(or $(CASES),200) --seed $(or $(SEED),1) $(CHALLENGE_ARGS)
+	@tools/challenge.py $(APP)
+$(B)/mechkit-challenge: $(CHALLENGE_OBJ) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 # Not part of check: what it measures is the machine.
 SECONDS ?= 60

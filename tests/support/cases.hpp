@@ -1,0 +1,49 @@
+// Cases with a hidden effect, drawn from a seed: rigs, sizes, inputs and noise vary widely.
+#ifndef MECHKIT_TESTS_CASES_HPP
+#define MECHKIT_TESTS_CASES_HPP
+
+#include <memory>
+
+#include "mechkit/log.h"
+#include "mechkit/model.h"
+#include "support/truth.hpp"
+
+namespace truth
+{
+
+struct LogFree {
+    void operator()(mk_log *log) const { mk_log_free(log); }
+};
+using OwnedLog = std::unique_ptr<mk_log, LogFree>;
+
+struct Name {
+    std::string effect;
+    int joint; // 0: any
+};
+
+struct Case {
+    std::string kind; // none, parameters, single, pair, off
+    Rig rig;          // the truth
+    mk_model given;
+    std::vector<std::vector<Name>> right; // by hidden effect: its name, and what is the same thing
+    std::vector<Recording> how;           // the last one is held out
+    std::vector<OwnedLog> train;
+    OwnedLog holdout;
+};
+
+// What is wanted; empty strings and 0: drawn too.
+struct Wish {
+    std::string rig, kind, effect;
+    int joint = 0;
+    double size = 1.0; // times the usual size
+    uint64_t seed = 1;
+};
+Case make_case(const Wish &wish);
+
+OwnedLog as_log(const Log &made, const Rig &rig, const Recording &how);
+// Names of effects that can hide in a rig (catalogue entries only).
+std::vector<std::string> hideable(const std::string &rig);
+extern const std::vector<std::string> rig_kinds;
+
+} // namespace truth
+#endif
