@@ -185,6 +185,9 @@ int mk_effect_parameter_index(const struct mk_effect_info *effect, const char *n
 int mk_model_joints(const struct mk_model *model);
 int mk_model_state_count(const struct mk_model *model); /* 2 * joints + states of effects */
 int mk_model_event_count(const struct mk_model *model);
+/* Whether an effect puts something with states of its own between a joint and its encoder, so that
+ * readings show the far side only (backlash). */
+bool mk_model_hides_joint(const struct mk_model *model);
 bool mk_model_is_smooth(const struct mk_model *model);       /* no effect has states or events */
 double mk_model_command_delay(const struct mk_model *model); /* s; 0 without such an effect */
 

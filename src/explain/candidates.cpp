@@ -132,10 +132,12 @@ Starts end_stop(const Setting &s)
     if (s.wheel())
         return {};
     double span = s.range->q_max[s.j] - s.range->q_min[s.j];
-    double k = s.inertia() * 40.0 * 40.0;
     Starts all;
-    for (double in : {0.02, 0.08, 0.2})
-        all.push_back({s.range->q_max[s.j] - in * span, k, 0.02 * k});
+    for (double rate : {40.0, 12.0}) // 1/s, of the rig against the stop
+        for (double in : {0.02, 0.08, 0.2}) {
+            double k = s.inertia() * rate * rate;
+            all.push_back({s.range->q_max[s.j] - in * span, k, 0.8 * k / rate});
+        }
     return all;
 }
 Starts reflected_inertia(const Setting &s)
@@ -148,9 +150,9 @@ Starts backlash(const Setting &s)
     bool wheel_rig = s.model->plant == MK_PLANT_INERTIA_WHEEL;
     if (s.j != 1 && !wheel_rig)
         return {};
-    double share = s.motor() ? 0.2 : 0.075, light = share * s.inertia();
+    double share = s.motor() ? 0.2 : 0.08, light = share * s.inertia();
     double k = light * 150.0 * 150.0;
-    return {{0.01, k, 30.0 * light, share, 4.0}, {0.04, k, 30.0 * light, share, 4.0}};
+    return {{0.01, k, 30.0 * light, share, 3.8}, {0.04, k, 30.0 * light, share, 3.8}};
 }
 Starts input_delay(const Setting &)
 {

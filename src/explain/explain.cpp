@@ -30,6 +30,8 @@ constexpr size_t MOST = 3;          // causes looked for
 constexpr double CATALOGUE = 10.0;  // by how much a library term must beat the catalogue
 constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a second of free run
+constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
+constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
@@ -172,35 +174,66 @@ class Explainer
             std::vector<Slip> slips = find_slips(training, j);
             if (slips.empty())
                 continue;
-            std::vector<FitLog> mended;
-            for (size_t l = 0; l < training.size(); l++)
-                mended.push_back(without_slips(*training[l], l, j, slips));
-            std::vector<const FitLog *> views;
-            for (const FitLog &log : mended)
-                views.push_back(&log);
-            auto other = std::make_unique<Search>(views, so);
-            Hypothesis h;
-            if (!other->refit(model, nullptr, h))
+            Mended best_so_far = mend(so, j, slips, std::fabs(slips[0].step));
+            double bend = 0.0, side = 0.0;
+            // The jumps alone do not tell the step to a fraction of a count; the fit does. A
+            // parabola through three of them, twice: the second one about the best.
+            for (int round = 0; round < 2; round++) {
+                side = (round == 0 ? 0.6 : 0.2) * training[0]->count[j];
+                Mended less = mend(so, j, slips, best_so_far.step - side);
+                Mended more = mend(so, j, slips, best_so_far.step + side);
+                bend = less.score() - 2.0 * best_so_far.score() + more.score();
+                double shift =
+                    bend > 0.0 ? 0.5 * side * (less.score() - more.score()) / bend : side;
+                shift = std::min(std::max(shift, -2.0 * side), 2.0 * side);
+                Mended there = mend(so, j, slips, best_so_far.step + shift);
+                for (Mended *m : {&less, &more, &there})
+                    if (m->score() < best_so_far.score())
+                        best_so_far = std::move(*m);
+            }
+            double penalty = 0.5 * std::log(search->readings()) * (double)(slips.size() + 1);
+            double gain = refit.score - best_so_far.score() - penalty;
+            if (!(gain > ENOUGH))
                 continue;
-            double gain = refit.score - h.score -
-                          0.5 * std::log(other->readings()) * (double)(slips.size() + 1);
-            if (gain < ENOUGH)
-                continue;
-            slipped = {j + 1, std::fabs(slips[0].step), (double)slips.size(), 2.0 * gain};
-            fit_logs = std::move(mended);
+            slipped = {j + 1, best_so_far.step, bend > 0.0 ? side / std::sqrt(bend) : UNKNOWN,
+                       (double)slips.size(), 2.0 * gain};
+            fit_logs = std::move(best_so_far.logs);
             training.clear();
             for (const FitLog &log : fit_logs)
                 training.push_back(&log);
             search = std::make_unique<Search>(training, so);
-            if (search->refit(model, nullptr, h))
-                refit = h;
+            if (search->refit(model, nullptr, best_so_far.fit))
+                refit = best_so_far.fit;
             return;
         }
     }
+    // The training data with lost pulses put back, and what a refit makes of them.
+    struct Mended {
+        double step = 0.0;
+        std::vector<FitLog> logs;
+        Hypothesis fit;
+        bool fitted = false;
+        double score() const { return fitted ? fit.score : HUGE_VAL; }
+    };
+    Mended mend(const SearchOptions &so, int joint, std::vector<Slip> slips, double step) const
+    {
+        Mended m;
+        m.step = step;
+        for (Slip &s : slips)
+            s.step = std::copysign(step, s.step);
+        std::vector<const FitLog *> views;
+        for (size_t l = 0; l < training.size(); l++)
+            m.logs.push_back(without_slips(*training[l], l, joint, slips));
+        for (const FitLog &log : m.logs)
+            views.push_back(&log);
+        Search other(views, so);
+        m.fitted = other.refit(model, nullptr, m.fit);
+        return m;
+    }
     struct {
         int joint;
-        double step, count, delta_bic;
-    } slipped = {0, 0.0, 0.0, 0.0};
+        double step, std_error, count, delta_bic;
+    } slipped = {0, 0.0, 0.0, 0.0, 0.0};
 
     void add_slips()
     {
@@ -216,7 +249,7 @@ class Explainer
         c.joint = slipped.joint;
         c.value[0] = slipped.step;
         c.value[1] = slipped.count / seconds;
-        c.std_error[0] = 0.0;
+        c.std_error[0] = slipped.std_error;
         c.std_error[1] = std::sqrt(slipped.count) / seconds;
         c.delta_bic = slipped.delta_bic;
         c.p_value = 0.0;
@@ -247,24 +280,53 @@ class Explainer
         best = refit;
         while (rounds.size() < MOST && !search->cancelled) {
             Round round;
-            round.field = search->extend(best);
+            double needed = rounds.empty() ? ENOUGH : AGAIN;
+            round.field = search->extend(best, nullptr, !follows(best));
+            // If something little is there, what is slow to fit may be it as well.
+            if (follows(best) && !round.field.empty() && round.field[0].score < best.score - needed)
+                round.field = search->extend(best, nullptr, true);
             out.tried = std::max(out.tried, search->tried());
             if (round.field.empty())
                 return;
             size_t chosen = pick(round.field);
-            double needed = rounds.empty() ? ENOUGH : AGAIN;
             // A nameless term on top of named causes that already follow the data names nothing.
-            bool idle = !rounds.empty() && best.drift <= IMMATERIAL &&
-                        is_library(round.field[chosen].added.effect);
+            bool idle =
+                !rounds.empty() && follows(best) && is_library(round.field[chosen].added.effect);
             if (idle || round.field[chosen].score > best.score - needed)
                 return;
             std::swap(round.field[0], round.field[chosen]);
             search->polish(round.field[0], true);
+            const Hypothesis before = best;
             best = round.field[0];
             rounds.push_back(std::move(round));
+            if (rounds.size() > 1 && idle_without_last(before))
+                return;
             if (rounds.size() == 2)
                 reconsider();
         }
+    }
+    // Whether the causes so far do as well without the latest one once they are given its fit to
+    // start from: then it is dropped.
+    bool idle_without_last(const Hypothesis &before)
+    {
+        Hypothesis without;
+        if (!remove(rounds.size() - 1, without))
+            return false;
+        search->polish(without, true);
+        if (without.score - best.score >= AGAIN)
+            return false;
+        best = without.score < before.score ? without : before;
+        best.added = before.added;
+        rounds.pop_back();
+        return true;
+    }
+    // What a model that follows its data leaves does not matter within a second of free run.
+    // Contact leaves a little more, by the instants at which a simulation or a rig touches.
+    bool follows(const Hypothesis &h) const
+    {
+        bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
+        double most = touches ? std::min(ROUGH, SMALL_PART * refit.drift) : 0.0;
+        return h.drift <= std::max(IMMATERIAL, most);
     }
     // An earlier choice was made while another cause was still missing: would something else be
     // better in its place now, or nothing?
@@ -278,7 +340,7 @@ class Explainer
             for (const Round &r : rounds)
                 for (const Hypothesis &h : r.field)
                     others.push_back(h.added);
-            std::vector<Hypothesis> field = search->extend(without, &others);
+            std::vector<Hypothesis> field = search->extend(without, &others, true);
             if (field.empty())
                 continue;
             size_t chosen = pick(field);
@@ -347,7 +409,7 @@ class Explainer
         bool library = false;
         for (const Round &r : rounds)
             library = library || is_library(r.field[0].added.effect);
-        bool faithful = best.drift <= IMMATERIAL;
+        bool faithful = follows(best);
         if (rounds.empty() && faithful && slipped.joint == 0)
             out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
         else if ((slipped.joint > 0 || !rounds.empty()) && !library && faithful)
@@ -527,6 +589,7 @@ class Explainer
     struct Figures {
         double square[MK_MAX_JOINTS] = {0.0, 0.0};
         double rows = 0.0;
+        std::vector<double> window; // squared error by window, over the variance of the readings
         double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows, 1.0)); }
         double total() const { return (square[0] + square[1]) / std::max(rows, 1.0); }
     };
@@ -538,6 +601,8 @@ class Explainer
             mk_predict_figures figures = {};
             mk_log *prediction = nullptr;
             enum mk_status st = mk_predict(&m, log, &o, &prediction, &figures, nullptr, err);
+            if (st == MK_OK)
+                add_windows(m, *log, *prediction, f);
             mk_log_free(prediction);
             if (st != MK_OK)
                 return st;
@@ -547,6 +612,43 @@ class Explainer
             f.rows += (double)figures.rows;
         }
         return MK_OK;
+    }
+    void add_windows(const mk_model &m, const mk_log &log, const mk_log &prediction,
+                     Figures &f) const
+    {
+        mk_record record;
+        const double *window = mk_log_get(&prediction, "window");
+        if (!window || mk_record_from_log(&log, &m, &record, nullptr) != MK_OK)
+            return;
+        const size_t first = f.window.size();
+        for (int j = 0; j < mk_model_joints(&m); j++) {
+            const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
+            double sd = deviation(j);
+            for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
+                double off = (q[k] - record.q[j][k]) / sd;
+                size_t place = first + (size_t)window[k];
+                if (place >= f.window.size())
+                    f.window.resize(place + 1, 0.0);
+                if (std::isfinite(off))
+                    f.window[place] += off * off;
+            }
+        }
+    }
+    // Whether `a` predicts worse than `b` beyond chance: by the ratio of errors window by window,
+    // so that a window from which nobody can predict does not decide.
+    static bool clearly_worse(const Figures &a, const Figures &b)
+    {
+        double sum = 0.0, squares = 0.0, n = 0.0;
+        for (size_t i = 0; i < std::min(a.window.size(), b.window.size()); i++) {
+            if (!(a.window[i] > 0.0) || !(b.window[i] > 0.0))
+                continue;
+            double ratio = std::log(a.window[i] / b.window[i]);
+            sum += ratio, squares += ratio * ratio, n += 1.0;
+        }
+        if (n < 2.0)
+            return a.total() > b.total();
+        double mean = sum / n, error = std::sqrt(std::max(squares / n - mean * mean, 0.0) / n);
+        return mean > std::max(2.0 * error, std::log(1.02));
     }
     double deviation(int joint) const
     {
@@ -593,7 +695,7 @@ class Explainer
             st = figures_of(out.extended, after, err);
         if (st != MK_OK)
             return st;
-        out.offered = out.cause_count > 0 && !(after.total() > refitted.total());
+        out.offered = out.cause_count > 0 && !clearly_worse(after, refitted);
         if (out.cause_count > 0 && !out.offered) {
             withdraw();
             after = refitted;

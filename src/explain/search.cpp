@@ -18,9 +18,6 @@ constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr int QUICK_ITERATIONS = 5;
 constexpr double FAR_BEHIND = 40.0; // log likelihood at the same drift
-// A model that needs no more drift than this follows its data; what moves or stores something of
-// its own cannot be hidden in what is left.
-constexpr double FAITHFUL = 1.5e-3;
 
 bool same_place(const Candidate &a, const Candidate &b)
 {
@@ -76,8 +73,11 @@ void Search::polish(Hypothesis &h, bool drift_too)
 {
     FitOptions o;
     o.threads = options.threads;
-    o.max_iterations = mk_model_event_count(&h.point.model) > 1 ? 10 : 25;
+    o.max_iterations = 25;
     o.tolerance = 1e-2;
+    // One stretch a log has no drift to tighten step by step: it comes to its optimum at once.
+    if (mk_model_hides_joint(&h.point.model))
+        o.max_iterations = 60;
     Fit fit(logs, o);
     FitPoint point = h.point;
     FitPicture picture;
@@ -203,12 +203,23 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     mk_model model;
     if (!with_candidate(base.point.model, candidate, model))
         return false;
-    Fit fit(logs, loose);
-    if (candidate.effect->event_count > 0 && candidate.effect->state_count > 0)
-        fit.options.max_iterations = QUICK_ITERATIONS - 2;
-    FitPoint p = fit.adopt(base.point, model);
     std::vector<int> free = fitted_parameters(model);
-    if (!fit.minimise(p, free))
+    FitPoint p;
+    // A trajectory that is chaotic is cut into pieces that are not.
+    bool contact = candidate.effect->event_count > 0 && candidate.effect->state_count > 0;
+    double best = HUGE_VAL;
+    for (double stretch : {loose.hidden_stretch, 2.0}) {
+        Fit fit(logs, loose);
+        fit.options.hidden_stretch = stretch;
+        FitPoint trial_point = fit.adopt(base.point, model);
+        if (fit.minimise(trial_point, free) && trial_point.cost < best) {
+            best = trial_point.cost;
+            p = std::move(trial_point);
+        }
+        if (!contact)
+            break;
+    }
+    if (!std::isfinite(best))
         return false;
     int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
     double gain = reference - p.cost - penalty(extra);
@@ -220,17 +231,16 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     return true;
 }
 
-// A model that follows its data lacks nothing that stores or strikes; of what remains, the mildest
-// start will do.
-bool Search::worth_trying(const Hypothesis &base, const std::vector<Candidate> &all, size_t i)
+// A model that follows its data most likely lacks nothing that stores or strikes; of what remains,
+// the mildest start will do.
+bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
 {
-    if (base.drift > FAITHFUL)
-        return true;
     bool first = i == 0 || !same_place(all[i - 1], all[i]);
     return first && all[i].effect->state_count == 0;
 }
 
-std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector<Candidate> *only)
+std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector<Candidate> *only,
+                                       bool thorough)
 {
     std::vector<Candidate> all = only ? *only : candidates(base.point.model, data);
     for (Candidate &c : all)
@@ -264,7 +274,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
             tries.push_back(i);
     }
     for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (only || worth_trying(base, all, i)))
+        if (!all[i].linear && (only || thorough || worth_trying(all, i)))
             tries.push_back(i);
     // What takes longest goes first, so that no thread is left with it alone at the end.
     std::stable_sort(tries.begin(), tries.end(), [&](size_t a, size_t b) {

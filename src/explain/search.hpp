@@ -40,10 +40,9 @@ class Search
     // Carries a fit on until it stands still, its drift too.
     void polish(Hypothesis &h, bool drift_too);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
-    // a joint.
-    // `only`: no others than these.
-    std::vector<Hypothesis> extend(const Hypothesis &base,
-                                   const std::vector<Candidate> *only = nullptr);
+    // a joint. `only`: no others than these. Not `thorough`: without those that are slow to fit.
+    std::vector<Hypothesis> extend(const Hypothesis &base, const std::vector<Candidate> *only,
+                                   bool thorough);
     int tried() const { return tried_count; } // candidates of the last extension
 
     double readings() const { return reading_count; }
@@ -67,7 +66,7 @@ class Search
                 std::vector<double> &gain);
     static double promised(const FitPicture &picture, const std::vector<int> &free,
                            const std::vector<int> &wanted);
-    static bool worth_trying(const Hypothesis &base, const std::vector<Candidate> &all, size_t i);
+    static bool worth_trying(const std::vector<Candidate> &all, size_t i);
     double penalty(int parameters) const;
     bool try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
                  double reference, Trial &trial);

@@ -98,9 +98,6 @@ std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
     double mean = 0.0;
     for (const Slip &s : same)
         mean += std::fabs(s.step) / (double)same.size();
-    // Pulses are whole counts.
-    double count = logs[0]->count[j];
-    mean = std::max(1.0, std::round(mean / count)) * count;
     for (Slip &s : same)
         s.step = std::copysign(mean, s.step);
     return same;

@@ -110,6 +110,7 @@ FitPoint Fit::start(const mk_model &model)
 {
     FitPoint p;
     p.model = model;
+    p.model.effect_count = 0; // states of effects come with them, below
     int ns = 2 * mk_model_joints(&model);
     for (const FitLog *log : logs) {
         FitNodes nodes;
@@ -137,6 +138,12 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     FitPoint p = from;
     p.model = model;
     int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
+    const bool hidden = mk_model_hides_joint(&model),
+               was_hidden = mk_model_hides_joint(&from.model);
+    if (was_hidden && !hidden) {
+        p = start(model);
+        std::copy(std::begin(from.noise), std::end(from.noise), std::begin(p.noise));
+    }
     for (size_t l = 0; l < p.nodes.size(); l++) {
         const MatrixXd known = p.nodes[l].x;
         p.nodes[l].x.resize(ns, known.cols());
@@ -147,26 +154,67 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
                 p.nodes[l].x(s, i) = full[s];
         }
     }
-    bool hidden_joint = false;
-    for (int e = 0; e < model.effect_count; e++) {
-        unsigned stages = mk_effect(model.effect[e].index)->stages;
-        hidden_joint =
-            hidden_joint || ((stages & MK_STAGE_STATE) && (stages & MK_STAGE_MEASUREMENT));
-    }
     if (ns > 2 * joints) {
+        if (hidden && !was_hidden)
+            for (FitNodes &nodes : p.nodes)
+                thin(nodes);
         prepare(p);
-        FitOptions kept = options;
-        for (double &drift : options.drift)
-            drift = std::max(drift, 0.3); // a first guess: it need not fit exactly
         parallel_for(options.threads, p.nodes.size(), [&](size_t l) {
-            if (hidden_joint)
-                filter_states(p, l);
+            if (hidden)
+                carry_apart(p, l);
             else
                 carry_states(p, l);
         });
-        options = kept;
     }
     return p;
+}
+
+// With short stretches hidden states can explain readings that the model does not: false optima,
+// one for each side that a joint may touch. Where the trajectory is not chaotic, long stretches
+// have none of them.
+void Fit::thin(FitNodes &nodes) const
+{
+    size_t step =
+        std::max<size_t>(1, (size_t)std::lround(options.hidden_stretch / options.stretch));
+    FitNodes kept;
+    for (size_t i = 0; i < nodes.row.size(); i += step) {
+        kept.row.push_back(nodes.row[i]);
+        kept.x.conservativeResize(nodes.x.rows(), (long)kept.row.size());
+        kept.x.rightCols(1) = nodes.x.col((long)i);
+    }
+    nodes = std::move(kept);
+}
+
+// A light side in a play is seen, its heavy side is not. From a first guess in which both are
+// together at every node: the model hands on where they are against each other, the readings where
+// both are.
+void Fit::carry_apart(FitPoint &point, size_t l)
+{
+    FitNodes &nodes = point.nodes[l];
+    const mk_model &m = point.model;
+    long joints = mk_model_joints(&m);
+    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
+        shoot_one(point, {}, l, i, false);
+        if (!work[l][i].finite)
+            return;
+        const VectorXd &end = work[l][i].x_end;
+        auto next = nodes.x.col((long)i + 1);
+        const VectorXd seen = next;
+        long at = 2 * joints;
+        for (int e = 0; e < m.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(m.effect[e].index);
+            next.segment(at, info->state_count) = end.segment(at, info->state_count);
+            if ((info->stages & MK_STAGE_STATE) && (info->stages & MK_STAGE_MEASUREMENT)) {
+                long j = m.effect[e].joint - 1;
+                for (long k = 0; k < 2; k++) {
+                    long own = k * joints + j;
+                    next(own) = seen(own) - (end(at + k) - end(own));
+                    next(at + k) = seen(own);
+                }
+            }
+            at += info->state_count;
+        }
+    }
 }
 
 // Effects that only listen hand their states on from stretch to stretch.
@@ -179,63 +227,6 @@ void Fit::carry_states(FitPoint &point, size_t l)
         if (!work[l][i].finite)
             return;
         nodes.x.col((long)i + 1).tail(ns - own) = work[l][i].x_end.tail(ns - own);
-    }
-}
-
-// States of effects cannot be read off the data: an iterated Kalman filter over the stretches finds
-// them. Each stretch starts where the last one ended, corrected by its own readings.
-void Fit::filter_states(FitPoint &point, size_t l)
-{
-    const mk_model &m = point.model;
-    int joints = mk_model_joints(&m);
-    long ns = mk_model_state_count(&m);
-    FitNodes &nodes = point.nodes[l];
-    VectorXd x = nodes.x.col(0);
-    MatrixXd precision = MatrixXd::Identity(ns, ns) * 1e-6;
-    for (long s = 2 * joints; s < ns; s++)
-        precision(s, s) = 1.0 / (HIDDEN_STD * HIDDEN_STD);
-    for (size_t i = 0; i < nodes.row.size(); i++) {
-        const VectorXd expected = x;
-        MatrixXd information = precision;
-        double damping = 1e-6, cost = HUGE_VAL;
-        VectorXd best = x, gradient = VectorXd::Zero(ns);
-        Segment found;
-        for (int round = 0; round < 12; round++) {
-            nodes.x.col((long)i) = x;
-            shoot_one(point, {}, l, i, true);
-            const Segment &s = work[l][i];
-            VectorXd off = x - expected;
-            double now = s.finite ? s.cost + 0.5 * off.dot(precision * off) : HUGE_VAL;
-            if (now < cost) {
-                bool done = cost - now < 1e-3 * now;
-                cost = now;
-                best = x;
-                found = s;
-                information = precision + s.normal;
-                gradient = s.right - precision * off;
-                damping = std::max(damping * 0.1, 1e-9);
-                if (done)
-                    break;
-            } else {
-                damping = std::max(damping * 30.0, 1e-3);
-                if (!std::isfinite(cost) || damping > 1e6)
-                    break;
-            }
-            MatrixXd damped = information;
-            damped.diagonal() *= 1.0 + damping;
-            x = best + damped.ldlt().solve(gradient);
-        }
-        if (!std::isfinite(cost))
-            return; // the nodes left over keep their first guess
-        nodes.x.col((long)i) = best;
-        if (i + 1 == nodes.row.size())
-            return;
-        MatrixXd F = found.jac_end.topRows(ns).transpose();
-        MatrixXd spread = F * information.ldlt().solve(F.transpose());
-        work[l][i] = found;
-        spread.diagonal() += process_variance(point, l, i);
-        precision = spread.ldlt().solve(MatrixXd::Identity(ns, ns));
-        x = found.x_end;
     }
 }
 

@@ -24,8 +24,9 @@ namespace mk
 struct FitOptions {
     double drift[MK_MAX_JOINTS] = {1e-4, 1e-4}; // process noise of the speeds, rad/s per sqrt(s)
     double stretch = 0.25;                      // s
-    double step = 2.5e-3;                       // longest integration step, s
-    double tolerance = 1e-3;                    // stop when a step gains less, in log likelihood
+    double hidden_stretch = 60.0; // s, of models that hide one side of a joint from the readings
+    double step = 2.5e-3;         // longest integration step, s
+    double tolerance = 1e-3;      // stop when a step gains less, in log likelihood
     int max_iterations = 40;
     int threads = 1;
 };
@@ -122,7 +123,8 @@ class Fit
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
     void carry_states(FitPoint &point, size_t log);
-    void filter_states(FitPoint &point, size_t log);
+    void carry_apart(FitPoint &point, size_t log);
+    void thin(FitNodes &nodes) const;
     void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
                    bool derivatives);
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);

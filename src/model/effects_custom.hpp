@@ -72,10 +72,22 @@ struct Custom {
     // The terms as people read them, in the same letters.
     static const char *text(int number)
     {
-        static const char *const all[] = {"v^3",       "v^3*abs(v)",  "sign(v)*w^2", "sign(v)*v^4",
-                                          "q^3",       "q*abs(q)",    "w",           "sign(w)",
-                                          "w*abs(w)",  "v*w^2",       "1",           "u*abs(u)",
-                                          "u^3",       "v*q^2",       "sign(v)*q^2", "v*abs(w)",
+        static const char *const all[] = {"v^3",
+                                          "v^3*abs(v)",
+                                          "sign(v)*w^2",
+                                          "sign(v)*v^4",
+                                          "q^3",
+                                          "q*abs(q)",
+                                          "w",
+                                          "sign(w)",
+                                          "w*abs(w)",
+                                          "v*w^2",
+                                          "1",
+                                          "u*abs(u)",
+                                          "u^3",
+                                          "v*q^2",
+                                          "sign(v)*q^2",
+                                          "v*abs(w)",
                                           "sign(v)*(v+w)^2"};
         return all[number >= 1 && number <= 17 ? number - 1 : 16];
     }
@@ -106,8 +118,8 @@ struct CustomWave {
     // Up to the phase.
     static const char *text(int number)
     {
-        static const char *const all[] = {"sign(v)*sin(q",   "v*sin(q",   "sign(v)*sin(a",
-                                          "sign(v)*sin(2*q", "v*sin(2*q", "v*abs(v)*sin(q",
+        static const char *const all[] = {"sign(v)*sin(q",   "v*sin(q",     "sign(v)*sin(a",
+                                          "sign(v)*sin(2*q", "v*sin(2*q",   "v*abs(v)*sin(q",
                                           "w*sin(q",         "sin(2*pi*f*t"};
         return all[number >= 1 && number <= IN_TIME ? number - 1 : IN_TIME - 1];
     }

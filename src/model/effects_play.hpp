@@ -34,9 +34,9 @@ struct Backlash {
         {{"width", "rad", "full gap", 0.0, 3.2, 0.02},
          {"stiffness", "N m/rad", "contact stiffness", 1e-9, INF, 100.0},
          {"damping", "N m s/rad", "contact damping", 0.0, INF, 0.15},
-         {"share", "", "the light side's share of the joint's inertia", 1e-4, 0.9, 0.075,
+         {"share", "", "the light side's share of the joint's inertia", 1e-4, 0.9, 0.08,
           MK_FIT_FREE, true},
-         {"drag", "rad/s^2", "dry friction of the encoder's shaft over its inertia", 0.0, INF, 4.0,
+         {"drag", "rad/s^2", "dry friction of the encoder's shaft over its inertia", 0.0, INF, 3.8,
           MK_FIT_FREE, true}}};
 
     template <class S>
@@ -57,6 +57,13 @@ struct Backlash {
         default:
             return e.p[3] * f.c->p[e.j == 0 ? 0 : 1];
         }
+    }
+    // Whether the light side turns about the same axis as link 1, which carries it: not where the
+    // axes cross (Furuta).
+    template <class S>
+    static bool rides(const Frame<S> &f, const EffectArgs<S> &e)
+    {
+        return e.j == 1 && f.c->plant != MK_PLANT_FURUTA;
     }
     // Torque on the light side from outside the gap: the motor's, or the friction of the shaft.
     template <class S>
@@ -90,25 +97,25 @@ struct Backlash {
         S force = contact(f, e);
         f.tau[e.j] += force;
         // What accelerates a light side that rides on link 1 pushes link 1 back.
-        if (e.j == 1)
+        if (rides(f, e))
             f.tau[0] -= drive(f, e) - force;
     }
     template <class S>
     static void inertia(Frame<S> &f, const EffectArgs<S> &e)
     {
         S light = light_inertia(f, e);
-        f.m11 -= light;
-        if (e.j == 1) {
+        if (rides(f, e)) {
+            f.m11 -= light;
             f.m12 -= light;
-            f.m22 -= light;
         }
+        (e.j == 0 ? f.m11 : f.m22) -= light;
     }
     template <class S>
     static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
     {
         dz[0] = e.z[1];
         dz[1] = (drive(f, e) - contact(f, e)) / light_inertia(f, e);
-        if (e.j == 1)
+        if (rides(f, e))
             dz[1] -= f.a[0];
     }
     template <class S>

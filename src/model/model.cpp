@@ -95,6 +95,15 @@ int mk_model_state_count(const mk_model *model)
     return 2 * mk_model_joints(model) + sum_over_effects(model, &mk_effect_info::state_count);
 }
 
+bool mk_model_hides_joint(const mk_model *model)
+{
+    constexpr unsigned between = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
+    for (int e = 0; e < model->effect_count; e++)
+        if ((mk_effect(model->effect[e].index)->stages & between) == between)
+            return true;
+    return false;
+}
+
 int mk_model_event_count(const mk_model *model)
 {
     return sum_over_effects(model, &mk_effect_info::event_count);

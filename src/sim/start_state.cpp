@@ -23,6 +23,8 @@ namespace
 {
 
 constexpr double HIDDEN_STD = 0.05; // of effects' states before any reading
+constexpr double PASSES = 1.15;     // rms of readings beside a trajectory, standard deviations
+constexpr double REST_STD = 1e-4;   // of speeds at rest, rad/s
 constexpr double STEP = 2.5e-3;     // s
 
 // Noise by fourth differences; at least what rounding and a little jitter make.
@@ -59,10 +61,13 @@ class Search
 
     // Gauss-Newton from x, whose effects' states are a guess too; false when the model runs away.
     // rms is in standard deviations.
-    bool solve(VectorXd &x, double &rms)
+    // `at_rest`: all speeds are nothing there.
+    bool solve(VectorXd &x, double &rms, bool at_rest)
     {
-        const VectorXd rest = x;
         int joints = mk_model_joints(f.model);
+        if (at_rest)
+            x.segment(joints, joints).setZero();
+        const VectorXd rest = x;
         double cost = HUGE_VAL, damping = 1e-6;
         for (int i = 0; i < 12; i++) {
             mk::ShootTask task = task_from(x, f.t[to - 1], true);
@@ -78,6 +83,10 @@ class Search
             for (long s = 2 * joints; s < ns; s++) {
                 H(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
                 g(s) += (rest(s) - x(s)) / (HIDDEN_STD * HIDDEN_STD);
+            }
+            for (long s = joints; at_rest && s < 2 * joints; s++) {
+                H(s, s) += 1.0 / (REST_STD * REST_STD);
+                g(s) -= x(s) / (REST_STD * REST_STD);
             }
             double now = r.squaredNorm();
             rms = std::sqrt(now / (double)n);
@@ -190,6 +199,34 @@ static bool first_guess(const mk_start_finder &f, size_t last, size_t row, Vecto
     return true;
 }
 
+// The state at `row` on the model's trajectory through the readings from `before` to `after`
+// seconds around it; false when no trajectory goes through them.
+static bool through_readings(const mk_start_finder &f, size_t last, size_t row, double before,
+                             double after, double *x)
+{
+    size_t from = row, to = row;
+    while (from > 0 && f.t[row] - f.t[from - 1] <= before)
+        from--;
+    while (to < last && f.t[to] - f.t[row] <= after)
+        to++;
+    VectorXd guess(mk_model_state_count(f.model));
+    double rms = 0.0;
+    if (to - from < 12 || !first_guess(f, last, from, guess))
+        return false;
+    Search search(f, from, to);
+    // Most logs begin before anything moves, or with a release.
+    VectorXd still = guess;
+    bool rested = from == 0 && search.solve(still, rms, true) && rms < PASSES;
+    if (rested)
+        guess = still;
+    else if (!search.solve(guess, rms, false) || !(rms < PASSES))
+        return false;
+    if (!search.carry(guess, row))
+        return false;
+    std::copy(guess.data(), guess.data() + guess.size(), x);
+    return true;
+}
+
 enum mk_status mk_start_state(mk_start_finder *f, size_t last, size_t row, double *x, mk_error *err)
 try {
     int ns = mk_model_state_count(f->model);
@@ -199,24 +236,19 @@ try {
     VectorXd plain(ns);
     if (first_guess(*f, last, row, plain))
         std::copy(plain.data(), plain.data() + ns, x);
-    for (double half = 0.25; half > 0.05; half *= 0.5) {
-        size_t from = row, to = row;
-        while (from > 0 && f->t[row] - f->t[from - 1] <= half)
-            from--;
-        while (to < last && f->t[to] - f->t[row] <= half)
-            to++;
-        if (to - from < 12)
-            continue;
-        VectorXd guess(ns);
-        double rms = 0.0;
-        if (!first_guess(*f, last, from, guess))
-            continue;
-        Search search(*f, from, to);
-        if (search.solve(guess, rms) && rms < 1.15 && search.carry(guess, row)) {
-            std::copy(guess.data(), guess.data() + ns, x);
+    // Readings of the far side of a play show where the near side is only after a while.
+    struct Span {
+        double before, after;
+    };
+    static const Span usual[] = {{0.25, 0.25}, {0.125, 0.125}, {0.0625, 0.0625}};
+    static const Span hidden[] = {{20.0, 0.25}, {4.0, 0.25}, {2.0, 0.25}, {1.0, 0.25}};
+    if (mk_model_hides_joint(f->model))
+        for (const Span &span : hidden)
+            if (through_readings(*f, last, row, span.before, span.after, x))
+                return MK_OK;
+    for (const Span &span : usual)
+        if (through_readings(*f, last, row, span.before, span.after, x))
             return MK_OK;
-        }
-    }
     return MK_OK;
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start state");

@@ -474,6 +474,8 @@ Case make_case(const Wish &wish)
     noise.rate = rates[draw.below(4)];
     for (double &cpr : noise.cpr)
         cpr = counts[draw.below(4)];
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        c.given.encoder_cpr[j] = (int)noise.cpr[j];
     noise.jitter = draw.unit() < 0.5 ? 0.3 : 0.0;
     noise.dropped = draw.unit() < 0.3 ? 0.005 : 0.0;
     std::vector<std::string> inputs = inputs_for(c.rig.kind);
