@@ -266,12 +266,16 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         if (std::isfinite(gain[i]))
             order.push_back(i);
     std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    // Terms of the library are many; they must not crowd out the catalogue.
+    int room[2] = {options.finalists + 2, options.finalists / 2};
     for (size_t i : order) {
-        size_t same = 0;
-        for (size_t k : tries)
-            same += same_place(all[k], all[i]);
-        if (same < 1 && (int)tries.size() < options.finalists + 2)
+        bool same = std::any_of(tries.begin(), tries.end(),
+                                [&](size_t k) { return same_place(all[k], all[i]); });
+        int &left = room[is_library(all[i].effect)];
+        if (!same && left > 0) {
             tries.push_back(i);
+            left--;
+        }
     }
     for (size_t i = 0; i < all.size(); i++)
         if (!all[i].linear && (only || thorough || worth_trying(all, i)))
@@ -292,13 +296,18 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> finalists;
+    int terms = 0; // of the library
     for (Trial &t : trials) {
         bool seen = !std::isfinite(t.gain);
         for (const Trial &f : finalists)
             seen = seen || same_place(f.candidate, t.candidate);
         bool hopeless = t.gain < -3.0 && finalists.size() >= 2;
-        if (!seen && !hopeless && (int)finalists.size() < options.finalists)
-            finalists.push_back(std::move(t));
+        bool library = is_library(t.candidate.effect);
+        bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
+        if (seen || hopeless || full)
+            continue;
+        terms += library;
+        finalists.push_back(std::move(t));
     }
     return compete(base, finalists);
 }

@@ -18,6 +18,7 @@ namespace
 constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
+constexpr double EXACTING = 0.02;     // drift below which errors of the integration show
 constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
 
 } // namespace
@@ -556,6 +557,12 @@ class Stepper
             scale(i) = Fit::scale_of(m, number);
             low(i) = (info->min - v) / scale(i);
             high(i) = (info->max - v) / scale(i);
+            // What cannot be nothing (a time constant, a speed) is known by its order of magnitude:
+            // no straight line reaches far in it.
+            if (info->min > 0.0) {
+                low(i) = std::max(low(i), (1.0 / FARTHEST - 1.0) * v / scale(i));
+                high(i) = std::min(high(i), (FARTHEST - 1.0) * v / scale(i));
+            }
         }
         turn.setIdentity(n, n);
         find_pairs();
@@ -632,6 +639,7 @@ class Stepper
     }
 
   private:
+    static constexpr double FARTHEST = 2.5; // times its value, in one step
     struct Pair {
         long size, other; // places in `free`
         bool polar;
@@ -756,11 +764,34 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     return true;
 }
 
+// Shortens the step until that changes the cost no more; false when it was short enough.
+bool Fit::refine_step(const FitPoint &point)
+{
+    constexpr double SHORTER = 0.4, SHORTEST = 2e-4;
+    double now = cost(point);
+    bool refined = false;
+    while (options.step > SHORTEST) {
+        const double kept = options.step;
+        options.step *= SHORTER;
+        double finer = cost(point);
+        if (!(std::fabs(finer - now) > 1.0)) {
+            options.step = kept;
+            break;
+        }
+        refined = true;
+        now = finer;
+    }
+    return refined;
+}
+
 bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result)
 {
     for (double &d : options.drift)
         d = drift;
     if (!minimise(point, free) || cancelled)
+        return false;
+    // What the step length changes must not be taken for what the model lacks.
+    if (drift < EXACTING && refine_step(point) && (!minimise(point, free) || cancelled))
         return false;
     // The noise belongs to the estimate; a second round where it changed.
     if (update_noise(point) > 0.02 && (!minimise(point, free) || cancelled))

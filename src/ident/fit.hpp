@@ -125,6 +125,7 @@ class Fit
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;
+    bool refine_step(const FitPoint &point);
     void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
                    bool derivatives);
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);

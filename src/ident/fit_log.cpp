@@ -107,14 +107,24 @@ class Builder
         double right = last < n ? u[last] : left;
         double before = first > 1 ? u[first - 2] : left;
         double after = last + 1 < n && !std::isnan(u[last + 1]) ? u[last + 1] : right;
-        double middle = 0.5 * (left + right);
-        double continued = 0.5 * (left + (left - before) + right + (right - after));
-        double doubt = std::fabs(middle - continued) + 0.02 * std::fabs(right - left);
-        doubt = std::max(doubt, std::min(std::fabs(right - left) / 2.0, 4.0 * doubt));
+        // A cubic through two commands on either side, where they go on smoothly; a straight line,
+        // and doubt, where one may have stepped.
+        double wide = (double)(last - first + 1), dl = left - before, dr = after - right;
+        double step = std::fabs(right - left) - 1.5 * wide * std::max(std::fabs(dl), std::fabs(dr));
+        bool smooth = step <= 0.0 && first > 1 && last + 1 < n;
         for (size_t k = first; k < last; k++) {
-            double s = (double)(k - first + 1) / (double)(last - first + 1);
-            u[k] = left + s * (right - left);
-            log.doubt[k] += doubt;
+            double x = (double)(k - first + 1), straight = left + x / wide * (right - left);
+            double cubic = 0.0;
+            const double at[4] = {-1.0, 0.0, wide, wide + 1.0}, y[4] = {before, left, right, after};
+            for (int i = 0; i < 4; i++) {
+                double share = y[i];
+                for (int j = 0; j < 4; j++)
+                    share *= j == i ? 1.0 : (x - at[j]) / (at[i] - at[j]);
+                cubic += share;
+            }
+            u[k] = smooth ? cubic : straight;
+            log.doubt[k] += smooth ? 0.1 * std::fabs(cubic - straight)
+                                   : std::fabs(cubic - straight) + 0.5 * std::fabs(right - left);
         }
     }
 };
