@@ -37,7 +37,8 @@
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
     X(linear)                                                                                      \
-    X(explain)
+    X(explain)                                                                                     \
+    X(hidden)
 
 #ifdef __cplusplus
 extern "C" {

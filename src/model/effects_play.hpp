@@ -139,8 +139,13 @@ struct Backlash {
     template <class S>
     static double rate(const Frame<S> &f, const EffectArgs<S> &e)
     {
-        double light = value_of(light_inertia(f, e));
-        return 1.5 * ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light;
+        double light = value_of(light_inertia(f, e)), friction = 0.0;
+        if (drives(f, e)) {
+            double turn = value_of(smooth_sign(e.z[1]));
+            int coulomb = mk_plant(f.c->plant)->parameter_count - 1;
+            friction = 15.0 * value_of(f.c->p[coulomb]) * (1.0 - turn * turn) / light;
+        }
+        return 1.5 * ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light + friction;
     }
 };
 

@@ -82,7 +82,9 @@ class Shooter
     long command = -1;                                      // row in force
     long next[MK_MAX_JOINTS] = {0, 0};                      // first reading not yet taken
     size_t rows = 0;
-    bool stiff = false;       // an effect has a rate
+    bool stiff = false;        // an effect has a rate
+    int speeds[MK_MAX_STATES]; // places of the speeds that friction acts on
+    int speed_count = 0;
     bool slope_known = false; // f0 belongs to x
 
     void seed_parameters()
@@ -101,7 +103,16 @@ class Shooter
                 number -= count;
             }
         }
+        constexpr unsigned between = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
+        int states = 2 * c.joints;
+        for (int j = 0; j < c.joints; j++)
+            speeds[speed_count++] = c.joints + j;
         for (int e = 0; e < c.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(c.effect[e].index);
+            // A body of its own between joint and encoder: angle, speed.
+            if ((info->stages & between) == between)
+                speeds[speed_count++] = states + 1;
+            states += info->state_count;
             stiff = stiff || effect_ops<Scalar>(c.effect[e].index).rate;
             unsigned stages = mk_effect(c.effect[e].index)->stages;
             if (stages & MK_STAGE_COMMAND_DELAY)
@@ -203,8 +214,8 @@ class Shooter
     // and how many steps it takes to follow. 0: no such thing.
     long sharp_reversal(double length, double &left, double &right) const
     {
-        for (int j = 0; j < c.joints; j++) {
-            double v = value_of(x[c.joints + j]), a = value_of(f0[c.joints + j]);
+        for (int j = 0; j < speed_count; j++) {
+            double v = value_of(x[speeds[j]]), a = value_of(f0[speeds[j]]);
             double reach = 0.35 / fabs(a), middle = -v / a;
             if (!(fabs(a) * length > 0.4) || middle + reach < 0.0 || middle - reach > length)
                 continue;
@@ -219,9 +230,8 @@ class Shooter
     long reversal_steps(double length) const
     {
         long count = 1;
-        for (int j = 0; j < c.joints; j++) {
-            double v = fabs(value_of(x[c.joints + j])),
-                   dv = fabs(value_of(f0[c.joints + j])) * length;
+        for (int j = 0; j < speed_count; j++) {
+            double v = fabs(value_of(x[speeds[j]])), dv = fabs(value_of(f0[speeds[j]])) * length;
             long need = v < 0.2 + dv ? (long)(dv / 0.05) + 1 : 1;
             if (need > count)
                 count = need < 8 ? need : 8;

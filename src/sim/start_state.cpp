@@ -24,7 +24,6 @@ namespace
 
 constexpr double HIDDEN_STD = 0.05; // of effects' states before any reading
 constexpr double PASSES = 1.15;     // rms of readings beside a trajectory, standard deviations
-constexpr double REST_STD = 1e-4;   // of speeds at rest, rad/s
 constexpr double STEP = 2.5e-3;     // s
 
 // Noise by fourth differences; at least what rounding and a little jitter make.
@@ -61,41 +60,57 @@ class Search
 
     // Gauss-Newton from x, whose effects' states are a guess too; false when the model runs away.
     // rms is in standard deviations.
-    // `at_rest`: all speeds are nothing there.
-    bool solve(VectorXd &x, double &rms, bool at_rest)
+    bool solve(VectorXd &x, double &rms)
     {
-        int joints = mk_model_joints(f.model);
-        if (at_rest)
-            x.segment(joints, joints).setZero();
         const VectorXd rest = x;
-        double cost = HUGE_VAL, damping = 1e-6;
+        int joints = mk_model_joints(f.model);
+        double cost = HUGE_VAL;
         for (int i = 0; i < 12; i++) {
-            mk::ShootTask task = task_from(x, f.t[to - 1], true);
-            mk::shoot(task);
-            if (!task.finite || task.row_count < (size_t)ns)
+            MatrixXd H;
+            VectorXd g;
+            double now = 0.0;
+            if (!linearise(x, H, g, now, rms))
                 return false;
-            long n = (long)task.row_count;
-            using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-            Eigen::Map<const RowMajor> J(jac.data(), n, ns);
-            Eigen::Map<const VectorXd> r(residual.data(), n);
-            MatrixXd H = J.transpose() * J;
-            VectorXd g = J.transpose() * r;
             for (long s = 2 * joints; s < ns; s++) {
                 H(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
                 g(s) += (rest(s) - x(s)) / (HIDDEN_STD * HIDDEN_STD);
             }
-            for (long s = joints; at_rest && s < 2 * joints; s++) {
-                H(s, s) += 1.0 / (REST_STD * REST_STD);
-                g(s) -= x(s) / (REST_STD * REST_STD);
-            }
-            double now = r.squaredNorm();
-            rms = std::sqrt(now / (double)n);
             if (cost - now < 1e-4 * now)
                 return true;
             cost = now;
-            H.diagonal() *= 1.0 + damping;
+            H.diagonal() *= 1.0 + 1e-6;
             x += H.ldlt().solve(g);
             if (!x.allFinite())
+                return false;
+        }
+        return true;
+    }
+    // The same where nothing moves and has not for long: angles alone are to be found.
+    bool solve_at_rest(VectorXd &x, double &rms)
+    {
+        constexpr double SIDE = 1e-6; // rad
+        int joints = mk_model_joints(f.model);
+        VectorXd q = x.head(joints);
+        double cost = HUGE_VAL;
+        for (int i = 0; i < 12; i++) {
+            x = resting(q);
+            MatrixXd H, turn(ns, joints);
+            VectorXd g;
+            double now = 0.0;
+            if (!linearise(x, H, g, now, rms))
+                return false;
+            if (cost - now < 1e-4 * now)
+                return true;
+            cost = now;
+            for (int j = 0; j < joints; j++) {
+                VectorXd beside = q;
+                beside(j) += SIDE;
+                turn.col(j) = (resting(beside) - x) / SIDE;
+            }
+            MatrixXd small = turn.transpose() * H * turn;
+            small.diagonal() *= 1.0 + 1e-6;
+            q += small.ldlt().solve(turn.transpose() * g);
+            if (!q.allFinite())
                 return false;
         }
         return true;
@@ -118,6 +133,30 @@ class Search
     size_t from, to;
     std::vector<double> residual, jac, x_end, jac_end;
 
+    VectorXd resting(const VectorXd &q) const
+    {
+        const double still[MK_MAX_JOINTS] = {0.0, 0.0};
+        VectorXd x(ns);
+        mk_model_initial_state(f.model, q.data(), still, x.data());
+        return x;
+    }
+    // Normal equations of the readings about the trajectory from x.
+    bool linearise(const VectorXd &x, MatrixXd &H, VectorXd &g, double &sum, double &rms)
+    {
+        mk::ShootTask task = task_from(x, f.t[to - 1], true);
+        mk::shoot(task);
+        if (!task.finite || task.row_count < (size_t)ns)
+            return false;
+        long n = (long)task.row_count;
+        using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+        Eigen::Map<const RowMajor> J(jac.data(), n, ns);
+        Eigen::Map<const VectorXd> r(residual.data(), n);
+        H = J.transpose() * J;
+        g = J.transpose() * r;
+        sum = r.squaredNorm();
+        rms = std::sqrt(sum / (double)n);
+        return true;
+    }
     mk::ShootTask task_from(const VectorXd &x, double end, bool derivatives)
     {
         mk::ShootTask task = {};
@@ -216,10 +255,9 @@ static bool through_readings(const mk_start_finder &f, size_t last, size_t row, 
     Search search(f, from, to);
     // Most logs begin before anything moves, or with a release.
     VectorXd still = guess;
-    bool rested = from == 0 && search.solve(still, rms, true) && rms < PASSES;
-    if (rested)
+    if (from == 0 && search.solve_at_rest(still, rms) && rms < PASSES)
         guess = still;
-    else if (!search.solve(guess, rms, false) || !(rms < PASSES))
+    else if (!search.solve(guess, rms) || !(rms < PASSES))
         return false;
     if (!search.carry(guess, row))
         return false;

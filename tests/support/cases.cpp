@@ -488,6 +488,8 @@ Case make_case(const Wish &wish)
                 pick = draw.below(inputs.size());
         c.how.push_back(draw_recording(noise, inputs[pick], draw));
         inputs.erase(inputs.begin() + (long)pick);
+        if (!wish.logs)
+            continue;
         OwnedLog log = as_log(record(c.rig, c.how.back()), c.rig, c.how.back());
         if (i + 1 < logs)
             c.train.push_back(std::move(log));

@@ -37,6 +37,7 @@ struct Wish {
     int joint = 0;
     double size = 1.0; // times the usual size
     uint64_t seed = 1;
+    bool logs = true; // false: the rig and its effects alone
 };
 Case make_case(const Wish &wish);
 

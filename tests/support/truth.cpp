@@ -156,17 +156,30 @@ double Machine::amplifier(const State &s, double t, double command) const
     return u;
 }
 
-// The pendulum of a Furuta rig as one mass in space: `reach` of the arm, `length` of the rod.
-struct PointMass {
-    double m, reach, length;
-    explicit PointMass(const std::vector<double> &p)
-        : m(p[3] * p[3] / (4.0 * p[2])), reach(0.5 * p[1] / p[3]), length(4.0 * p[2] / p[3])
+// The pendulum of a Furuta rig, a thin rod, as three masses in space (exact: Simpson's rule), at
+// `reach` from the axis.
+struct Rod {
+    double reach, mass[3], radius[3];
+    explicit Rod(const std::vector<double> &p)
     {
+        double half = 3.0 * p[2] / p[3], whole = p[3] / half;
+        reach = 0.5 * p[1] / p[3];
+        for (int i = 0; i < 3; i++) {
+            mass[i] = whole * (i == 1 ? 4.0 : 1.0) / 6.0;
+            radius[i] = half * i;
+        }
     }
-    // Columns: d(position)/d(arm), d(position)/d(rod); and what speeds alone accelerate it by.
-    void motion(double a, double b, double va, double vb, double J[3][2], double bias[3]) const
+    double about_axis() const // of the arm's tip if all were there
+    {
+        return (mass[0] + mass[1] + mass[2]) * reach * reach;
+    }
+    // Of one mass: columns d(position)/d(arm), d(position)/d(rod); and what speeds alone accelerate
+    // it by.
+    void motion(int i, double a, double b, double va, double vb, double J[3][2],
+                double bias[3]) const
     {
         double ca = std::cos(a), sa = std::sin(a), cb = std::cos(b), sb = std::sin(b);
+        double length = radius[i];
         J[0][0] = -reach * sa - length * sb * ca;
         J[1][0] = reach * ca - length * sb * sa;
         J[2][0] = 0.0;
@@ -199,16 +212,17 @@ void Machine::gravity(const State &s, Forces &f) const
         f.on[LINK1] -= p[2] * g * std::sin(s.y[LINK1] - lean);
         break;
     case Kind::furuta: {
-        PointMass mass(p);
-        double J[3][2], bias[3];
-        mass.motion(s.y[LINK1], s.y[LINK2], 0.0, 0.0, J, bias);
-        double down[3] = {0.0, g * std::sin(lean), -g * std::cos(lean)};
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 2; k++)
-                f.on[k] += mass.m * down[i] * J[i][k];
-        // The arm is a uniform rod.
-        double arm = p[0] - mass.m * mass.reach * mass.reach;
-        f.on[LINK1] += 1.5 * arm / mass.reach * down[1] * std::cos(s.y[LINK1]);
+        Rod rod(p);
+        double J[3][2], bias[3], down[3] = {0.0, -g * std::sin(lean), -g * std::cos(lean)};
+        for (int n = 0; n < 3; n++) {
+            rod.motion(n, s.y[LINK1], s.y[LINK2], 0.0, 0.0, J, bias);
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 2; k++)
+                    f.on[k] += rod.mass[n] * down[i] * J[i][k];
+        }
+        // The arm is a uniform rod too.
+        double arm = p[0] - rod.about_axis();
+        f.on[LINK1] += 1.5 * arm / rod.reach * down[1] * std::cos(s.y[LINK1]);
         break;
     }
     }
@@ -341,17 +355,19 @@ void Machine::accelerate(const State &s, const Forces &f, State &d) const
     } else if (kind == Kind::reaction_wheel) {
         M[1][1] = p[1];
     } else if (kind == Kind::furuta) {
-        PointMass mass(p);
+        Rod rod(p);
         double J[3][2], bias[3];
-        mass.motion(s.y[LINK1], s.y[LINK2], s.v[LINK1], s.v[LINK2], J, bias);
-        M[0][0] = p[0] - mass.m * mass.reach * mass.reach;
+        M[0][0] = p[0] - rod.about_axis();
         M[1][1] = 0.0;
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 2; k++) {
-                r[k] -= mass.m * bias[i] * J[i][k];
-                for (int l = 0; l < 2; l++)
-                    M[k][l] += mass.m * J[i][k] * J[i][l];
-            }
+        for (int n = 0; n < 3; n++) {
+            rod.motion(n, s.y[LINK1], s.y[LINK2], s.v[LINK1], s.v[LINK2], J, bias);
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 2; k++) {
+                    r[k] -= rod.mass[n] * bias[i] * J[i][k];
+                    for (int l = 0; l < 2; l++)
+                        M[k][l] += rod.mass[n] * J[i][k] * J[i][l];
+                }
+        }
     }
     if (play) {
         int heavy = two ? LINK2 : LINK1;
@@ -527,7 +543,7 @@ State start_of(Machine &m, const Recording &how, Draw &draw)
     // At rest where the rig hangs by itself.
     State s = m.at(q);
     m.extra_damping = 0.3;
-    for (int i = 0; i < 200000; i++)
+    for (int i = 0; i < 60000; i++)
         s = m.step(s, 0.0, LONGEST_STEP, 0.0);
     m.extra_damping = 0.0;
     for (double &v : s.v)

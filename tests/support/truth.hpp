@@ -1,5 +1,5 @@
 // Rigs as they are, for tests that hide an effect in data: a simulator with a formulation of its
-// own. Bodies have absolute angles (the Furuta pendulum is a point mass in space), torques act
+// own. Bodies have absolute angles (the Furuta pendulum is masses in space), torques act
 // between bodies, play is two bodies and a gap, a delay is a buffer of held commands, steps are at
 // most 0.1 ms. It shares no code with the program under test; the laws are those of docs/effects.md
 // and docs/theory.md, read from there.

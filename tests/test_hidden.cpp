@@ -1,0 +1,212 @@
+// Effects against a simulator with a formulation of its own (support/truth.hpp): each law of the
+// catalogue on each rig, and explain on logs in which that simulator has hidden one.
+#include "suites.h"
+
+#include <cmath>
+#include <cstring>
+
+#include "mechkit/explain.h"
+#include "support/cases.hpp"
+
+namespace
+{
+
+// A case without noise to speak of: the model has the hidden effect too, so that what is predicted
+// must be what was recorded.
+struct Agreement {
+    double worst = 0.0; // rms of a joint over its free run, in counts of 4000 a turn
+    bool possible = false;
+};
+
+bool add_same_effect(mk_model &m, const truth::Effect &e)
+{
+    if (mk_model_add_effect(&m, e.name.c_str(), e.joint, nullptr) != MK_OK)
+        return false;
+    mk_effect_use &use = m.effect[m.effect_count - 1];
+    const mk_effect_info *info = mk_effect(use.index);
+    for (int i = 0; i < info->parameter_count; i++) {
+        auto it = e.value.find(info->parameter[i].name);
+        if (it != e.value.end())
+            use.value[i] = it->second;
+    }
+    if (e.name == "backlash") {
+        int drag = mk_effect_parameter_index(info, "drag");
+        int share = mk_effect_parameter_index(info, "share");
+        double whole = m.plant == MK_PLANT_FURUTA ? 4.0 * m.parameter[2] : m.parameter[1];
+        use.value[drag] = e.value.at("rub") / (use.value[share] * whole);
+    }
+    return true;
+}
+
+Agreement compare(const std::string &rig, const std::string &effect)
+{
+    Agreement a;
+    truth::Wish wish;
+    wish.rig = rig, wish.effect = effect, wish.seed = 5, wish.logs = false;
+    truth::Case c = truth::make_case(wish);
+    mk_model m = c.given;
+    std::copy(c.rig.p.begin(), c.rig.p.end(), m.parameter);
+    if (!add_same_effect(m, c.rig.effects[0]))
+        return a;
+    a.possible = true;
+    truth::Recording how;
+    how.rate = 500.0, how.seconds = 2.0, how.seed = 3;
+    how.cpr[0] = how.cpr[1] = 4000.0;
+    how.input = "multisine";
+    truth::Log made = truth::record(c.rig, how);
+    for (int &cpr : m.encoder_cpr)
+        cpr = 4000;
+    truth::OwnedLog log = truth::as_log(made, c.rig, how);
+    mk_predict_options o = {};
+    mk_log *predicted = nullptr;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_predict(&m, log.get(), &o, &predicted, nullptr, nullptr, &err) == MK_OK, "%s",
+                  err.message);
+    truth::OwnedLog owned(predicted);
+    for (int j = 0; j < mk_model_joints(&m); j++) {
+        const double *q = mk_log_get(predicted, j == 0 ? "q1" : "q2");
+        double sum = 0.0;
+        for (size_t k = 0; k < made.t.size(); k++)
+            sum += std::pow(q[k] - made.angle[j][k], 2);
+        a.worst = std::max(a.worst, std::sqrt(sum / (double)made.t.size()) * 4000.0 / 6.2832);
+    }
+    return a;
+}
+
+mk_explanation explained(const truth::Case &c)
+{
+    std::vector<const mk_log *> train;
+    for (const truth::OwnedLog &log : c.train)
+        train.push_back(log.get());
+    const mk_log *hold = c.holdout.get();
+    mk_explain_options o = {};
+    o.threads = 2;
+    static mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_explain(&c.given, train.data(), train.size(), &hold, 1, &o, &e, &err) == MK_OK,
+                  "%s", err.message);
+    return e;
+}
+
+bool right(const std::vector<truth::Name> &names, const mk_effect_info *effect, int joint)
+{
+    for (const truth::Name &n : names)
+        if (n.effect == effect->name && (n.joint == 0 || n.joint == joint))
+            return true;
+    return false;
+}
+
+// One case of each sort and rig.
+struct Hidden {
+    const char *rig, *kind, *effect;
+    int joint;
+    uint64_t seed;
+};
+const Hidden hidden[] = {{"inertia-wheel", "single", "stribeck", 1, 11},
+                         {"pendulum", "single", "torque-ripple", 0, 12},
+                         {"reaction-wheel", "single", "encoder-offset", 1, 13},
+                         {"furuta", "single", "sensor-delay", 2, 14},
+                         {"pendubot", "single", "viscous", 2, 15}};
+
+} // namespace
+
+START_TEST(every_law_agrees_with_an_independent_simulator)
+{
+    const std::string &rig = truth::rig_kinds[(size_t)_i];
+    for (const std::string &effect : truth::hideable(rig)) {
+        if (effect == "missed-counts") // at random instants
+            continue;
+        Agreement a = compare(rig, effect);
+        ck_assert_msg(a.possible, "%s cannot be added to %s", effect.c_str(), rig.c_str());
+        ck_assert_msg(a.worst < 0.6, "%s on %s: %.3g counts apart", effect.c_str(), rig.c_str(),
+                      a.worst);
+    }
+}
+END_TEST
+
+START_TEST(what_was_hidden_is_named_and_the_gain_is_there)
+{
+    const Hidden &h = hidden[_i];
+    truth::Wish wish;
+    wish.rig = h.rig, wish.kind = h.kind, wish.effect = h.effect, wish.joint = h.joint;
+    wish.seed = h.seed;
+    truth::Case c = truth::make_case(wish);
+    mk_explanation e = explained(c);
+    ck_assert_msg(e.verdict == MK_VERDICT_EFFECT, "%s on %s: %s %s", h.effect, h.rig,
+                  mk_verdict_name(e.verdict), e.structure);
+    ck_assert_msg(right(c.right[0], e.cause[0].effect, e.cause[0].joint),
+                  "%s on %s was called %s at %d", h.effect, h.rig, e.cause[0].effect->name,
+                  e.cause[0].joint);
+    ck_assert_int_eq(e.cause_count, 1);
+    ck_assert(e.offered);
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
+START_TEST(clean_data_raise_no_alarm)
+{
+    for (const std::string &rig : truth::rig_kinds) {
+        truth::Wish wish;
+        wish.rig = rig;
+        wish.kind = _i == 0 ? "none" : "parameters";
+        wish.seed = 40 + (uint64_t)_i;
+        mk_explanation e = explained(truth::make_case(wish));
+        ck_assert_msg(e.verdict == MK_VERDICT_NONE || e.verdict == MK_VERDICT_PARAMETERS,
+                      "%s: %s, %s", rig.c_str(), mk_verdict_name(e.verdict),
+                      e.cause_count ? e.cause[0].effect->name : "");
+    }
+}
+END_TEST
+
+START_TEST(the_answer_does_not_depend_on_the_number_of_threads)
+{
+    truth::Wish wish;
+    wish.rig = "pendulum", wish.effect = "deadband", wish.seed = 21;
+    truth::Case c = truth::make_case(wish);
+    const mk_log *train = c.train[0].get(), *hold = c.holdout.get();
+    static mk_explanation e[2];
+    for (int i = 0; i < 2; i++) {
+        mk_explain_options o = {};
+        o.threads = 1 + 2 * i;
+        ck_assert_int_eq(mk_explain(&c.given, &train, 1, &hold, 1, &o, &e[i], nullptr), MK_OK);
+        e[i].seconds = 0.0;
+    }
+    ck_assert_int_eq(e[0].cause_count, e[1].cause_count);
+    ck_assert_double_eq(e[0].closed, e[1].closed);
+    for (int i = 0; i < e[0].cause_count; i++) {
+        ck_assert_ptr_eq(e[0].cause[i].effect, e[1].cause[i].effect);
+        ck_assert_double_eq(e[0].cause[i].value[0], e[1].cause[i].value[0]);
+        ck_assert_double_eq(e[0].cause[i].std_error[0], e[1].cause[i].std_error[0]);
+    }
+}
+END_TEST
+
+START_TEST(what_no_entry_describes_is_unknown_with_a_formula_that_predicts)
+{
+    truth::Wish wish;
+    wish.rig = "furuta", wish.kind = "off", wish.effect = "hardening-cable", wish.seed = 2000;
+    mk_explanation e = explained(truth::make_case(wish));
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
+    ck_assert_ptr_nonnull(strstr(e.structure, "^3"));
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
+extern "C" Suite *suite_hidden(void)
+{
+    Suite *s = suite_create("hidden");
+    TCase *laws = tcase_create("laws");
+    tcase_set_timeout(laws, 120);
+    tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0,
+                        (int)truth::rig_kinds.size());
+    suite_add_tcase(s, laws);
+    TCase *t = tcase_create("explain");
+    tcase_set_timeout(t, 300);
+    tcase_add_loop_test(t, what_was_hidden_is_named_and_the_gain_is_there, 0,
+                        (int)(sizeof hidden / sizeof hidden[0]));
+    tcase_add_loop_test(t, clean_data_raise_no_alarm, 0, 2);
+    tcase_add_test(t, the_answer_does_not_depend_on_the_number_of_threads);
+    tcase_add_test(t, what_no_entry_describes_is_unknown_with_a_formula_that_predicts);
+    suite_add_tcase(s, t);
+    return s;
+}
