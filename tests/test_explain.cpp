@@ -192,7 +192,7 @@ START_TEST(the_reports_say_what_was_found)
     mk_explanation e = explained(h);
     mk_error err = MK_ERROR_INIT;
     const char *path = scratch("report.json"), *files[] = {"held.csv"};
-    ck_assert_int_eq(mk_explanation_write_json(&e, path, files, 1, nullptr, &err), MK_OK);
+    ck_assert_int_eq(mk_explanation_write_json(&e, path, files, 1, &err), MK_OK);
     cJSON *o = nullptr;
     ck_assert_int_eq(mk_json_read(path, &o, &err), MK_OK);
     ck_assert_str_eq(cJSON_GetObjectItem(o, "verdict")->valuestring, "effect");

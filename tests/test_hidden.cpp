@@ -192,6 +192,28 @@ START_TEST(what_no_entry_describes_is_unknown_with_a_formula_that_predicts)
 }
 END_TEST
 
+START_TEST(what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does)
+{
+    // To a pendulum that only swings, a tilted base and a wrong zero are one thing; a dead zone and
+    // its rivals are not.
+    truth::Wish wish;
+    wish.rig = "pendulum", wish.seed = 31;
+    wish.effect = _i == 0 ? "base-tilt" : "deadband";
+    truth::Case c = truth::make_case(wish);
+    const mk_log *train = c.train[0].get(), *hold = c.holdout.get();
+    mk_explain_options o = {};
+    o.threads = 2;
+    o.next = _i == 1;
+    static mk_explanation e;
+    ck_assert_int_eq(mk_explain(&c.given, &train, 1, &hold, 1, &o, &e, nullptr), MK_OK);
+    ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_ge(e.next.rival, 0);
+    ck_assert_int_eq(e.next.input[0] != 0, _i == 1);
+    ck_assert_int_eq(e.next.odds > 3.0, _i == 1);
+    ck_assert_ptr_nonnull(strstr(e.next.why, e.rival[e.next.rival].effect->name));
+}
+END_TEST
+
 extern "C" Suite *suite_hidden(void)
 {
     Suite *s = suite_create("hidden");
@@ -206,6 +228,8 @@ extern "C" Suite *suite_hidden(void)
                         (int)(sizeof hidden / sizeof hidden[0]));
     tcase_add_loop_test(t, clean_data_raise_no_alarm, 0, 2);
     tcase_add_test(t, the_answer_does_not_depend_on_the_number_of_threads);
+    tcase_add_loop_test(
+        t, what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does, 0, 2);
     tcase_add_test(t, what_no_entry_describes_is_unknown_with_a_formula_that_predicts);
     suite_add_tcase(s, t);
     return s;

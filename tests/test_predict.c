@@ -107,6 +107,24 @@ START_TEST(dropped_rows_and_readings_do_not_stop_a_prediction)
 }
 END_TEST
 
+START_TEST(a_log_may_begin_at_any_time)
+{
+    struct mk_model m;
+    struct mk_predict_figures early, late;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 0, 3), *first = predict(&m, log, 1, &early);
+    double *t = log->columns[0].data;
+    for (size_t k = 0; k < log->rows; k++)
+        t[k] += 7.25;
+    struct mk_log *second = predict(&m, log, 1, &late);
+    for (int j = 0; j < 2; j++)
+        ck_assert_double_eq_tol(early.rms[j], late.rms[j], 1e-9);
+    mk_log_free(first);
+    mk_log_free(second);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(offsets_and_delays_of_the_model_are_in_the_prediction)
 {
     struct mk_model m;
@@ -218,6 +236,7 @@ Suite *suite_predict(void)
     tcase_add_test(t, a_model_predicts_its_own_log);
     tcase_add_test(t, a_wrong_model_shows_in_the_figures);
     tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
+    tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);
     tcase_add_test(t, logs_too_short_to_predict_are_refused);

@@ -56,8 +56,18 @@ struct mk_push {
 };
 #define MK_MAX_PUSHES 400
 
+/* An experiment that would tell the best hypothesis from a rival. */
+struct mk_next_experiment {
+    int rival;      /* index; -1: none was looked for */
+    char input[64]; /* signal (mechkit/signal.h) from rest; empty: none within the limits does */
+    double seconds;
+    double odds;   /* expected log likelihood ratio, the loser fitted again */
+    char why[320]; /* a sentence */
+};
+
 struct mk_explain_options {
     int threads;     /* 0: as many as there are processors */
+    bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
     mk_progress_fn progress;
     void *progress_context;
@@ -73,17 +83,19 @@ struct mk_explanation {
     char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
 
     /* extended: what to use from now on. With the causes in it if `offered`; else, because they
-     * predict held-out data worse or there are none, the refitted model (verdict none: the given). */
+     * predict held-out data worse or there are none, the refitted model (verdict none: the given).
+     */
     struct mk_model given, refit, extended;
     bool offered;
-    double std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
-    double noise[MK_MAX_JOINTS];            /* of the readings, rad */
+    double
+        std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
+    double noise[MK_MAX_JOINTS];      /* of the readings, rad */
     /* Process noise of the speeds that each model needs to follow the data, rad/s per sqrt(s): how
      * much it lacks. */
     double drift_refit, drift_extended;
     /* In log likelihood: of refitting (from the estimate's covariance), of the causes on top. */
     double gain_refit, gain_extended;
-    int tried;                        /* causes looked at */
+    int tried; /* causes looked at */
 
     double window_s;
     bool held_back;   /* no hold-out logs were given: the end of the last log was held back */
@@ -94,6 +106,7 @@ struct mk_explanation {
     int push_count;
     struct mk_push push[MK_MAX_PUSHES];
     double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation, same units */
+    struct mk_next_experiment next;
     double seconds;
 };
 
@@ -110,7 +123,12 @@ MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
 MK_NODISCARD enum mk_status mk_explanation_write_json(const struct mk_explanation *explanation,
                                                       const char *path,
                                                       const char *const *holdout_names,
-                                                      size_t holdout_count, const char *next_why,
+                                                      size_t holdout_count, struct mk_error *err);
+
+/* Writes the next experiment as a command file; `model` is the model file to name in it. Nothing is
+ * written where there is none. */
+MK_NODISCARD enum mk_status mk_explanation_write_next(const struct mk_explanation *explanation,
+                                                      const char *path, const char *model,
                                                       struct mk_error *err);
 
 /* Writes report.html, self-contained, with plots; `log` is a held-out log to show the models on. */

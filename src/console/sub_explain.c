@@ -22,10 +22,13 @@ struct options {
 
 static int parse(int argc, char **argv, struct options *o)
 {
-    static const struct option names[] = {
-        {"model", required_argument, NULL, 'm'},   {"out", required_argument, NULL, 'o'},
-        {"holdout", required_argument, NULL, 'h'}, {"window", required_argument, NULL, 'w'},
-        {"threads", required_argument, NULL, 't'}, {NULL, 0, NULL, 0}};
+    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
+                                          {"out", required_argument, NULL, 'o'},
+                                          {"holdout", required_argument, NULL, 'h'},
+                                          {"window", required_argument, NULL, 'w'},
+                                          {"threads", required_argument, NULL, 't'},
+                                          {"next", no_argument, NULL, 'n'},
+                                          {NULL, 0, NULL, 0}};
     int c;
     char *end;
     opterr = 0;
@@ -52,6 +55,9 @@ static int parse(int argc, char **argv, struct options *o)
             o->explain.threads = (int)strtol(optarg, &end, 10);
             if (*end || o->explain.threads < 1 || o->explain.threads > 256)
                 return report_usage("explain", "--threads %s: expected 1 .. 256", optarg);
+            break;
+        case 'n':
+            o->explain.next = true;
             break;
         case ':':
             return report_usage("explain", "%s needs a value", argv[optind - 1]);
@@ -154,6 +160,8 @@ static void print_explanation(const struct mk_explanation *e)
         printf("  The extension closes %.1f %% of what refitting leaves.\n", 100.0 * e->closed);
     else if (e->cause_count > 0)
         printf("  It predicts no better than the refitted model there, and is not offered.\n");
+    if (e->next.why[0])
+        printf("Next: %s\n", e->next.why);
     printf("%.1f s\n", e->seconds);
 }
 
@@ -178,7 +186,10 @@ static enum mk_status write_reports(const struct options *o, const struct mk_exp
     bool given = o->holdout_count > 0;
     if (st == MK_OK)
         st = mk_explanation_write_json(e, path, given ? o->holdout : &o->input[o->input_count - 1],
-                                       given ? o->holdout_count : 1, NULL, err);
+                                       given ? o->holdout_count : 1, err);
+    snprintf(path, sizeof path, "%s/next.cmd", o->out);
+    if (st == MK_OK)
+        st = mk_explanation_write_next(e, path, "extended.ini", err);
     snprintf(path, sizeof path, "%s/report.html", o->out);
     if (st == MK_OK)
         st = mk_explanation_write_html(e, path, shown, err);

@@ -351,6 +351,8 @@ std::string gain_table(const mk_explanation &e)
 
 std::string advice(const mk_explanation &e)
 {
+    if (e.next.why[0])
+        return std::string("To be tested next: ") + e.next.why + ".";
     bool tied = false;
     for (int i = 0; i < e.rival_count; i++)
         tied = tied || !e.rival[i].distinguishable;

@@ -92,7 +92,7 @@ cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t co
 
 enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *path,
                                          const char *const *holdout_names, size_t holdout_count,
-                                         const char *next_why, mk_error *err)
+                                         mk_error *err)
 {
     std::unique_ptr<cJSON, void (*)(cJSON *)> root(cJSON_CreateObject(), cJSON_Delete);
     cJSON *o = root.get();
@@ -108,9 +108,11 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
     cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
-    if (next_why) {
+    if (e->next.input[0]) {
         cJSON *next = cJSON_AddObjectToObject(o, "next_experiment");
-        cJSON_AddStringToObject(next, "why", next_why);
+        cJSON_AddStringToObject(next, "why", e->next.why);
+        cJSON_AddStringToObject(next, "input", e->next.input);
+        cJSON_AddItemToObject(next, "log_odds", mk_json_number(e->next.odds));
         cJSON_AddStringToObject(next, "script", "next.cmd");
     } else {
         cJSON_AddNullToObject(o, "next_experiment");

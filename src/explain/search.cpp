@@ -298,7 +298,9 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
     std::vector<Trial> finalists;
     int terms = 0; // of the library
     for (Trial &t : trials) {
-        bool seen = !std::isfinite(t.gain);
+        if (!std::isfinite(t.gain))
+            continue; // could not even be started
+        bool seen = false;
         for (const Trial &f : finalists)
             seen = seen || same_place(f.candidate, t.candidate);
         bool hopeless = t.gain < -3.0 && finalists.size() >= 2;

@@ -48,7 +48,7 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
         return st;
     for (size_t k = 0; k < first; k++)
         command_at(rec, k, u);
-    st = mk_sim_reset(p->sim, rec->t[first], x, u);
+    st = mk_sim_reset(p->sim, rec->t[first] - rec->t[0], x, u);
     if (st == MK_OK)
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
