@@ -152,7 +152,7 @@ Starts backlash(const Setting &s)
         return {};
     double share = s.motor() ? 0.2 : 0.08, light = share * s.inertia();
     double k = light * 150.0 * 150.0;
-    return {{0.01, k, 30.0 * light, share, 3.8}, {0.04, k, 30.0 * light, share, 3.8}};
+    return {{0.02, k, 30.0 * light, share, 3.8}};
 }
 Starts input_delay(const Setting &)
 {

@@ -57,6 +57,7 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
 {
     FitOptions o;
     o.threads = options.threads;
+    o.max_passes = 1000.0;
     Fit fit(logs, o);
     out.point = from ? fit.adopt(from->point, model) : fit.start(model);
     std::vector<int> free = fitted_parameters(model);
@@ -75,6 +76,7 @@ void Search::polish(Hypothesis &h, bool drift_too)
     o.threads = options.threads;
     o.max_iterations = 25;
     o.tolerance = 1e-2;
+    o.max_passes = 600.0;
     // One stretch a log has no drift to tighten step by step: it comes to its optimum at once.
     if (mk_model_hides_joint(&h.point.model))
         o.max_iterations = 60;
@@ -100,6 +102,17 @@ void Search::polish(Hypothesis &h, bool drift_too)
     };
     try_drift(h.drift);
     if (!drift_too)
+        return;
+    // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
+    for (double stretch : {4.0, 1.0}) {
+        if (!mk_model_hides_joint(&h.point.model))
+            break;
+        fit.options.hidden_stretch = stretch;
+        point = fit.start(h.point.model);
+        std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
+        try_drift(0.03);
+    }
+    if (mk_model_hides_joint(&h.point.model))
         return;
     bool lower = false;
     while (try_drift(h.drift / 3.0))
@@ -251,6 +264,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         d = std::max(base.drift, 0.01);
     loose.max_iterations = QUICK_ITERATIONS;
     loose.tolerance = 0.3;
+    loose.max_passes = 150.0;
     Hypothesis start = base;
     {
         Fit fit(logs, loose);
@@ -343,6 +357,7 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
                 return;
             FitOptions o;
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
+            o.max_passes = 400.0;
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);

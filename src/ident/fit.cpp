@@ -40,7 +40,7 @@ struct Fit::Segment {
     std::vector<double> residual;
     std::vector<int> joint;
     double sum2[MK_MAX_JOINTS] = {0.0, 0.0};
-    double cost = 0.0;
+    double cost = 0.0, effort = 0.0;
     // From the elimination, for the way back.
     MatrixXd F, P, C, A_next, G;
     VectorXd a, mu;
@@ -321,6 +321,7 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     task.jac = jac.data();
     task.joint_of = s.joint.data();
     shoot(task);
+    s.effort = (double)task.steps * (1.0 + columns / 6.0);
     s.finite = task.finite;
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
@@ -351,6 +352,13 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
     parallel_for(options.threads, jobs.size(), [&](size_t job) {
         shoot_one(point, free, jobs[job].first, jobs[job].second, derivatives);
     });
+    double effort = 0.0, usual = 0.0;
+    for (size_t l = 0; l < logs.size(); l++) {
+        usual += logs[l]->duration() / FitOptions().step;
+        for (const Segment &s : work[l])
+            effort += s.effort;
+    }
+    passes += effort / usual;
 }
 
 // --- the quadratic picture ---
@@ -705,11 +713,12 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     double damping = 1e-4;
     converged = false;
     iterations = 0;
+    passes = 0.0;
     FitPicture p = picture(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
     point.cost = p.cost;
-    while (iterations < options.max_iterations && !converged) {
+    while (iterations < options.max_iterations && !converged && passes < options.max_passes) {
         iterations++;
         if (progress && !progress(progress_context, 0.0, "fitting")) {
             cancelled = true;
@@ -718,7 +727,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
         Stepper stepper(point.model, free);
         bool accepted = false;
         double length = 1.0, state_damping = 0.0;
-        for (int attempt = 0; attempt < 14 && !accepted; attempt++) {
+        for (int attempt = 0; attempt < 14 && !accepted && passes < options.max_passes; attempt++) {
             FitPoint trial = point;
             VectorXd step = length * stepper.solve(p, damping);
             stepper.apply(trial.model, step);
@@ -767,10 +776,12 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 // Shortens the step until that changes the cost no more; false when it was short enough.
 bool Fit::refine_step(const FitPoint &point)
 {
-    constexpr double SHORTER = 0.4, SHORTEST = 2e-4;
+    constexpr double SHORTER = 0.4;
+    // Contact changes with every step length a little; its instants are found anyway.
+    const double shortest = mk_model_event_count(&point.model) > 0 ? 0.5 * options.step : 2e-4;
     double now = cost(point);
     bool refined = false;
-    while (options.step > SHORTEST) {
+    while (options.step > shortest) {
         const double kept = options.step;
         options.step *= SHORTER;
         double finer = cost(point);

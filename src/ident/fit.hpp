@@ -12,6 +12,7 @@
 #define MECHKIT_IDENT_FIT_HPP
 
 #include <Eigen/Dense>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -28,6 +29,9 @@ struct FitOptions {
     double step = 2.5e-3;         // longest integration step, s
     double tolerance = 1e-3;      // stop when a step gains less, in log likelihood
     int max_iterations = 40;
+    // Most work of one minimisation, in passes over the data with the usual step and without
+    // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
+    double max_passes = HUGE_VAL;
     int threads = 1;
 };
 
@@ -119,6 +123,7 @@ class Fit
     std::vector<const FitLog *> logs;
     std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
+    double passes = 0.0;                    // since the last minimise began
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);

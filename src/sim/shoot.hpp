@@ -46,6 +46,7 @@ struct ShootTask {
     double *residual;    // w (reading - predicted)
     double *jac;         // row_count x columns: w d(predicted)/d(column)
     int *joint_of;       // its joint, may be NULL
+    long steps;          // out: integration steps taken
     bool finite;         // out: false when the trajectory ran away
 };
 

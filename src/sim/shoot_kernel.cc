@@ -243,6 +243,7 @@ class Shooter
     template <class H>
     void runge_kutta(double a, const H &h, Scalar *y) const
     {
+        k.steps++;
         const int ns = c.state_count;
         double mid = a + 0.5 * value_of(h), b = a + value_of(h);
         Scalar k2[MK_MAX_STATES], k3[MK_MAX_STATES], k4[MK_MAX_STATES];
