@@ -52,8 +52,9 @@ static const struct subcommand subcommands[] = {
      "\n"
      "Compares the model with the logs, names what it lacks, extends it, and measures the gain on\n"
      "the hold-out logs (without any, on the end of the last log). Writes report.html,\n"
-     "report.json and extended.ini to DIR.\n"
+     "report.json and extended.ini to DIR, and next.cmd where an experiment would tell more.\n"
      "\n"
+     "  --next           propose an experiment even where no rival is left open\n"
      "  --holdout V.csv  a log to measure on; may be repeated\n"
      "  --window S       length of the free runs that are compared; default 1\n"
      "  --threads N      default: all processors\n",
