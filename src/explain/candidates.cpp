@@ -251,7 +251,8 @@ Starts custom_wave(const Setting &s)
     for (int n = 1; n <= 7; n++)
         if (s.plant->joints == 2 || (n != 3 && n != 7))
             all.push_back({0.1 * small(s), 0.3, (double)n, 1.0});
-    for (double hz : {0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 7.0})
+    // A record of ten seconds tells frequencies a tenth of a hertz apart.
+    for (double hz = 0.5; hz < 8.0; hz += 0.15)
         all.push_back({0.1 * small(s), 0.3, 8.0, hz});
     return all;
 }
