@@ -283,6 +283,12 @@ class Explainer
         search->polish(refit, true);
         best = refit;
         while (rounds.size() < MOST && !search->cancelled) {
+            // Nameless terms that already follow the data will not become a name.
+            bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
+                return is_library(r.field[0].added.effect);
+            });
+            if (nameless && follows(best))
+                return;
             // On top of a play every trial is slow, and little is left that is not the play's own.
             if (mk_model_hides_joint(&best.point.model) && !rounds.empty())
                 return;
