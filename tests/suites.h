@@ -33,6 +33,7 @@
     X(robustness)                                                                                  \
     X(loop)                                                                                        \
     X(loop_faults)                                                                                 \
+    X(frame)                                                                                       \
     X(board)                                                                                       \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \

@@ -390,12 +390,17 @@ START_TEST(a_weak_amplifier_shows_in_status_and_plant)
 }
 END_TEST
 
-START_TEST(an_alarm_is_a_fault_of_the_board)
+START_TEST(an_alarm_is_a_fault_that_the_board_keeps_until_the_next_run)
 {
     open_virtual("at 1 alarm for 1");
-    ck_assert_uint_eq(trade(0).status, 0);
-    ck_assert(trade(0).status & MK_BOARD_ST_FAULT);
-    ck_assert_uint_eq(trade(0).status, 0);
+    ck_assert_uint_eq(trade(1.0).status, 0);
+    for (int k = 0; k < 3; k++) {
+        struct mk_board_sample s = trade(1.0);
+        ck_assert(s.status & MK_BOARD_ST_FAULT);
+        ck_assert_double_eq(s.u_applied, 0.0);
+    }
+    ck_assert_int_eq(board->ops->set_watchdog(board, 0, NULL), MK_OK);
+    ck_assert_uint_eq(trade(1.0).status, 0);
 }
 END_TEST
 
@@ -497,7 +502,7 @@ Suite *suite_board(void)
     tcase_add_test(t, a_jump_stays_until_the_counters_are_zeroed);
     tcase_add_test(t, noise_comes_and_goes_with_its_rule);
     tcase_add_test(t, a_weak_amplifier_shows_in_status_and_plant);
-    tcase_add_test(t, an_alarm_is_a_fault_of_the_board);
+    tcase_add_test(t, an_alarm_is_a_fault_that_the_board_keeps_until_the_next_run);
     tcase_add_test(t, an_unplugged_board_stays_gone_but_its_watchdog_works);
     tcase_add_test(t, the_script_starts_with_the_run);
     tcase_add_test(t, a_bad_script_does_not_open);

@@ -91,7 +91,8 @@ struct mk_board_ops {
      * an error. RT. */
     enum mk_status (*safe_state)(struct mk_board *board);
     /* Zero torque by the board itself when no exchange came for `timeout_ms` (0: off); also clears
-     * a watchdog that has fired. Optional. */
+     * a watchdog that has fired and every fault that the board has latched: the loop calls it when
+     * a run begins, which no run does before its last fault was acknowledged. Optional. */
     enum mk_status (*set_watchdog)(struct mk_board *board, unsigned timeout_ms,
                                    struct mk_error *err);
     /* Motor off, everything released. Always called exactly once after a successful open. */

@@ -1,0 +1,407 @@
+#include "driver/wire.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#define REQUEST_TRIES 3
+#define REQUEST_NS 100000000
+#define HELLO_NS 250000000
+#define SAFE_TRIES 2
+#define SAFE_NS 10000000
+
+static int64_t monotonic_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+static const char *message_name(enum mk_message type)
+{
+    static const struct {
+        enum mk_message type;
+        const char *name;
+    } names[] = {
+        {MK_MSG_HELLO, "hello"},       {MK_MSG_ZERO, "zero counters"},
+        {MK_MSG_WATCHDOG, "watchdog"}, {MK_MSG_EXCHANGE, "exchange"},
+        {MK_MSG_SAFE, "motor off"},    {MK_MSG_CLEAR, "clear fault"},
+        {MK_MSG_STATE, "state"},       {MK_MSG_LCD, "LCD"},
+        {MK_MSG_LEDS, "LEDs"},         {MK_MSG_STREAM, "stream"},
+        {MK_MSG_COMMAND, "command"},   {MK_MSG_SETUP, "setup"},
+        {MK_MSG_GAINS, "gains"},       {MK_MSG_START, "start"},
+        {MK_MSG_HALT, "halt"},         {MK_MSG_UPLOAD, "upload"},
+    };
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        if (names[i].type == type)
+            return names[i].name;
+    return "request";
+}
+
+const char *mk_wire_fault_text(uint16_t fault)
+{
+    switch (fault) {
+    case MK_WIRE_FAULT_NONE:
+        return "no fault";
+    case MK_WIRE_FAULT_WATCHDOG:
+        return "the watchdog saw no exchange in time";
+    case MK_WIRE_FAULT_LINE:
+        return "too many broken messages on the line: check cable and plugs";
+    case MK_WIRE_FAULT_STREAM:
+        return "the host did not keep up with the samples";
+    case MK_WIRE_FAULT_TRAVEL:
+        return "a joint left its travel limits";
+    case MK_WIRE_FAULT_COMMAND:
+        return "the board's controller gave no number";
+    case MK_WIRE_FAULT_AMPLIFIER:
+        return "the amplifier reports a fault";
+    default:
+        return "a fault of the electronics";
+    }
+}
+
+/* --- frames out and in ----------------------------------------------------------------------- */
+
+static enum mk_status send_frame(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                                 size_t length, int64_t deadline_ns)
+{
+    uint8_t bytes[MK_FRAME_MAX];
+    const struct mk_frame f = {MK_FRAME_VERSION, (uint8_t)type, (uint16_t)length, w->sequence,
+                               payload};
+    size_t n = mk_frame_encode(&f, bytes);
+    return w->ops->send(w->link, bytes, n, deadline_ns);
+}
+
+static enum mk_status next_frame(struct mk_wire *w, struct mk_frame *out, int64_t deadline_ns)
+{
+    while (!mk_decoder_next(&w->decoder, &w->rest, &w->rest_size, out)) {
+        enum mk_status st = w->ops->receive(w->link, &w->rest, &w->rest_size, deadline_ns);
+        if (st != MK_OK) {
+            w->rest_size = 0;
+            return st;
+        }
+    }
+    return MK_OK;
+}
+
+static enum mk_status refused(struct mk_wire *w, const struct mk_frame *f)
+{
+    enum mk_message type = f->length > 0 ? (enum mk_message)f->payload[0] : MK_MSG_REFUSED;
+    const char *name = message_name(type);
+    switch (f->length > 1 ? f->payload[1] : 0) {
+    case MK_REFUSED_VERSION:
+        return mk_error_set(&w->trouble, MK_ERR_NOTSUP,
+                            "the board speaks protocol version %d, this program version %d: update "
+                            "the older one",
+                            f->length > 2 ? f->payload[2] : f->version, MK_FRAME_VERSION);
+    case MK_REFUSED_RANGE:
+        return mk_error_set(&w->trouble, MK_ERR_RANGE, "the board refuses '%s': out of range",
+                            name);
+    case MK_REFUSED_STATE:
+        /* An exchange is welcome in every state but before HELLO: the board has restarted, and
+         * with it its counters. */
+        if (type == MK_MSG_EXCHANGE) {
+            w->gone = true;
+            return mk_error_set(&w->trouble, MK_ERR_NODEV, "the board has restarted");
+        }
+        return mk_error_set(&w->trouble, MK_ERR_STATE, "the board refuses '%s' in this state",
+                            name);
+    case MK_REFUSED_UNKNOWN:
+    case MK_REFUSED_NOTSUP:
+        return mk_error_set(&w->trouble, MK_ERR_NOTSUP, "this board has no '%s'", name);
+    default:
+        return mk_error_set(&w->trouble, MK_ERR_PROTO, "the board did not understand '%s'", name);
+    }
+}
+
+/* Waits for the answer to the newest request; older ones, and samples, pass by. */
+static enum mk_status await_answer(struct mk_wire *w, enum mk_message type, struct mk_frame *answer,
+                                   int64_t deadline_ns)
+{
+    for (;;) {
+        enum mk_status st = next_frame(w, answer, deadline_ns);
+        if (st != MK_OK)
+            return st;
+        if (answer->sequence == w->sequence) {
+            if (answer->type == (type | MK_MSG_ANSWER))
+                return MK_OK;
+            if (answer->type == MK_MSG_REFUSED)
+                return refused(w, answer);
+        }
+        if (answer->type != MK_MSG_SAMPLE)
+            w->stats.stale++;
+    }
+}
+
+static enum mk_status describe(struct mk_wire *w, enum mk_status st, enum mk_message type,
+                               int tries, int64_t timeout_ns)
+{
+    const char *name = message_name(type);
+    switch (st) {
+    case MK_ERR_TIMEOUT:
+        return mk_error_set(&w->trouble, st, "no answer to '%s' within %d x %.0f ms", name, tries,
+                            (double)timeout_ns * 1e-6);
+    case MK_ERR_PROTO:
+        return mk_error_set(&w->trouble, st, "the answer to '%s' got lost on the way", name);
+    case MK_ERR_NODEV:
+        return mk_error_set(&w->trouble, st, "the board is gone: check plug and power, then setup");
+    default:
+        return mk_error_set(&w->trouble, st, "'%s' failed", name);
+    }
+}
+
+enum mk_status mk_wire_request(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                               size_t length, int tries, int64_t timeout_ns,
+                               struct mk_frame *answer)
+{
+    struct mk_frame ignored;
+    enum mk_status st = MK_ERR_NODEV;
+    w->trouble.status = MK_OK;
+    w->sequence++;
+    w->stats.requests++;
+    for (int k = 0; k < tries && !w->gone; k++) {
+        w->stats.retries += k > 0;
+        int64_t deadline_ns = monotonic_ns() + timeout_ns;
+        st = send_frame(w, type, payload, length, deadline_ns);
+        if (st == MK_OK)
+            st = await_answer(w, type, answer ? answer : &ignored, deadline_ns);
+        if (st == MK_ERR_NODEV)
+            w->gone = true;
+        /* Refused: asking again would not help. */
+        if (st == MK_OK || w->trouble.status != MK_OK)
+            return st;
+    }
+    return describe(w, w->gone ? MK_ERR_NODEV : st, type, tries, timeout_ns);
+}
+
+/* As above, as patient as a request outside the loop may be, with the reason in *err. */
+static enum mk_status ask(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                          size_t length, struct mk_frame *answer, struct mk_error *err)
+{
+    enum mk_status st =
+        mk_wire_request(w, type, payload, length, REQUEST_TRIES, REQUEST_NS, answer);
+    if (st != MK_OK && err)
+        *err = w->trouble;
+    return st;
+}
+
+/* --- hello ------------------------------------------------------------------------------------ */
+
+static void copy_text(char *to, size_t size, const uint8_t *from)
+{
+    size_t n = 0;
+    while (n < MK_HELLO_TEXT && n + 1 < size && from[n] >= 0x20 && from[n] < 0x7f)
+        n++;
+    memcpy(to, from, n);
+    to[n] = '\0';
+}
+
+enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, void *link,
+                            struct mk_error *err)
+{
+    memset(w, 0, sizeof *w);
+    w->ops = ops;
+    w->link = link;
+    /* Answers to whoever was here before must not look like answers to us. */
+    w->sequence = (uint32_t)(monotonic_ns() >> 10);
+    struct mk_frame f;
+    enum mk_status st = mk_wire_request(w, MK_MSG_HELLO, NULL, 0, REQUEST_TRIES, HELLO_NS, &f);
+    if (st == MK_OK && (f.length < MK_HELLO_SIZE || f.version != MK_FRAME_VERSION))
+        st = mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's hello is malformed");
+    if (st != MK_OK) {
+        if (err)
+            *err = w->trouble;
+        return st;
+    }
+    struct mk_board_identity *id = &w->identity;
+    copy_text(id->name, sizeof id->name, f.payload + MK_HELLO_PRODUCT);
+    copy_text(id->firmware, sizeof id->firmware, f.payload + MK_HELLO_FIRMWARE);
+    copy_text(id->serial, sizeof id->serial, f.payload + MK_HELLO_SERIAL);
+    id->counter_bits = f.payload[MK_HELLO_COUNTER_BITS];
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        id->encoder_cpr[j] = (int32_t)mk_get32(f.payload + MK_HELLO_CPR + 4 * j);
+    w->capabilities = mk_get32(f.payload + MK_HELLO_CAPABILITIES);
+    w->u_max = (double)(int32_t)mk_get32(f.payload + MK_HELLO_U_MAX) / MK_WIRE_MICRO;
+    if (id->counter_bits < 8 || id->counter_bits > 32)
+        return mk_error_set(err, MK_ERR_PROTO, "the board claims counters of %d bits",
+                            id->counter_bits);
+    return MK_OK;
+}
+
+/* --- requests -------------------------------------------------------------------------------- */
+
+static void put_command(uint8_t *p, double u)
+{
+    mk_put32(p, (uint32_t)(int32_t)lround(u * MK_WIRE_MICRO));
+}
+
+static enum mk_status parse_reading(const struct mk_frame *f, struct mk_wire_reading *out)
+{
+    if (f->length < MK_READING_SIZE)
+        return MK_ERR_PROTO;
+    const uint8_t *p = f->payload;
+    out->status = mk_get16(p + MK_READING_STATUS);
+    out->fault = mk_get16(p + MK_READING_FAULT);
+    out->sample = (struct mk_board_sample){
+        .board_ns = (int64_t)mk_get64(p + MK_READING_TIME),
+        .status = out->status & (MK_WIRE_ST_WATCHDOG | MK_WIRE_ST_SATURATED | MK_WIRE_ST_FAULT),
+        .sequence = mk_get32(p + MK_READING_EXCHANGES),
+        .u_applied = (double)(int32_t)mk_get32(p + MK_READING_APPLIED) / MK_WIRE_MICRO};
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out->sample.count[j] = (int32_t)mk_get32(p + MK_READING_COUNT + 4 * j);
+    return MK_OK;
+}
+
+enum mk_status mk_wire_exchange(struct mk_wire *w, double u, struct mk_wire_reading *out)
+{
+    uint8_t payload[4];
+    struct mk_frame f;
+    put_command(payload, u);
+    enum mk_status st =
+        mk_wire_request(w, MK_MSG_EXCHANGE, payload, sizeof payload, 1, MK_WIRE_EXCHANGE_NS, &f);
+    return st == MK_OK ? parse_reading(&f, out) : st;
+}
+
+enum mk_status mk_wire_state(struct mk_wire *w, struct mk_wire_state *out, struct mk_error *err)
+{
+    struct mk_frame f;
+    enum mk_status st = ask(w, MK_MSG_STATE, NULL, 0, &f, err);
+    if (st != MK_OK)
+        return st;
+    if (f.length < MK_STATE_SIZE)
+        return mk_error_set(err, MK_ERR_PROTO, "the board's state is malformed");
+    const uint8_t *p = f.payload;
+    *out = (struct mk_wire_state){
+        .status = mk_get16(p + MK_STATE_STATUS),
+        .fault = mk_get16(p + MK_STATE_FAULT),
+        .fault_ns = mk_get64(p + MK_STATE_FAULT_TIME),
+        .now_ns = mk_get64(p + MK_STATE_TIME),
+        .broken = mk_get32(p + MK_STATE_BROKEN),
+        .stale = mk_get32(p + MK_STATE_STALE),
+        .repeated = mk_get32(p + MK_STATE_REPEATED),
+        .bites = mk_get32(p + MK_STATE_BITES),
+        .exchanges = mk_get32(p + MK_STATE_EXCHANGES),
+        .recorded = mk_get32(p + MK_STATE_RECORDED),
+        .switches = p[MK_STATE_SWITCHES],
+        .controller = p[MK_STATE_CONTROLLER],
+        .phase = p[MK_STATE_PHASE],
+    };
+    return MK_OK;
+}
+
+enum mk_status mk_wire_clear(struct mk_wire *w, struct mk_error *err)
+{
+    return ask(w, MK_MSG_CLEAR, NULL, 0, NULL, err);
+}
+
+enum mk_status mk_wire_lcd(struct mk_wire *w, unsigned row, const char *text, struct mk_error *err)
+{
+    uint8_t payload[1 + MK_LCD_COLUMNS] = {(uint8_t)row};
+    size_t n = strnlen(text, MK_LCD_COLUMNS);
+    memcpy(payload + 1, text, n);
+    return ask(w, MK_MSG_LCD, payload, 1 + n, NULL, err);
+}
+
+enum mk_status mk_wire_leds(struct mk_wire *w, uint8_t mask, struct mk_error *err)
+{
+    return ask(w, MK_MSG_LEDS, &mask, 1, NULL, err);
+}
+
+/* --- streaming ------------------------------------------------------------------------------- */
+
+enum mk_status mk_wire_stream(struct mk_wire *w, uint32_t period_us, struct mk_error *err)
+{
+    uint8_t payload[4];
+    mk_put32(payload, period_us);
+    return ask(w, MK_MSG_STREAM, payload, sizeof payload, NULL, err);
+}
+
+enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32_t *number,
+                                   struct mk_wire_reading *out)
+{
+    int64_t deadline_ns = monotonic_ns() + timeout_ns;
+    struct mk_frame f;
+    for (;;) {
+        enum mk_status st = w->gone ? MK_ERR_NODEV : next_frame(w, &f, deadline_ns);
+        if (st == MK_ERR_NODEV)
+            w->gone = true;
+        if (st != MK_OK)
+            return st;
+        if (f.type == MK_MSG_SAMPLE) {
+            *number = f.sequence;
+            return parse_reading(&f, out);
+        }
+        if (f.type == MK_MSG_REFUSED && f.sequence == w->sequence)
+            return refused(w, &f);
+        w->stats.stale++;
+    }
+}
+
+enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double u)
+{
+    uint8_t payload[8];
+    mk_put32(payload, number);
+    put_command(payload + 4, u);
+    if (w->gone)
+        return MK_ERR_NODEV;
+    w->sequence++;
+    return send_frame(w, MK_MSG_COMMAND, payload, sizeof payload,
+                      monotonic_ns() + MK_WIRE_EXCHANGE_NS);
+}
+
+/* --- slots of the board interface --------------------------------------------------------------
+ */
+
+enum mk_status mk_wire_check_model(const struct mk_wire *w, const struct mk_model *model,
+                                   struct mk_error *err)
+{
+    if (model->u_max > w->u_max)
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "the model's u_max %g is beyond the %g that this board gives",
+                            model->u_max, w->u_max);
+    return MK_OK;
+}
+
+enum mk_status mk_wire_board_identify(struct mk_board *board, struct mk_board_identity *out,
+                                      struct mk_error *err)
+{
+    struct mk_wire *w = board->priv;
+    /* Asked for, not remembered: the point is that somebody is there. */
+    struct mk_wire_state state;
+    enum mk_status st = mk_wire_state(w, &state, err);
+    if (st == MK_OK)
+        *out = w->identity;
+    return st;
+}
+
+enum mk_status mk_wire_board_zero(struct mk_board *board, struct mk_error *err)
+{
+    return ask(board->priv, MK_MSG_ZERO, NULL, 0, NULL, err);
+}
+
+enum mk_status mk_wire_board_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    struct mk_wire_reading reading;
+    enum mk_status st = mk_wire_exchange(board->priv, u, &reading);
+    if (st == MK_OK)
+        *out = reading.sample;
+    return st;
+}
+
+enum mk_status mk_wire_board_safe(struct mk_board *board)
+{
+    return mk_wire_request(board->priv, MK_MSG_SAFE, NULL, 0, SAFE_TRIES, SAFE_NS, NULL);
+}
+
+enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_ms,
+                                      struct mk_error *err)
+{
+    struct mk_wire *w = board->priv;
+    enum mk_status st = mk_wire_clear(w, err);
+    if (st != MK_OK)
+        return st;
+    uint8_t payload[4];
+    mk_put32(payload, timeout_ms);
+    return ask(w, MK_MSG_WATCHDOG, payload, sizeof payload, NULL, err);
+}

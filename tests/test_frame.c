@@ -1,0 +1,188 @@
+/* Frames: what goes in comes out, whatever the pieces, and nothing else ever does. */
+#include "suites.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/random.h"
+#include "driver/frame.h"
+
+static struct mk_random rng;
+static struct mk_decoder decoder;
+
+static void setup(void)
+{
+    rng.state = 7;
+    mk_decoder_reset(&decoder);
+}
+
+static uint8_t random_byte(void)
+{
+    return (uint8_t)(mk_random_next(&rng) >> 24);
+}
+
+static size_t below(size_t n)
+{
+    return (size_t)(mk_random_next(&rng) >> 11) % n;
+}
+
+struct message {
+    struct mk_frame frame;
+    uint8_t payload[MK_FRAME_PAYLOAD_MAX];
+};
+
+static void make_message(struct message *m, uint32_t sequence)
+{
+    m->frame = (struct mk_frame){.version = MK_FRAME_VERSION,
+                                 .type = random_byte(),
+                                 .sequence = sequence,
+                                 .length = (uint16_t)below(MK_FRAME_PAYLOAD_MAX + 1),
+                                 .payload = m->payload};
+    for (int i = 0; i < m->frame.length; i++)
+        m->payload[i] = random_byte();
+}
+
+static void ck_assert_same(const struct mk_frame *a, const struct mk_frame *b)
+{
+    ck_assert_uint_eq(a->type, b->type);
+    ck_assert_uint_eq(a->sequence, b->sequence);
+    ck_assert_uint_eq(a->length, b->length);
+    ck_assert_mem_eq(a->payload, b->payload, a->length);
+}
+
+START_TEST(checks_are_the_published_ones)
+{
+    const uint8_t *digits = (const uint8_t *)"123456789";
+    ck_assert_uint_eq(mk_crc16(digits, 9), 0x29b1);
+    ck_assert_uint_eq(mk_crc32(digits, 9), 0xcbf43926);
+}
+END_TEST
+
+START_TEST(the_layout_is_the_documented_one)
+{
+    uint8_t payload[2] = {0xaa, 0xbb}, out[MK_FRAME_MAX];
+    struct mk_frame f = {1, 0x04, 2, 0x01020304, payload};
+    static const uint8_t head[] = {'M', 'K', 1, 4, 4, 3, 2, 1, 2, 0};
+    ck_assert_uint_eq(mk_frame_encode(&f, out), 18);
+    ck_assert_mem_eq(out, head, sizeof head);
+    ck_assert_mem_eq(out + 12, payload, 2);
+}
+END_TEST
+
+START_TEST(a_payload_that_is_too_long_is_no_frame)
+{
+    uint8_t payload[MK_FRAME_PAYLOAD_MAX + 1] = {0}, out[MK_FRAME_MAX];
+    struct mk_frame f = {1, 4, sizeof payload, 1, payload};
+    ck_assert_uint_eq(mk_frame_encode(&f, out), 0);
+}
+END_TEST
+
+START_TEST(frames_come_out_whatever_the_pieces)
+{
+    static uint8_t stream[200 * MK_FRAME_MAX];
+    static struct message sent[200];
+    size_t size = 0, got = 0;
+    for (uint32_t k = 0; k < 200; k++) {
+        make_message(&sent[k], k);
+        size += mk_frame_encode(&sent[k].frame, stream + size);
+    }
+    for (size_t at = 0; at < size;) {
+        size_t n = 1 + below(_i == 0 ? 1 : 300);
+        const uint8_t *p = stream + at;
+        n = n < size - at ? n : size - at;
+        at += n;
+        struct mk_frame f;
+        while (mk_decoder_next(&decoder, &p, &n, &f))
+            ck_assert_same(&f, &sent[got++].frame);
+    }
+    ck_assert_uint_eq(got, 200);
+    ck_assert_uint_eq(decoder.broken + decoder.skipped, 0);
+}
+END_TEST
+
+/* Garbage before a frame costs nothing but itself, even when it holds the beginning of a header. */
+START_TEST(the_decoder_finds_its_way_after_garbage)
+{
+    for (uint32_t k = 0; k < 2000; k++) {
+        uint8_t stream[MK_FRAME_MAX + 64];
+        struct message m;
+        make_message(&m, k);
+        size_t n = below(60);
+        for (size_t i = 0; i < n; i++)
+            stream[i] = below(3) ? random_byte() : (uint8_t) "MK\x01"[below(3)];
+        n += mk_frame_encode(&m.frame, stream + n);
+        const uint8_t *p = stream;
+        struct mk_frame f;
+        ck_assert(mk_decoder_next(&decoder, &p, &n, &f));
+        ck_assert_same(&f, &m.frame);
+        ck_assert(!mk_decoder_next(&decoder, &p, &n, &f));
+    }
+}
+END_TEST
+
+START_TEST(one_flipped_bit_loses_that_frame_and_no_other)
+{
+    struct message m, next;
+    uint8_t first[MK_FRAME_MAX], second[MK_FRAME_MAX];
+    make_message(&m, 1);
+    m.frame.length = 40;
+    make_message(&next, 2);
+    size_t size = mk_frame_encode(&m.frame, first), more = mk_frame_encode(&next.frame, second);
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        first[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        mk_decoder_reset(&decoder);
+        struct mk_frame f;
+        const uint8_t *p = first, *q = second;
+        size_t n = size, left = more;
+        ck_assert(!mk_decoder_next(&decoder, &p, &n, &f));
+        ck_assert_msg(mk_decoder_next(&decoder, &q, &left, &f), "bit %zu", bit);
+        ck_assert_same(&f, &next.frame);
+        first[bit / 8] ^= (uint8_t)(1u << bit % 8);
+    }
+}
+END_TEST
+
+START_TEST(a_length_beyond_the_limit_is_not_believed)
+{
+    uint8_t bytes[MK_FRAME_HEADER] = {'M', 'K', 1, 4, 0, 0, 0, 0, 0xff, 0xff};
+    mk_put16(bytes + 10, mk_crc16(bytes, 10));
+    const uint8_t *p = bytes;
+    size_t n = sizeof bytes;
+    struct mk_frame f;
+    ck_assert(!mk_decoder_next(&decoder, &p, &n, &f));
+    ck_assert_uint_eq(decoder.broken, 1);
+    ck_assert_uint_eq(decoder.used, 0);
+}
+END_TEST
+
+START_TEST(noise_is_never_taken_for_a_frame)
+{
+    uint8_t bytes[512];
+    for (int k = 0; k < 20000; k++) {
+        for (size_t i = 0; i < sizeof bytes; i++)
+            bytes[i] = below(4) ? random_byte() : (uint8_t) "MK\x01\x04"[below(4)];
+        const uint8_t *p = bytes;
+        size_t n = sizeof bytes;
+        struct mk_frame f;
+        ck_assert(!mk_decoder_next(&decoder, &p, &n, &f));
+        ck_assert_uint_lt(decoder.used, MK_FRAME_MAX);
+    }
+}
+END_TEST
+
+Suite *suite_frame(void)
+{
+    Suite *s = suite_create("frame");
+    TCase *t = tcase_create("frame");
+    tcase_add_checked_fixture(t, setup, NULL);
+    tcase_add_test(t, checks_are_the_published_ones);
+    tcase_add_test(t, the_layout_is_the_documented_one);
+    tcase_add_test(t, a_payload_that_is_too_long_is_no_frame);
+    tcase_add_loop_test(t, frames_come_out_whatever_the_pieces, 0, 2);
+    tcase_add_test(t, the_decoder_finds_its_way_after_garbage);
+    tcase_add_test(t, one_flipped_bit_loses_that_frame_and_no_other);
+    tcase_add_test(t, a_length_beyond_the_limit_is_not_believed);
+    tcase_add_test(t, noise_is_never_taken_for_a_frame);
+    suite_add_tcase(s, t);
+    return s;
+}
