@@ -34,6 +34,7 @@
     X(loop)                                                                                        \
     X(loop_faults)                                                                                 \
     X(frame)                                                                                       \
+    X(device)                                                                                      \
     X(board)                                                                                       \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \

@@ -1,0 +1,567 @@
+/* The board's side of the protocol, on electronics made of a few variables. */
+#include "suites.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/random.h"
+#include "driver/device.h"
+
+#define MS 1000000ull
+#define VOLT (MK_WIRE_MICRO) /* one command unit */
+
+static struct electronics {
+    uint64_t now_ns;
+    int32_t count[MK_WIRE_JOINTS];
+    int32_t micro, weak; /* command in force; what a weak amplifier gives at most */
+    uint16_t alarm;
+    char lcd[MK_LCD_ROWS][MK_LCD_COLUMNS + 1];
+    uint8_t leds, switches;
+    uint8_t sent[4096];
+    size_t sent_size;
+    int answers;
+} hw;
+static struct mk_device device;
+static struct mk_device_hal hal;
+static uint32_t sequence;
+
+static uint64_t now_ns(void *user)
+{
+    return ((struct electronics *)user)->now_ns;
+}
+static void read_counters(void *user, int32_t count[MK_WIRE_JOINTS])
+{
+    memcpy(count, ((struct electronics *)user)->count, sizeof hw.count);
+}
+static void zero_counters(void *user)
+{
+    memset(((struct electronics *)user)->count, 0, sizeof hw.count);
+}
+static int32_t apply(void *user, int32_t micro)
+{
+    struct electronics *e = user;
+    ck_assert_int_le(abs(micro), 10 * VOLT);
+    e->micro = micro > e->weak ? e->weak : micro;
+    return e->micro;
+}
+static void send_bytes(void *user, const uint8_t *bytes, size_t n)
+{
+    struct electronics *e = user;
+    ck_assert_uint_le(n, sizeof e->sent - e->sent_size);
+    memcpy(e->sent + e->sent_size, bytes, n);
+    e->sent_size += n;
+    e->answers++;
+}
+static uint16_t alarm_now(void *user)
+{
+    return ((struct electronics *)user)->alarm;
+}
+static void lcd(void *user, unsigned row, const char text[MK_LCD_COLUMNS + 1])
+{
+    strcpy(((struct electronics *)user)->lcd[row], text);
+}
+static void leds(void *user, uint8_t mask)
+{
+    ((struct electronics *)user)->leds = mask;
+}
+static uint8_t switches(void *user)
+{
+    return ((struct electronics *)user)->switches;
+}
+
+static void switch_on(void)
+{
+    const struct mk_device_info info = {.product = "bench",
+                                        .firmware = "1.0",
+                                        .serial = "MK-7",
+                                        .cpr = {4000, 2000},
+                                        .encoders = 2,
+                                        .counter_bits = 24,
+                                        .u_max_micro = 10 * VOLT};
+    mk_device_init(&device, &hal, &info);
+}
+
+static void setup(void)
+{
+    memset(&hw, 0, sizeof hw);
+    hw.weak = 100 * VOLT;
+    hal = (struct mk_device_hal){&hw,        now_ns,    read_counters, zero_counters, apply,
+                                 send_bytes, alarm_now, lcd,           leds,          switches};
+    sequence = 100;
+    switch_on();
+}
+
+/* --- the host, by hand -------------------------------------------------------------------------
+ */
+
+static uint8_t answer_bytes[4096];
+static struct mk_decoder host;
+
+/* Sends one frame and decodes the first answer; type 0 when there is none. */
+static struct mk_frame send_frame(uint8_t version, uint8_t type, uint32_t seq,
+                                  const uint8_t *payload, size_t n)
+{
+    uint8_t bytes[MK_FRAME_MAX];
+    const struct mk_frame f = {version, type, (uint16_t)n, seq, payload};
+    hw.sent_size = 0;
+    hw.answers = 0;
+    mk_device_receive(&device, bytes, mk_frame_encode(&f, bytes));
+    memcpy(answer_bytes, hw.sent, hw.sent_size);
+    const uint8_t *p = answer_bytes;
+    size_t left = hw.sent_size;
+    struct mk_frame answer = {0};
+    mk_decoder_reset(&host);
+    if (!mk_decoder_next(&host, &p, &left, &answer))
+        answer.type = 0;
+    return answer;
+}
+
+static struct mk_frame ask(enum mk_message type, const uint8_t *payload, size_t n)
+{
+    return send_frame(MK_FRAME_VERSION, (uint8_t)type, ++sequence, payload, n);
+}
+
+static void must(enum mk_message type, const uint8_t *payload, size_t n)
+{
+    struct mk_frame f = ask(type, payload, n);
+    ck_assert_uint_eq(f.type, type | MK_MSG_ANSWER);
+    ck_assert_uint_eq(f.sequence, sequence);
+}
+
+static void must_refuse(enum mk_refusal why, struct mk_frame f)
+{
+    ck_assert_uint_eq(f.type, MK_MSG_REFUSED);
+    ck_assert_uint_eq(f.payload[1], why);
+}
+
+static void number(enum mk_message type, uint32_t value)
+{
+    uint8_t p[4];
+    mk_put32(p, value);
+    must(type, p, 4);
+}
+
+struct reading {
+    int32_t count[2], micro;
+    uint64_t t_ns;
+    unsigned status, fault;
+    uint32_t exchanges;
+};
+
+static struct reading parse(const uint8_t *p)
+{
+    return (struct reading){{(int32_t)mk_get32(p), (int32_t)mk_get32(p + 4)},
+                            (int32_t)mk_get32(p + MK_READING_APPLIED),
+                            mk_get64(p + MK_READING_TIME),
+                            mk_get16(p + MK_READING_STATUS),
+                            mk_get16(p + MK_READING_FAULT),
+                            mk_get32(p + MK_READING_EXCHANGES)};
+}
+
+static struct reading exchange(int32_t micro)
+{
+    uint8_t p[4];
+    mk_put32(p, (uint32_t)micro);
+    struct mk_frame f = ask(MK_MSG_EXCHANGE, p, 4);
+    ck_assert_uint_eq(f.type, MK_MSG_EXCHANGE | MK_MSG_ANSWER);
+    ck_assert_uint_eq(f.length, MK_READING_SIZE);
+    return parse(f.payload);
+}
+
+static void greet(void)
+{
+    must(MK_MSG_HELLO, NULL, 0);
+}
+
+static void pass(uint64_t ns)
+{
+    hw.now_ns += ns;
+    mk_device_poll(&device);
+}
+
+/* --- requests ----------------------------------------------------------------------------------
+ */
+
+START_TEST(hello_says_who_is_there)
+{
+    struct mk_frame f = ask(MK_MSG_HELLO, NULL, 0);
+    ck_assert_uint_eq(f.length, MK_HELLO_SIZE);
+    ck_assert_uint_eq(f.payload[MK_HELLO_VERSION], MK_FRAME_VERSION);
+    ck_assert_uint_eq(f.payload[MK_HELLO_COUNTER_BITS], 24);
+    ck_assert_uint_eq(mk_get32(f.payload + MK_HELLO_CPR + 4), 2000);
+    ck_assert_uint_eq(mk_get32(f.payload + MK_HELLO_U_MAX), 10 * VOLT);
+    ck_assert_str_eq((const char *)f.payload + MK_HELLO_SERIAL, "MK-7");
+    unsigned caps = mk_get32(f.payload + MK_HELLO_CAPABILITIES);
+    ck_assert_uint_eq(caps, 63);
+}
+END_TEST
+
+START_TEST(nothing_moves_before_hello)
+{
+    uint8_t p[4];
+    mk_put32(p, 5 * VOLT);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_EXCHANGE, p, 4));
+    ck_assert_int_eq(hw.micro, 0);
+    greet();
+    ck_assert_int_eq(exchange(5 * VOLT).micro, 5 * VOLT);
+}
+END_TEST
+
+START_TEST(hello_switches_the_motor_off_and_takes_any_sequence)
+{
+    greet();
+    exchange(5 * VOLT);
+    sequence = 3;
+    greet();
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_int_eq(exchange(1 * VOLT).micro, 1 * VOLT);
+}
+END_TEST
+
+START_TEST(an_exchange_reads_first_and_commands_then)
+{
+    greet();
+    hw.count[0] = 17;
+    hw.count[1] = -5;
+    hw.now_ns = 42;
+    struct reading r = exchange(-3 * VOLT);
+    ck_assert_int_eq(r.count[0], 17);
+    ck_assert_int_eq(r.count[1], -5);
+    ck_assert_uint_eq(r.t_ns, 42);
+    ck_assert_int_eq(r.micro, -3 * VOLT);
+    ck_assert_uint_eq(r.status, 0);
+    ck_assert_uint_eq(exchange(0).exchanges, r.exchanges + 1);
+    must(MK_MSG_ZERO, NULL, 0);
+    ck_assert_int_eq(exchange(0).count[0], 0);
+}
+END_TEST
+
+START_TEST(commands_are_cut_at_the_limit_and_the_status_says_so)
+{
+    greet();
+    struct reading r = exchange(INT32_MAX);
+    ck_assert_int_eq(r.micro, 10 * VOLT);
+    ck_assert_uint_eq(r.status, MK_WIRE_ST_SATURATED);
+    ck_assert_int_eq(exchange(INT32_MIN).micro, -10 * VOLT);
+    hw.weak = 2 * VOLT;
+    r = exchange(5 * VOLT);
+    ck_assert_int_eq(r.micro, 2 * VOLT);
+    ck_assert_uint_eq(r.status, MK_WIRE_ST_SATURATED);
+}
+END_TEST
+
+START_TEST(a_repeated_request_is_answered_again_but_acts_once)
+{
+    greet();
+    uint8_t p[4];
+    mk_put32(p, VOLT);
+    uint32_t seq = ++sequence;
+    uint32_t first = parse(send_frame(1, MK_MSG_EXCHANGE, seq, p, 4).payload).exchanges;
+    hw.count[0] = 99;
+    struct reading again = parse(send_frame(1, MK_MSG_EXCHANGE, seq, p, 4).payload);
+    ck_assert_uint_eq(again.exchanges, first);
+    ck_assert_int_eq(again.count[0], 0);
+    ck_assert_uint_eq(exchange(0).exchanges, first + 1);
+}
+END_TEST
+
+START_TEST(a_late_request_does_not_undo_a_newer_one)
+{
+    greet();
+    uint8_t p[4];
+    mk_put32(p, 9 * VOLT);
+    uint32_t old = ++sequence;
+    exchange(1 * VOLT);
+    ck_assert_uint_eq(send_frame(1, MK_MSG_EXCHANGE, old, p, 4).type, 0);
+    ck_assert_int_eq(hw.micro, 1 * VOLT);
+    ck_assert_uint_eq(mk_get32(ask(MK_MSG_STATE, NULL, 0).payload + MK_STATE_STALE), 1);
+}
+END_TEST
+
+START_TEST(sequence_numbers_may_wrap)
+{
+    sequence = UINT32_MAX - 2;
+    greet();
+    for (int k = 0; k < 6; k++)
+        ck_assert_int_eq(exchange(k * VOLT).micro, k * VOLT);
+}
+END_TEST
+
+START_TEST(another_version_is_refused_with_the_motor_off)
+{
+    greet();
+    exchange(5 * VOLT);
+    struct mk_frame f = send_frame(2, MK_MSG_EXCHANGE, ++sequence, NULL, 0);
+    must_refuse(MK_REFUSED_VERSION, f);
+    ck_assert_uint_eq(f.payload[2], MK_FRAME_VERSION);
+    ck_assert_int_eq(hw.micro, 0);
+}
+END_TEST
+
+START_TEST(what_is_no_request_is_refused_by_name)
+{
+    uint8_t zeros[32] = {0};
+    greet();
+    must_refuse(MK_REFUSED_UNKNOWN, ask((enum mk_message)0x7e, NULL, 0));
+    must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_EXCHANGE, zeros, 3));
+    must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_EXCHANGE, zeros, 5));
+    must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_LCD, zeros, 22));
+    mk_put32(zeros, MK_WATCHDOG_MAX_MS + 1);
+    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_WATCHDOG, zeros, 4));
+    mk_put32(zeros, MK_STREAM_MIN_US - 1);
+    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_STREAM, zeros, 4));
+}
+END_TEST
+
+/* --- safety ------------------------------------------------------------------------------------
+ */
+
+START_TEST(the_watchdog_zeroes_and_stays_until_it_is_set_anew)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    exchange(5 * VOLT);
+    pass(20 * MS);
+    ck_assert_int_eq(hw.micro, 5 * VOLT);
+    ck_assert_uint_eq(mk_device_next_event(&device), hw.now_ns + 1);
+    pass(1);
+    ck_assert_int_eq(hw.micro, 0);
+    struct reading r = exchange(5 * VOLT);
+    ck_assert_uint_eq(r.status & MK_WIRE_ST_WATCHDOG, MK_WIRE_ST_WATCHDOG);
+    ck_assert_uint_eq(r.fault, MK_WIRE_FAULT_WATCHDOG);
+    ck_assert_int_eq(hw.micro, 0);
+    number(MK_MSG_WATCHDOG, 0);
+    ck_assert_int_eq(exchange(5 * VOLT).micro, 5 * VOLT);
+    pass(3600000 * MS);
+    ck_assert_int_eq(hw.micro, 5 * VOLT);
+}
+END_TEST
+
+START_TEST(only_exchanges_feed_the_watchdog)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    exchange(5 * VOLT);
+    for (int k = 0; k < 6; k++) {
+        pass(5 * MS);
+        ask(MK_MSG_STATE, NULL, 0);
+    }
+    ck_assert_int_eq(hw.micro, 0);
+}
+END_TEST
+
+START_TEST(a_fault_keeps_cause_and_time_until_it_is_cleared)
+{
+    greet();
+    exchange(5 * VOLT);
+    hw.now_ns = 777;
+    hw.alarm = MK_WIRE_FAULT_AMPLIFIER;
+    mk_device_poll(&device);
+    ck_assert_int_eq(hw.micro, 0);
+    hw.alarm = 0;
+    hw.now_ns = 5000;
+    mk_device_trip(&device, MK_WIRE_FAULT_LINE); /* later: does not replace the first */
+    struct reading r = exchange(5 * VOLT);
+    ck_assert_uint_eq(r.status, MK_WIRE_ST_FAULT | MK_WIRE_ST_SATURATED);
+    ck_assert_int_eq(r.micro, 0);
+    struct mk_frame f = ask(MK_MSG_STATE, NULL, 0);
+    ck_assert_uint_eq(mk_get16(f.payload + MK_STATE_FAULT), MK_WIRE_FAULT_AMPLIFIER);
+    ck_assert_uint_eq(mk_get64(f.payload + MK_STATE_FAULT_TIME), 777);
+    must(MK_MSG_CLEAR, NULL, 0);
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_int_eq(exchange(5 * VOLT).micro, 5 * VOLT);
+}
+END_TEST
+
+static void send_broken(void)
+{
+    uint8_t bytes[MK_FRAME_MAX], p[4] = {0};
+    const struct mk_frame f = {1, MK_MSG_EXCHANGE, 4, ++sequence, p};
+    size_t n = mk_frame_encode(&f, bytes);
+    bytes[n - 1] ^= 1;
+    mk_device_receive(&device, bytes, n);
+}
+
+START_TEST(a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not)
+{
+    greet();
+    for (int k = 0; k < 400; k++) {
+        exchange(5 * VOLT);
+        if (k % 20 == 0)
+            send_broken();
+    }
+    ck_assert_int_eq(hw.micro, 5 * VOLT);
+    int storm = 0;
+    while (hw.micro != 0 && storm < 100) {
+        exchange(5 * VOLT);
+        exchange(5 * VOLT);
+        send_broken();
+        storm++;
+    }
+    ck_assert_int_le(storm, 12);
+    ck_assert_uint_eq(exchange(0).fault, MK_WIRE_FAULT_LINE);
+}
+END_TEST
+
+/* Bytes of any kind: whatever they are, the command stays within its limit (apply checks), and
+ * hello brings the board back. */
+START_TEST(no_bytes_whatever_upset_the_board)
+{
+    static const uint8_t types[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 20, 99};
+    struct mk_random rng = {.state = 5};
+    for (int k = 0; k < 60000; k++) {
+        uint8_t payload[64], bytes[MK_FRAME_MAX];
+        uint64_t r = mk_random_next(&rng);
+        for (size_t i = 0; i < sizeof payload; i++)
+            payload[i] = r >> 62 ? (uint8_t)mk_random_next(&rng) : (uint8_t)(r >> 40 & 3);
+        const struct mk_frame f = {1, types[r % sizeof types], (uint16_t)(r >> 8 & 31),
+                                   sequence += (r >> 16 & 7) > 0, payload};
+        size_t n = mk_frame_encode(&f, bytes);
+        if ((r >> 20 & 31) == 0)
+            bytes[(r >> 25) % n] ^= (uint8_t)(1u << (r >> 33 & 7));
+        hw.sent_size = 0;
+        mk_device_receive(&device, bytes, (r >> 50 & 63) == 0 ? n / 2 : n);
+        hw.sent_size = 0;
+        hw.now_ns += r >> 45 & 0xfffff;
+        mk_device_poll(&device);
+    }
+    hw.sent_size = 0;
+    for (int k = 0; k < 3; k++) /* bytes of a frame cut short may swallow the first */
+        ask(MK_MSG_HELLO, NULL, 0);
+    must(MK_MSG_CLEAR, NULL, 0);
+    must(MK_MSG_HELLO, NULL, 0);
+    number(MK_MSG_WATCHDOG, 0);
+    ck_assert_int_eq(exchange(VOLT).micro, VOLT);
+}
+END_TEST
+
+/* --- panel -------------------------------------------------------------------------------------
+ */
+
+START_TEST(display_lights_and_switches_are_at_hand)
+{
+    greet();
+    must(MK_MSG_LCD, (const uint8_t *)"\001balanced \x90", 11);
+    ck_assert_str_eq(hw.lcd[1], "balanced ?");
+    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_LCD, (const uint8_t *)"\002x", 2));
+    must(MK_MSG_LEDS, (const uint8_t *)"\005", 1);
+    ck_assert_uint_eq(hw.leds, 5);
+    hw.switches = 6;
+    ck_assert_uint_eq(ask(MK_MSG_STATE, NULL, 0).payload[MK_STATE_SWITCHES], 6);
+}
+END_TEST
+
+START_TEST(a_board_without_a_panel_says_so)
+{
+    hal.lcd = NULL;
+    hal.leds = NULL;
+    hal.switches = NULL;
+    struct mk_frame f = ask(MK_MSG_HELLO, NULL, 0);
+    ck_assert_uint_eq(mk_get32(f.payload + MK_HELLO_CAPABILITIES) & 28, 0);
+    must_refuse(MK_REFUSED_NOTSUP, ask(MK_MSG_LCD, (const uint8_t *)"\001", 1));
+    must_refuse(MK_REFUSED_NOTSUP, ask(MK_MSG_LEDS, (const uint8_t *)"\001", 1));
+}
+END_TEST
+
+/* --- streaming ---------------------------------------------------------------------------------
+ */
+
+/* The samples that the board sends while `ns` pass. */
+static int streamed(uint64_t ns, struct reading *last)
+{
+    struct mk_frame f;
+    hw.sent_size = 0;
+    for (uint64_t step = ns / 20; ns > 0; ns -= step)
+        pass(step);
+    const uint8_t *p = hw.sent;
+    size_t n = hw.sent_size;
+    int count = 0;
+    mk_decoder_reset(&host);
+    while (mk_decoder_next(&host, &p, &n, &f)) {
+        ck_assert_uint_eq(f.type, MK_MSG_SAMPLE);
+        *last = parse(f.payload);
+        count++;
+    }
+    return count;
+}
+
+static void command(uint32_t sample, int32_t micro)
+{
+    uint8_t p[8];
+    mk_put32(p, sample);
+    mk_put32(p + 4, (uint32_t)micro);
+    ck_assert_uint_eq(ask(MK_MSG_COMMAND, p, 8).type, 0);
+}
+
+START_TEST(streamed_samples_come_by_the_boards_clock_and_carry_the_answers)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    number(MK_MSG_STREAM, 1000);
+    uint64_t before = hw.now_ns;
+    for (uint32_t k = 0; k < 50; k++) {
+        ck_assert_int_eq(streamed(MS, &r), 1);
+        ck_assert_uint_eq(r.t_ns, before + (k + 1) * MS);
+        ck_assert_uint_eq(r.status, MK_WIRE_ST_STREAMING);
+        ck_assert_int_eq(r.micro, k ? (int)(k - 1) * 1000 : 0);
+        command(k, (int)k * 1000);
+    }
+    number(MK_MSG_STREAM, 0);
+    ck_assert_int_eq(streamed(10 * MS, &r), 0);
+}
+END_TEST
+
+START_TEST(a_host_that_falls_silent_stops_the_stream_and_the_motor)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_STREAM, 1000);
+    streamed(MS, &r);
+    command(0, 5 * VOLT);
+    ck_assert_int_eq(hw.micro, 5 * VOLT);
+    ck_assert_int_le(streamed(100 * MS, &r), 9);
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_uint_eq(exchange(VOLT).fault, MK_WIRE_FAULT_STREAM);
+}
+END_TEST
+
+START_TEST(an_answer_to_a_sample_that_never_was_is_refused)
+{
+    uint8_t p[8] = {0};
+    greet();
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_COMMAND, p, 8));
+    number(MK_MSG_STREAM, 1000);
+    mk_put32(p, 7);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_COMMAND, p, 8));
+}
+END_TEST
+
+Suite *suite_device(void)
+{
+    Suite *s = suite_create("device");
+    TCase *t = tcase_create("device");
+    tcase_add_checked_fixture(t, setup, NULL);
+    tcase_add_test(t, hello_says_who_is_there);
+    tcase_add_test(t, nothing_moves_before_hello);
+    tcase_add_test(t, hello_switches_the_motor_off_and_takes_any_sequence);
+    tcase_add_test(t, an_exchange_reads_first_and_commands_then);
+    tcase_add_test(t, commands_are_cut_at_the_limit_and_the_status_says_so);
+    tcase_add_test(t, a_repeated_request_is_answered_again_but_acts_once);
+    tcase_add_test(t, a_late_request_does_not_undo_a_newer_one);
+    tcase_add_test(t, sequence_numbers_may_wrap);
+    tcase_add_test(t, another_version_is_refused_with_the_motor_off);
+    tcase_add_test(t, what_is_no_request_is_refused_by_name);
+    tcase_add_test(t, the_watchdog_zeroes_and_stays_until_it_is_set_anew);
+    tcase_add_test(t, only_exchanges_feed_the_watchdog);
+    tcase_add_test(t, a_fault_keeps_cause_and_time_until_it_is_cleared);
+    tcase_add_test(t, a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not);
+    tcase_add_test(t, no_bytes_whatever_upset_the_board);
+    tcase_add_test(t, display_lights_and_switches_are_at_hand);
+    tcase_add_test(t, a_board_without_a_panel_says_so);
+    tcase_add_test(t, streamed_samples_come_by_the_boards_clock_and_carry_the_answers);
+    tcase_add_test(t, a_host_that_falls_silent_stops_the_stream_and_the_motor);
+    tcase_add_test(t, an_answer_to_a_sample_that_never_was_is_refused);
+    suite_add_tcase(s, t);
+    return s;
+}
