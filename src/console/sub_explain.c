@@ -188,6 +188,9 @@ static enum mk_status write_reports(const struct options *o, const struct mk_exp
         st = mk_explanation_write_json(e, path, given ? o->holdout : &o->input[o->input_count - 1],
                                        given ? o->holdout_count : 1, err);
     snprintf(path, sizeof path, "%s/next.cmd", o->out);
+    /* One of an earlier report would not belong to this one. */
+    if (st == MK_OK && !e->next.input[0] && unlink(path) != 0 && errno != ENOENT)
+        st = mk_error_errno(err, errno, path, "cannot remove the earlier proposal");
     if (st == MK_OK)
         st = mk_explanation_write_next(e, path, "extended.ini", err);
     snprintf(path, sizeof path, "%s/report.html", o->out);

@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "explain/owned_log.hpp"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
 #include "support/truth.hpp"
@@ -11,10 +12,7 @@
 namespace truth
 {
 
-struct LogFree {
-    void operator()(mk_log *log) const { mk_log_free(log); }
-};
-using OwnedLog = std::unique_ptr<mk_log, LogFree>;
+using mk::OwnedLog;
 
 struct Name {
     std::string effect;

@@ -1,0 +1,83 @@
+#include "explain/held_out.hpp"
+
+#include "mechkit/sim.h"
+
+namespace mk
+{
+
+enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *err) const
+{
+    for (const mk_log *log : logs) {
+        mk_predict_options o = {};
+        o.window_s = window_s;
+        mk_predict_figures figures = {};
+        mk_log *prediction = nullptr;
+        enum mk_status st = mk_predict(&m, log, &o, &prediction, &figures, nullptr, err);
+        if (st == MK_OK)
+            add_windows(m, *log, *prediction, f);
+        mk_log_free(prediction);
+        if (st != MK_OK)
+            return st;
+        for (int j = 0; j < mk_model_joints(&m); j++)
+            if (std::isfinite(figures.nrmse[j]))
+                f.square[j] += figures.nrmse[j] * figures.nrmse[j] * (double)figures.rows;
+        f.rows += (double)figures.rows;
+    }
+    return MK_OK;
+}
+
+void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &prediction,
+                          HeldOutFigures &f) const
+{
+    mk_record record;
+    const double *window = mk_log_get(&prediction, "window");
+    if (!window || mk_record_from_log(&log, &m, &record, nullptr) != MK_OK)
+        return;
+    const size_t first = f.window.size();
+    for (int j = 0; j < mk_model_joints(&m); j++) {
+        const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
+        double sd = deviation(m, j);
+        for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
+            double off = (q[k] - record.q[j][k]) / sd;
+            size_t place = first + (size_t)window[k];
+            if (place >= f.window.size())
+                f.window.resize(place + 1, 0.0);
+            if (std::isfinite(off))
+                f.window[place] += off * off;
+        }
+    }
+}
+
+bool clearly_worse(const HeldOutFigures &a, const HeldOutFigures &b)
+{
+    double sum = 0.0, squares = 0.0, n = 0.0;
+    for (size_t i = 0; i < std::min(a.window.size(), b.window.size()); i++) {
+        if (!(a.window[i] > 0.0) || !(b.window[i] > 0.0))
+            continue;
+        double ratio = std::log(a.window[i] / b.window[i]);
+        sum += ratio, squares += ratio * ratio, n += 1.0;
+    }
+    if (n < 2.0)
+        return a.total() > b.total();
+    double mean = sum / n, error = std::sqrt(std::max(squares / n - mean * mean, 0.0) / n);
+    return mean > std::max(2.0 * error, std::log(1.02));
+}
+
+double HeldOut::deviation(const mk_model &model, int joint) const
+{
+    double sum = 0.0, squares = 0.0, n = 0.0;
+    for (const mk_log *log : logs) {
+        mk_record record;
+        if (mk_record_from_log(log, &model, &record, nullptr) != MK_OK)
+            continue;
+        for (size_t k = 0; k < record.rows; k++) {
+            double q = record.q[joint][k];
+            if (std::isnan(q))
+                continue;
+            sum += q, squares += q * q, n += 1.0;
+        }
+    }
+    return n > 1.0 ? std::sqrt(std::max(squares / n - sum / n * (sum / n), 0.0)) : 0.0;
+}
+
+} // namespace mk
