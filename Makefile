@@ -47,7 +47,7 @@ endif
 
 # Libraries come from pkg-config; SUNDIALS 6 ships no .pc file, so it is named by hand
 # (libsundials_core exists from 7.0 on).
-PKGS := eigen3 libcjson inih zlib
+PKGS := eigen3 libcjson inih zlib libusb-1.0
 ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isystem /g')
 PKG_LIBS   := $(shell $(PKGCONFIG) --libs $(PKGS) 2>/dev/null)
@@ -72,7 +72,7 @@ LIB_DIRS := base model sim ctrl driver ident explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
-TEST_C   := $(wildcard tests/*.c tests/support/*.c)
+TEST_C   := $(wildcard tests/*.c tests/support/*.c tests/emu/*.c)
 TEST_CXX := $(wildcard tests/test_*.cpp tests/support/*.cpp)
 
 # The fast path is one source compiled once per instruction set and chosen when the program runs.
@@ -218,7 +218,7 @@ install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged unde
 	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
 	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
-		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib|' \
+		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib libusb-1.0|' \
 		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \

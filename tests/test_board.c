@@ -5,16 +5,18 @@
 #include <math.h>
 #include <string.h>
 
+#include "emu/bench.h"
 #include "mechkit/board.h"
 #include "mechkit/rig.h"
 
-static const char *const boards[] = {"null", "virtual"};
+static const char *const boards[] = {"null", "virtual", "usb"};
 #define BOARD_COUNT ((int)(sizeof boards / sizeof boards[0]))
 
 static struct mk_model model;
 static struct mk_clock clock_;
 static struct mk_board_config config;
 static struct mk_board *board;
+static struct emu_bench bench;
 
 static void setup(void)
 {
@@ -22,17 +24,23 @@ static void setup(void)
     mk_clock_init_simulated(&clock_);
     config = (struct mk_board_config){.model = &model, .clock = &clock_};
     board = NULL;
+    memset(&bench, 0, sizeof bench);
 }
 
 static void teardown(void)
 {
     mk_board_close(board);
+    emu_bench_free(&bench);
 }
 
 static void open_board(const char *name)
 {
     struct mk_error err = MK_ERROR_INIT;
-    enum mk_status st = mk_board_open(mk_board_backend_by_name(name), &config, &board, &err);
+    if (!bench.ops.name)
+        emu_bench_init(&bench, name, &config);
+    const struct mk_board_ops *ops =
+        strcmp(name, "usb") == 0 ? &bench.ops : mk_board_backend_by_name(name);
+    enum mk_status st = mk_board_open(ops, &config, &board, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
 }
 

@@ -65,6 +65,15 @@ struct mk_board_config {
     double start[MK_MAX_JOINTS];  /* virtual: start angles relative to rest, rad */
 };
 
+/* A board that is plugged in, used or not. */
+struct mk_board_found {
+    char device[64];       /* what mk_board_config.device takes */
+    char name[48];         /* product, "" when it may not be asked */
+    char where[48];        /* bus and port */
+    enum mk_status status; /* MK_OK: can be opened; MK_ERR_PERM, MK_ERR_BUSY, ... */
+    char note[256];        /* why not, and what to do; "" when all is well */
+};
+
 struct mk_board;
 
 /* One row of the table of back ends. NULL slots marked optional mean "not supported". */
@@ -73,6 +82,10 @@ struct mk_board_ops {
     const char *help;
     unsigned capabilities; /* enum mk_board_capability */
     size_t private_size;   /* bytes the core allocates, zeroed, behind the handle */
+
+    /* Lists the boards of this kind that are there, motor untouched; at most `max`. Returns how
+     * many, or a negative mk_status. Optional: a back end without it has exactly one. */
+    int (*find)(struct mk_board_found *out, int max, struct mk_error *err);
 
     /* Finds and claims the device, motor off. Called once; may block up to a few seconds. On
      * failure it must have released what it took (close is then not called). */

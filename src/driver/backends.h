@@ -5,6 +5,7 @@
 #include "mechkit/board.h"
 
 extern const struct mk_board_ops mk_board_virtual_ops;
+extern const struct mk_board_ops mk_board_usb_ops;
 extern const struct mk_board_ops mk_board_null_ops;
 
 #endif

@@ -1,0 +1,17 @@
+/* The two halves of the USB link: usb.c finds, opens and closes; usb_link.c transfers. */
+#ifndef MECHKIT_DRIVER_USB_PRIV_H
+#define MECHKIT_DRIVER_USB_PRIV_H
+
+#include "driver/usb.h"
+
+int64_t mk_usb_now_ns(void); /* CLOCK_MONOTONIC */
+
+/* Puts every read that is not under way, clearing a halt first. */
+void mk_usb_start_reads(struct mk_usb *u);
+void LIBUSB_CALL mk_usb_write_done(struct libusb_transfer *t);
+void LIBUSB_CALL mk_usb_read_done(struct libusb_transfer *t);
+/* Cancels everything and waits for its end. False: the kernel keeps a transfer (and so its memory).
+ */
+bool mk_usb_stop_transfers(struct mk_usb *u);
+
+#endif

@@ -1,0 +1,21 @@
+/* A bench with an emulated board on it, plugged into a bus. For boards on real buses, which run in
+ * real time only, it makes a back end that accepts a simulated clock as well: the emulated board
+ * lives on that clock, so the whole chain through the bus is repeatable and fast. */
+#ifndef MECHKIT_TESTS_EMU_BENCH_H
+#define MECHKIT_TESTS_EMU_BENCH_H
+
+#include "emu/usb.h"
+#include "mechkit/board.h"
+
+struct emu_bench {
+    struct mk_emulated board;
+    struct emu_usb usb;
+    struct mk_board_ops ops; /* of the back end, FAST added */
+};
+
+/* `back_end`: "usb", or one that needs no bench ("virtual", "null"). */
+void emu_bench_init(struct emu_bench *b, const char *back_end,
+                    const struct mk_board_config *config);
+void emu_bench_free(struct emu_bench *b);
+
+#endif

@@ -1,0 +1,475 @@
+#include "emu/usb.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/ioctl.h>
+
+#include "emu/udev.h"
+
+#define ENDPOINT_OUT 0x01
+#define ENDPOINT_IN 0x81
+
+static const uint8_t descriptors[] = {
+    /* device: vendor class, strings 1 2 3 */
+    18, 1, 0x00, 0x02, 0xff, 0, 0, 64, EMU_USB_VENDOR & 255, EMU_USB_VENDOR >> 8,
+    EMU_USB_PRODUCT & 255, EMU_USB_PRODUCT >> 8, 0, 1, 1, 2, 3, 1,
+    /* configuration, interface, bulk out, bulk in */
+    9, 2, 32, 0, 1, 1, 0, 0xc0, 50, 9, 4, 0, 0, 2, 0xff, 0, 0, 0, 7, 5, ENDPOINT_OUT, 2, 0x00, 2, 0,
+    7, 5, ENDPOINT_IN, 2, 0x00, 2, 0};
+
+const char *emu_fault_text(enum emu_fault fault)
+{
+    static const char *const text[] = {"none",
+#define EMU_FAULT_TEXT(name, text) text,
+                                       EMU_FAULTS(EMU_FAULT_TEXT)
+#undef EMU_FAULT_TEXT
+    };
+    return text[fault];
+}
+
+/* --- the board behind the plug
+ * --------------------------------------------------------------------- */
+
+static void emulated_receive(void *ctx, const uint8_t *bytes, size_t n)
+{
+    (void)mk_emulated_receive(ctx, bytes, n);
+}
+
+static size_t emulated_take(void *ctx, uint8_t *bytes, size_t size)
+{
+    return mk_emulated_take(ctx, bytes, size);
+}
+
+struct emu_board emu_board_of(struct mk_emulated *board)
+{
+    return (struct emu_board){board, emulated_receive, emulated_take};
+}
+
+/* --- transfers; the lock is held
+ * --------------------------------------------------------------------- */
+
+static void finish(struct emu_plug *p, struct usbdevfs_urb *urb, int status, size_t length)
+{
+    urb->status = status;
+    urb->actual_length = (int)length;
+    if (p->done.count < EMU_URBS)
+        p->done.urb[p->done.count++] = urb;
+    emu_node_ready(&p->node, true);
+}
+
+static struct usbdevfs_urb *take_urb(struct emu_urbs *list, int index)
+{
+    struct usbdevfs_urb *urb = list->urb[index];
+    list->count--;
+    memmove(list->urb + index, list->urb + index + 1,
+            (size_t)(list->count - index) * sizeof list->urb[0]);
+    return urb;
+}
+
+static void drop_chunk(struct emu_usb *u)
+{
+    u->chunks--;
+    memmove(u->chunk, u->chunk + 1, (size_t)u->chunks * sizeof u->chunk[0]);
+}
+
+/* Answers a transfer that waits for bytes with the oldest chunk. */
+static void complete_in(struct emu_usb *u)
+{
+    struct emu_plug *p = u->now;
+    struct emu_chunk *c = &u->chunk[0];
+    struct usbdevfs_urb *urb = take_urb(&p->waiting, 0);
+    int status = 0;
+    size_t n = c->size;
+    if (c->fault == EMU_FAULT_STALL_IN) {
+        p->halted_in = true;
+        status = -EPIPE;
+    } else if (c->fault == EMU_FAULT_OVERFLOW || n > (size_t)urb->buffer_length) {
+        status = -EOVERFLOW;
+    } else if (c->fault == EMU_FAULT_ERROR_IN) {
+        status = -EPROTO;
+    }
+    if (status != 0)
+        n = 0;
+    memcpy(urb->buffer, c->bytes, n);
+    finish(p, urb, status, n);
+    drop_chunk(u);
+}
+
+static void pump(struct emu_usb *u)
+{
+    struct emu_plug *p = u->now;
+    while (p->waiting.count > 0 && p->halted_in)
+        finish(p, take_urb(&p->waiting, 0), -EPIPE, 0);
+    while (p->waiting.count > 0 && u->chunks > 0 && !p->halted_in &&
+           u->chunk[0].fault != EMU_FAULT_LATE_ANSWER)
+        complete_in(u);
+}
+
+static void add_chunk(struct emu_usb *u, const uint8_t *bytes, size_t n, enum emu_fault fault)
+{
+    if (u->chunks == EMU_CHUNKS || n == 0)
+        return;
+    struct emu_chunk *c = &u->chunk[u->chunks++];
+    memcpy(c->bytes, bytes, n);
+    c->size = n;
+    c->fault = fault;
+}
+
+/* What the board has to say, through the plan's hands. */
+static void collect(struct emu_usb *u, enum emu_fault fault)
+{
+    uint8_t bytes[EMU_CHUNK_SIZE];
+    size_t n = u->board.take(u->board.ctx, bytes + 32, MK_FRAME_MAX);
+    for (int i = 0; i < 32; i++)
+        bytes[i] = (uint8_t)(37 * i + 11);
+    if (n == 0 || fault == EMU_FAULT_LOSE_ANSWER)
+        return;
+    if (fault == EMU_FAULT_FLIP_ANSWER)
+        bytes[32 + n / 2] ^= 0x10;
+    if (fault == EMU_FAULT_SHORT_ANSWER)
+        n /= 2;
+    if (fault == EMU_FAULT_GARBAGE)
+        add_chunk(u, bytes, n + 32, fault);
+    else
+        add_chunk(u, bytes + 32, n, fault);
+    if (fault == EMU_FAULT_TWICE_ANSWER)
+        add_chunk(u, bytes + 32, n, fault);
+}
+
+static void deliver(struct emu_usb *u, const uint8_t *bytes, size_t n, enum emu_fault fault)
+{
+    uint8_t changed[EMU_CHUNK_SIZE];
+    memcpy(changed, bytes, n);
+    if (fault == EMU_FAULT_FLIP_REQUEST)
+        changed[n / 2] ^= 0x10;
+    if (fault == EMU_FAULT_SHORT_REQUEST)
+        n /= 2;
+    u->board.receive(u->board.ctx, changed, n);
+    if (fault == EMU_FAULT_TWICE_REQUEST)
+        u->board.receive(u->board.ctx, changed, n);
+    collect(u, fault);
+}
+
+static enum emu_fault fault_now(struct emu_usb *u)
+{
+    unsigned n = u->requests++;
+    if (u->fault == EMU_FAULT_NONE || n < u->first || n - u->first >= u->count)
+        return EMU_FAULT_NONE;
+    u->injected++;
+    return u->fault;
+}
+
+static void unplug(struct emu_usb *u)
+{
+    struct emu_plug *p = u->now;
+    while (p->waiting.count > 0)
+        finish(p, take_urb(&p->waiting, 0), -ESHUTDOWN, 0);
+    while (p->blocked.count > 0)
+        finish(p, take_urb(&p->blocked, 0), -ESHUTDOWN, 0);
+    p->live = false;
+    u->now = NULL;
+    u->chunks = 0;
+    emu_node_hang_up(&p->node);
+    emu_node_remove(&p->node);
+    for (int i = 0; i < EMU_USB_FILES; i++)
+        emu_file_remove(&u->file[i]);
+    emu_udev_unplug(u->name);
+}
+
+static int submit_out(struct emu_usb *u, struct usbdevfs_urb *urb)
+{
+    struct emu_plug *p = u->now;
+    size_t n = (size_t)urb->buffer_length;
+    if (n > MK_FRAME_MAX)
+        return -EINVAL;
+    if (p->halted_out) {
+        finish(p, urb, -EPIPE, 0);
+        return 0;
+    }
+    enum emu_fault fault = fault_now(u);
+    for (int i = 0; i < u->chunks; i++) /* late ones may come now */
+        u->chunk[i].fault =
+            u->chunk[i].fault == EMU_FAULT_LATE_ANSWER ? EMU_FAULT_NONE : u->chunk[i].fault;
+    switch (fault) {
+    case EMU_FAULT_UNPLUG:
+        unplug(u);
+        return -ENODEV;
+    case EMU_FAULT_BLOCK_OUT:
+        if (p->blocked.count < EMU_URBS) /* until it is discarded */
+            p->blocked.urb[p->blocked.count++] = urb;
+        return 0;
+    case EMU_FAULT_STALL_OUT:
+        p->halted_out = true;
+        finish(p, urb, -EPIPE, 0);
+        return 0;
+    case EMU_FAULT_ERROR_OUT:
+        finish(p, urb, -EPROTO, 0);
+        return 0;
+    case EMU_FAULT_LOSE_REQUEST:
+        break;
+    case EMU_FAULT_REORDER:
+        memcpy(u->kept, urb->buffer, n);
+        u->kept_size = n;
+        break;
+    default:
+        deliver(u, urb->buffer, n, fault);
+        if (u->kept_size > 0)
+            deliver(u, u->kept, u->kept_size, EMU_FAULT_NONE);
+        u->kept_size = 0;
+    }
+    finish(p, urb, 0, fault == EMU_FAULT_SHORT_REQUEST ? n / 2 : n);
+    pump(u);
+    return 0;
+}
+
+static int string_descriptor(const struct emu_usb *u, int index, uint8_t *out)
+{
+    const char *const text[] = {"", "mechkit", "emulated board", u->serial};
+    if (index > 3)
+        return -EPIPE;
+    int n = 2;
+    if (index == 0) {
+        out[n++] = 0x09;
+        out[n++] = 0x04;
+    }
+    for (const char *c = text[index]; *c; c++) {
+        out[n++] = (uint8_t)*c;
+        out[n++] = 0;
+    }
+    out[0] = (uint8_t)n;
+    out[1] = 3;
+    return n;
+}
+
+static int submit_control(struct emu_usb *u, struct usbdevfs_urb *urb)
+{
+    const uint8_t *setup = urb->buffer;
+    uint8_t answer[128];
+    int wanted = setup[6] | setup[7] << 8, n = -EPIPE;
+    if (setup[0] == 0x80 && setup[1] == 6 && setup[3] == 3)
+        n = string_descriptor(u, setup[2], answer);
+    if (n > wanted)
+        n = wanted;
+    if (n > 0)
+        memcpy((uint8_t *)urb->buffer + 8, answer, (size_t)n);
+    finish(u->now, urb, n < 0 ? n : 0, n < 0 ? 0 : (size_t)n);
+    return 0;
+}
+
+static int submit(struct emu_usb *u, struct usbdevfs_urb *urb)
+{
+    if (urb->type == USBDEVFS_URB_TYPE_CONTROL)
+        return submit_control(u, urb);
+    if (urb->endpoint == ENDPOINT_OUT)
+        return submit_out(u, urb);
+    struct emu_urbs *waiting = &u->now->waiting;
+    if (urb->endpoint != ENDPOINT_IN || waiting->count == EMU_URBS)
+        return -ENOENT;
+    waiting->urb[waiting->count++] = urb;
+    pump(u);
+    return 0;
+}
+
+static int discard(struct emu_plug *p, const void *urb)
+{
+    struct emu_urbs *const lists[] = {&p->waiting, &p->blocked};
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < lists[k]->count; i++)
+            if (lists[k]->urb[i] == urb) {
+                finish(p, take_urb(lists[k], i), -ENOENT, 0);
+                return 0;
+            }
+    return -EINVAL;
+}
+
+static int reap(struct emu_plug *p, void **out)
+{
+    if (p->done.count == 0)
+        return p->live ? -EAGAIN : -ENODEV;
+    *out = take_urb(&p->done, 0);
+    if (p->done.count == 0 && p->live)
+        emu_node_ready(&p->node, false);
+    return 0;
+}
+
+static int claim(struct emu_usb *u, unsigned interface)
+{
+    if (interface != 0)
+        return -ENOENT;
+    return u->taken || u->driver_bound ? -EBUSY : 0;
+}
+
+/* --- the node
+ * ---------------------------------------------------------------------------------------- */
+
+static int control(struct emu_plug *p, unsigned long request, void *arg)
+{
+    struct emu_usb *u = p->usb;
+    switch (request) {
+    case USBDEVFS_REAPURBNDELAY:
+        return reap(p, arg);
+    case USBDEVFS_DISCARDURB:
+        return discard(p, arg);
+    default:
+        break;
+    }
+    if (!p->live)
+        return -ENODEV;
+    switch (request) {
+    case USBDEVFS_GET_CAPABILITIES:
+        *(uint32_t *)arg = USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION |
+                           USBDEVFS_CAP_NO_PACKET_SIZE_LIM | USBDEVFS_CAP_BULK_SCATTER_GATHER |
+                           USBDEVFS_CAP_REAP_AFTER_DISCONNECT;
+        return 0;
+    case USBDEVFS_CLAIMINTERFACE:
+        return claim(u, *(unsigned *)arg);
+    case USBDEVFS_DISCONNECT_CLAIM:
+        u->driver_bound = false;
+        return claim(u, ((struct usbdevfs_disconnect_claim *)arg)->interface);
+    case USBDEVFS_RELEASEINTERFACE:
+    case USBDEVFS_SETCONFIGURATION:
+    case USBDEVFS_SETINTERFACE:
+    case USBDEVFS_RESET:
+        return 0;
+    case USBDEVFS_GETDRIVER:
+        return u->driver_bound ? 0 : -ENODATA;
+    case USBDEVFS_IOCTL: /* reattaching the kernel driver when released */
+        return -ENODATA;
+    case USBDEVFS_CLEAR_HALT:
+        if (*(unsigned *)arg & 0x80)
+            p->halted_in = false;
+        else
+            p->halted_out = false;
+        return 0;
+    case USBDEVFS_SUBMITURB:
+        return submit(u, arg);
+    default:
+        return -ENOTTY;
+    }
+}
+
+static int node_ioctl(void *ctx, unsigned long request, void *arg)
+{
+    struct emu_plug *p = ctx;
+    pthread_mutex_lock(&p->usb->lock);
+    int result = control(p, request, arg);
+    pthread_mutex_unlock(&p->usb->lock);
+    return result;
+}
+
+static int node_open(void *ctx)
+{
+    struct emu_plug *p = ctx;
+    return p->usb->denied ? -EACCES : 0;
+}
+
+static void node_close(void *ctx)
+{
+    struct emu_plug *p = ctx;
+    p->waiting.count = p->done.count = 0;
+    p->halted_in = p->halted_out = false;
+}
+
+static const struct emu_node_ops node_ops = {
+    .open = node_open, .ioctl = node_ioctl, .close = node_close};
+
+/* --- streaming: emulated time passes while somebody polls
+ * -------------------------------------------- */
+
+static int let_time_pass(void *ctx, int timeout_ms)
+{
+    struct emu_usb *u = ctx;
+    struct mk_emulated *e = u->timed;
+    int wait_ms = -1;
+    pthread_mutex_lock(&u->lock);
+    if (u->now && e->device.stream_us) {
+        const struct emu_urbs *done = &u->now->done;
+        int64_t next = e->opened_ns + (int64_t)e->device.stream_next_ns;
+        if (e->clock->ops->simulated && done->count == 0 && timeout_ms != 0)
+            mk_clock_sleep_until(e->clock, next);
+        (void)mk_emulated_run(e);
+        collect(u, EMU_FAULT_NONE);
+        pump(u);
+        int64_t left_ns = next - mk_clock_now_ns(e->clock);
+        wait_ms = done->count > 0 || left_ns < 1000000 ? 0 : (int)(left_ns / 1000000);
+        if (wait_ms == 0 && done->count == 0)
+            wait_ms = 1;
+    }
+    pthread_mutex_unlock(&u->lock);
+    return wait_ms;
+}
+
+/* --- plugging
+ * ---------------------------------------------------------------------------------------- */
+
+void emu_usb_init(struct emu_usb *u, int port, const char *serial, struct emu_board board)
+{
+    memset(u, 0, sizeof *u);
+    pthread_mutex_init(&u->lock, NULL);
+    u->board = board;
+    u->address = 10 * port;
+    snprintf(u->serial, sizeof u->serial, "%s", serial);
+    snprintf(u->name, sizeof u->name, "1-%d", port);
+}
+
+static void add_file(struct emu_usb *u, int i, const char *attribute, const void *bytes, size_t n)
+{
+    snprintf(u->file_path[i], sizeof u->file_path[i], "/sys/bus/usb/devices/%s/%s", u->name,
+             attribute);
+    u->file[i] = (struct emu_file){u->file_path[i], bytes, n};
+    emu_file_add(&u->file[i]);
+}
+
+static void add_number(struct emu_usb *u, int i, const char *attribute, int value)
+{
+    int n = snprintf(u->text[i], sizeof u->text[i], "%d\n", value);
+    add_file(u, i, attribute, u->text[i], (size_t)n);
+}
+
+/* Each time at another address, as a hub would. */
+void emu_usb_plug(struct emu_usb *u)
+{
+    struct emu_plug *p = &u->plug[u->address++ % EMU_PLUGS];
+    *p = (struct emu_plug){.usb = u, .live = true};
+    snprintf(p->path, sizeof p->path, "/dev/bus/usb/001/%03d", u->address);
+    p->node = (struct emu_node){.path = p->path, .ops = &node_ops, .ctx = p};
+    pthread_mutex_lock(&u->lock);
+    u->now = p;
+    pthread_mutex_unlock(&u->lock);
+    emu_node_add(&p->node);
+    add_number(u, 0, "busnum", 1);
+    add_number(u, 1, "devnum", u->address);
+    add_number(u, 2, "speed", 480);
+    add_number(u, 3, "bConfigurationValue", 1);
+    add_file(u, 4, "descriptors", descriptors, sizeof descriptors);
+    if (u->timed)
+        emu_poll_hook(let_time_pass, u);
+    emu_udev_plug(u->name, p->path);
+}
+
+void emu_usb_unplug(struct emu_usb *u)
+{
+    pthread_mutex_lock(&u->lock);
+    if (u->now)
+        unplug(u);
+    pthread_mutex_unlock(&u->lock);
+}
+
+void emu_usb_free(struct emu_usb *u)
+{
+    emu_usb_unplug(u);
+    if (u->timed)
+        emu_poll_hook(NULL, NULL);
+    pthread_mutex_destroy(&u->lock);
+}
+
+void emu_usb_arm(struct emu_usb *u, enum emu_fault fault, unsigned first, unsigned count)
+{
+    pthread_mutex_lock(&u->lock);
+    u->fault = fault;
+    u->first = first;
+    u->count = count;
+    u->requests = u->injected = 0;
+    pthread_mutex_unlock(&u->lock);
+}
