@@ -51,6 +51,8 @@ PKGS := eigen3 libcjson inih zlib libusb-1.0
 ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isystem /g')
 PKG_LIBS   := $(shell $(PKGCONFIG) --libs $(PKGS) 2>/dev/null)
+TUI_CFLAGS := $(shell $(PKGCONFIG) --cflags ncursesw 2>/dev/null | sed 's/-D_XOPEN_SOURCE=[0-9]*//')
+TUI_LIBS   := $(shell $(PKGCONFIG) --libs ncursesw 2>/dev/null)
 SUN_CORE   := $(shell printf 'int main(void){return 0;}' | $(CC) -x c - -o /dev/null -lsundials_core 2>/dev/null && echo -lsundials_core)
 endif
 SUN_LIBS   := -lsundials_cvode -lsundials_arkode -lsundials_nvecserial \
@@ -116,8 +118,10 @@ $(LIB): $(LIB_OBJ)
 	@rm -f $@
 	$(call say,AR)$(AR) rcs $@ $^
 
+# Only the program has a screen; the library needs no curses.
+$(B)/src/console/tui_term.o: CPPFLAGS_ALL += $(TUI_CFLAGS)
 $(APP): $(APP_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(TUI_LIBS) $(LDLIBS_ALL)
 
 CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
 CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
@@ -125,7 +129,7 @@ CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
 .PHONY: tests
 tests: $(TESTS) $(APP)
 $(TESTS): $(TEST_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(TUI_LIBS) $(LDLIBS_ALL)
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)

@@ -20,6 +20,7 @@
 #include "mechkit/board.h"
 #include "mechkit/ctrl.h"
 #include "mechkit/log.h"
+#include "mechkit/ring.h"
 #include "mechkit/safety.h"
 #include "mechkit/velocity.h"
 
@@ -62,6 +63,9 @@ struct mk_loop_config {
     unsigned watchdog_ms; /* default 20 */
     int priority;         /* SCHED_FIFO priority, default 80; 0: do not ask */
     size_t ring_samples;  /* default 8192 */
+    /* Every sample (struct mk_sample) is pushed here too, for somebody who watches; what does not
+     * fit is left out. NULL: nobody. Kept, not owned. */
+    struct mk_ring *tap;
 };
 void mk_loop_config_default(const struct mk_model *model, struct mk_loop_config *out);
 

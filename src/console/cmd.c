@@ -236,8 +236,7 @@ static enum mk_status do_wait(struct session *s, int argc, char **argv, struct m
     if (st == MK_OK)
         st = cmd_number(argv[0], &seconds, err);
     if (st == MK_OK)
-        st = fault_ends_it(s, mk_loop_wait(s->loop, seconds, NULL, NULL, s->options.cancel, err),
-                           err);
+        st = fault_ends_it(s, session_wait(s, seconds, NULL, NULL, err), err);
     return st;
 }
 
@@ -259,8 +258,7 @@ static enum mk_status do_wait_until(struct session *s, int argc, char **argv, st
     if (st != MK_OK)
         return st;
     split_seconds(argv[0], "within", &seconds);
-    st = fault_ends_it(s, mk_loop_wait(s->loop, seconds, holds, argv[0], s->options.cancel, err),
-                       err);
+    st = fault_ends_it(s, session_wait(s, seconds, holds, argv[0], err), err);
     if (st == MK_ERR_TIMEOUT)
         return mk_error_set(err, MK_ERR_EXPECT, "%s: not within %g s", argv[0], seconds);
     return st;
@@ -293,7 +291,7 @@ static enum mk_status do_expect(struct session *s, int argc, char **argv, struct
     enum mk_status st = need_run(s, err);
     if (st != MK_OK)
         return st;
-    st = mk_loop_wait(s->loop, seconds, violated, argv[0], s->options.cancel, err);
+    st = session_wait(s, seconds, violated, argv[0], err);
     if (st == MK_ERR_TIMEOUT)
         return MK_OK; /* never violated */
     if (st != MK_OK)

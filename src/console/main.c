@@ -24,6 +24,26 @@ static const struct subcommand subcommands[] = {
      "\n"
      "`mechkit run --commands` lists the commands.\n",
      sub_run},
+    {"console", "the operator's screen",
+     "usage: mechkit console [SCRIPT.cmd] [options]\n"
+     "\n"
+     "A text screen over a board: setup, start, halt, gains, save, identify, explain. Executes "
+     "the\n"
+     "command file first if there is one. Keys: ? lists them; Space stops the motor at once.\n"
+     "\n"
+     "  --board NAME     virtual (default), or another board that is built in\n"
+     "  --model M.ini    the rig; default: the rig of the setup with the report's parameters\n"
+     "  --believe M.ini  what the controller believes; default: the same model\n"
+     "  --fast           virtual board in simulated time, ten times as fast as the clock\n"
+     "  --out DIR        where logs go; made if missing; default: the current directory\n"
+     "  --rate HZ        samples per second, 100 .. 2000; default 500\n"
+     "  --seed N         of the virtual rig's noise; default 1\n"
+     "  --device NAME    which board, when there are several\n"
+     "  --setup NAME     choose this setup at once\n"
+     "  --replay LOG     show a log; no board is needed\n"
+     "  --mono           no colours (also with NO_COLOR in the environment)\n"
+     "  --ascii          no characters beyond ASCII\n",
+     sub_console},
     {"simulate", "predict a log by driving a model with its command",
      "usage: mechkit simulate --model M.ini --input LOG.csv [--out PRED.csv] [options]\n"
      "\n"

@@ -11,6 +11,8 @@
 
 #include "mechkit/number.h"
 
+#define TICK_S 0.05 /* how often options.tick is called during waits */
+
 void session_say(struct session *s, const char *fmt, ...)
 {
     char line[1024];
@@ -96,6 +98,7 @@ enum mk_status session_open(struct session *s, const struct session_options *opt
                             struct mk_error *err)
 {
     memset(s, 0, sizeof *s);
+    pthread_mutex_init(&s->loop_lock, NULL);
     s->options = *options;
     s->log_on = true;
     enum mk_status st = open_board_kind(s, err);
@@ -108,12 +111,39 @@ enum mk_status session_open(struct session *s, const struct session_options *opt
     return st;
 }
 
+/* `loop` as others may see it, from now on. */
+static void show_loop(struct session *s, struct mk_loop *loop)
+{
+    pthread_mutex_lock(&s->loop_lock);
+    s->loop = loop;
+    pthread_mutex_unlock(&s->loop_lock);
+}
+
+static void destroy_loop(struct session *s)
+{
+    struct mk_loop *loop = s->loop;
+    show_loop(s, NULL);
+    mk_loop_destroy(loop); /* halts */
+}
+
+int session_cancelled(const struct session *s)
+{
+    return s->options.cancel ? __atomic_load_n(s->options.cancel, __ATOMIC_ACQUIRE) : SESSION_GO;
+}
+
+void session_estop(struct session *s)
+{
+    pthread_mutex_lock(&s->loop_lock);
+    if (s->loop)
+        mk_loop_estop(s->loop);
+    pthread_mutex_unlock(&s->loop_lock);
+}
+
 static void close_setup(struct session *s)
 {
-    mk_loop_destroy(s->loop); /* halts */
+    destroy_loop(s);
     mk_board_close(s->board); /* motor off */
     mk_ctrl_destroy(s->ctrl);
-    s->loop = NULL;
     s->board = NULL;
     s->ctrl = NULL;
     s->running = false;
@@ -124,6 +154,10 @@ void session_close(struct session *s)
     close_setup(s);
     mk_signal_destroy(s->signal);
     s->signal = NULL;
+    if (s->record)
+        fclose(s->record);
+    s->record = NULL;
+    pthread_mutex_destroy(&s->loop_lock);
 }
 
 /* --- setup ------------------------------------------------------------------------------- */
@@ -185,6 +219,7 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
     mk_loop_config_default(&s->model, &s->config);
     if (s->options.rate_hz > 0.0)
         s->config.rate_hz = s->options.rate_hz;
+    s->config.tap = s->options.tap;
     mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
     const struct mk_model *believed = s->have_believed ? &s->believed : &s->model;
     st = mk_ctrl_create(ops, believed, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
@@ -220,9 +255,16 @@ static void name_log(struct session *s)
 
 static enum mk_status create_loop(struct session *s, struct mk_error *err)
 {
-    mk_loop_destroy(s->loop);
-    s->loop = NULL;
-    return mk_loop_create(s->board, s->ctrl, &s->config, &s->loop, err);
+    struct mk_loop *loop;
+    destroy_loop(s);
+    enum mk_status st = mk_loop_create(s->board, s->ctrl, &s->config, &loop, err);
+    if (st != MK_OK)
+        return st;
+    show_loop(s, loop);
+    /* A stop that came while there was no loop to take it. */
+    if (session_cancelled(s) == SESSION_ESTOP)
+        mk_loop_estop(loop);
+    return MK_OK;
 }
 
 enum mk_status session_start(struct session *s, struct mk_error *err)
@@ -257,6 +299,40 @@ enum mk_status session_halt(struct session *s, struct mk_error *err)
         return MK_OK;
     s->running = false;
     return mk_loop_halt(s->loop, err);
+}
+
+enum mk_status session_wait(struct session *s, double seconds,
+                            bool (*until)(const struct mk_loop_snapshot *, void *), void *user,
+                            struct mk_error *err)
+{
+    struct mk_loop_snapshot snap;
+    if (!s->options.tick)
+        return mk_loop_wait(s->loop, seconds, until, user, s->options.cancel, err);
+    mk_loop_get_snapshot(s->loop, &snap);
+    double end_t = (snap.ticks ? snap.sample.t : 0.0) + seconds, left = seconds;
+    for (;;) {
+        double piece = fmin(left, TICK_S);
+        enum mk_status st = mk_loop_wait(s->loop, piece, until, user, s->options.cancel, err);
+        s->options.tick(s->options.user);
+        mk_loop_get_snapshot(s->loop, &snap);
+        left = end_t - (snap.ticks ? snap.sample.t : 0.0);
+        bool over = left <= 1e-6;
+        if (until ? st != MK_ERR_TIMEOUT || over : st != MK_OK || over)
+            return st;
+    }
+}
+
+enum mk_status session_look(struct session *s, double *q, bool *zeroed)
+{
+    struct mk_board_sample b;
+    if (!s->board || s->running || s->options.fast)
+        return MK_ERR_STATE;
+    enum mk_status st = mk_board_exchange(s->board, 0.0, &b);
+    for (int j = 0; st == MK_OK && j < mk_model_joints(&s->model); j++)
+        q[j] =
+            mk_plant(s->model.plant)->rest[j] + b.count[j] * 2.0 * M_PI / s->model.encoder_cpr[j];
+    *zeroed = s->loop != NULL;
+    return st;
 }
 
 enum mk_status session_apply(struct session *s, struct mk_error *err)

@@ -1,17 +1,26 @@
 /* A session: one board, one setup, one loop, and what connects them. Command files and the screen
- * drive it through the table of commands (cmd.h). One thread. */
+ * drive it through the table of commands (cmd.h). One thread, but for session_estop. */
 #ifndef MECHKIT_CONSOLE_SESSION_H
 #define MECHKIT_CONSOLE_SESSION_H
 
+#include <pthread.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "mechkit/board.h"
 #include "mechkit/ctrl.h"
+#include "mechkit/log.h"
 #include "mechkit/loop.h"
 #include "mechkit/signal.h"
 
 #define SESSION_PATH 512
+
+enum session_cancel {
+    SESSION_GO,
+    SESSION_CANCEL, /* waits and calculations end */
+    SESSION_ESTOP   /* besides, a start that is under way ends in an e-stop */
+};
 
 struct session_options {
     const char *board;   /* name of the back end; NULL: virtual */
@@ -22,10 +31,17 @@ struct session_options {
     bool fast;
     double rate_hz; /* 0: default */
     uint64_t seed;
-    volatile int *cancel; /* set by a signal: waits end; may be NULL */
+    volatile int *cancel; /* enum session_cancel, set from outside; may be NULL */
     /* What commands have to say (a line without newline). */
     void (*say)(void *user, const char *line);
     void *user;
+    void (*tick)(void *user); /* called now and then during waits; may be NULL */
+    struct mk_ring *tap;      /* gets every sample (struct mk_sample) while it runs; NULL: none */
+    /* How far a long calculation is; false ends it. NULL: nobody asks. */
+    bool (*progress)(void *user, double done, const char *what);
+    /* A screen that shows logs; NULL: there is none. Takes both over; `model` (a prediction of the
+     * same rows) may be NULL. `play`: from its start, at its own pace. */
+    void (*show)(void *user, struct mk_log *log, struct mk_log *model, bool play);
 };
 
 struct session {
@@ -49,6 +65,10 @@ struct session {
     bool running;
     char log_path[SESSION_PATH]; /* of the newest run; "": none */
     bool saved;                  /* log_path has been given a name by `save` */
+    char record_path[SESSION_PATH];
+    FILE *record;              /* commands are written down here; NULL: nowhere */
+    double record_t;           /* of the run, when the last one was */
+    pthread_mutex_t loop_lock; /* held while `loop` changes, and by session_estop */
 };
 
 /* Checks the options and reads the models. The session must be closed even when this fails. */
@@ -62,6 +82,18 @@ MK_NODISCARD enum mk_status session_setup(struct session *s, const char *name,
                                           struct mk_error *err);
 MK_NODISCARD enum mk_status session_start(struct session *s, struct mk_error *err);
 MK_NODISCARD enum mk_status session_halt(struct session *s, struct mk_error *err);
+/* mk_loop_wait, with options.tick and options.cancel. */
+MK_NODISCARD enum mk_status session_wait(struct session *s, double seconds,
+                                         bool (*until)(const struct mk_loop_snapshot *, void *),
+                                         void *user, struct mk_error *err);
+int session_cancelled(const struct session *s); /* enum session_cancel */
+/* Motor off at once, fault e-stop. From any thread, between session_open and session_close. A
+ * `start` that is under way is stopped if *options.cancel was set to SESSION_ESTOP before. */
+void session_estop(struct session *s);
+/* Reads the encoders while nothing runs (the command is 0): angles from rest in `q`. `zeroed`: from
+ * a rest that a start has found; else from where the board was switched on. MK_ERR_STATE while it
+ * runs, before the first setup, or on a simulated clock. */
+MK_NODISCARD enum mk_status session_look(struct session *s, double *q, bool *zeroed);
 /* Takes over value[] into the controller, now or in flight. */
 MK_NODISCARD enum mk_status session_apply(struct session *s, struct mk_error *err);
 /* Gives the newest log a name: a name that exists gets -2, -3, ... unless `overwrite`. */

@@ -17,6 +17,7 @@ struct subcommand {
 };
 
 int sub_run(int argc, char **argv);
+int sub_console(int argc, char **argv);
 int sub_simulate(int argc, char **argv);
 int sub_design(int argc, char **argv);
 int sub_summary(int argc, char **argv);

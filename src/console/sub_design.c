@@ -5,27 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "console/linear.h"
 #include "console/sub.h"
 #include "mechkit/design.h"
 #include "mechkit/json.h"
 #include "mechkit/model.h"
 #include "mechkit/number.h"
 
-#define STATES 4
+#define STATES LINEAR_STATES
 
 struct options {
     const char *model, *at, *json;
     const char *poles, *lqr, *lqrd, *gains;
     double rate;
     bool friction, delay;
-};
-
-/* A linear system whose state is in the order in which `gains` takes it: q1 dq1 q2 dq2; a wheel's
- * angle, which no law needs, is left out. */
-struct linear {
-    int n;
-    double a[STATES * STATES], b[STATES];
-    const char *state[STATES];
 };
 
 struct result {
@@ -152,21 +145,6 @@ static const struct mk_equilibrium *find_equilibrium(const struct mk_plant_info 
 }
 
 /* The setup that holds this equilibrium by the gains that are printed; NULL: none does. */
-static const char *setup_at(enum mk_plant_kind plant, const char *equilibrium)
-{
-    static const struct {
-        enum mk_plant_kind plant;
-        const char *equilibrium, *setup;
-    } rows[] = {{MK_PLANT_PENDUBOT, "mid", "pendubot-mid"},
-                {MK_PLANT_PENDUBOT, "top", "pendubot-top"},
-                {MK_PLANT_REACTION_WHEEL, "top", "reaction-wheel"},
-                {MK_PLANT_FURUTA, "top", "furuta"}};
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
-        if (rows[i].plant == plant && strcmp(rows[i].equilibrium, equilibrium) == 0)
-            return rows[i].setup;
-    return NULL;
-}
-
 static int no_equilibrium(const struct mk_plant_info *plant, const char *name)
 {
     char list[128] = "";
@@ -176,41 +154,6 @@ static int no_equilibrium(const struct mk_plant_info *plant, const char *name)
     }
     return report_usage("design", "--at %s: the equilibria of a %s are %s", name, plant->name,
                         list);
-}
-
-/* mk_plant_linearise's order [q1 q2 dq1 dq2] to that of `gains`. The reaction wheel's law is on
- * absolute angles (report 2.3): its third state is dq1 + dq2. */
-static void linearise(const struct mk_model *model, const double *q, bool friction,
-                      struct linear *out)
-{
-    static const char *const names[] = {"q1", "dq1", "q2", "dq2"};
-    const struct mk_plant_info *plant = mk_plant(model->plant);
-    int n = plant->joints, ns = 2 * n, order[STATES], count = 0;
-    double a[STATES * STATES], b[STATES];
-    mk_plant_linearise(model, q, friction, a, b);
-    for (int j = 0; j < n; j++) {
-        if (!plant->joint_is_wheel[j]) {
-            out->state[count] = names[2 * j];
-            order[count++] = j;
-        }
-        out->state[count] = names[2 * j + 1];
-        order[count++] = n + j;
-    }
-    out->n = count;
-    for (int i = 0; i < count; i++) {
-        for (int j = 0; j < count; j++)
-            out->a[i * count + j] = a[order[i] * ns + order[j]];
-        out->b[i] = b[order[i]];
-    }
-    if (model->plant != MK_PLANT_REACTION_WHEEL)
-        return;
-    /* z3 = x2 + x3: row 3 += row 2, then column 2 -= column 3. */
-    out->state[2] = "dq1+dq2";
-    for (int j = 0; j < 3; j++)
-        out->a[6 + j] += out->a[3 + j];
-    out->b[2] += out->b[1];
-    for (int i = 0; i < 3; i++)
-        out->a[i * 3 + 1] -= out->a[i * 3 + 2];
 }
 
 static int design_poles(const struct options *o, const struct linear *sys, struct result *r,
@@ -402,7 +345,7 @@ int sub_design(int argc, char **argv)
         return no_equilibrium(mk_plant(model.plant), o.at);
     struct linear sys;
     struct result r = {0};
-    linearise(&model, eq->q, o.friction, &sys);
+    linear_at(&model, eq->q, o.friction, &sys);
     double condition;
     int rank = mk_design_controllability(sys.n, sys.a, sys.b, 1e-12, &condition);
     code = find_gains(&o, &sys, &r, &err);
@@ -417,7 +360,7 @@ int sub_design(int argc, char **argv)
         if (mk_model_joints(&model) == 2)
             printf(", %.4g", eq->q[1]);
         printf(") rad, g = %.4g m/s^2\n", model.g);
-        print_result(&o, setup_at(model.plant, eq->name), &sys, &r, rank, condition);
+        print_result(&o, linear_setup(model.plant, eq->name), &sys, &r, rank, condition);
     }
     return EXIT_OK;
 }

@@ -8,8 +8,8 @@
 
 #include "console/cmd.h"
 #include "console/cmdfile.h"
+#include "console/session_args.h"
 #include "console/sub.h"
-#include "mechkit/number.h"
 
 /* Set by a signal: every wait ends, the script stops, the motor goes off. */
 static volatile int cancelled;
@@ -37,66 +37,27 @@ struct options {
     struct session_options session;
 };
 
-static int number_option(const char *name, const char *text, double low, double high, double *out)
-{
-    if (mk_parse_double_z(text, out) && *out >= low && *out <= high)
-        return EXIT_OK;
-    return report_usage("run", "--%s %s: expected a number from %g to %g", name, text, low, high);
-}
-
 static int take_option(struct options *o, int c, const char *value)
 {
-    double x = 0.0;
     int code = EXIT_OK;
-    switch (c) {
-    case 'b':
-        o->session.board = value;
-        break;
-    case 'd':
-        o->session.device = value;
-        break;
-    case 'm':
-        o->session.model = value;
-        break;
-    case 'B':
-        o->session.believe = value;
-        break;
-    case 'o':
-        o->session.out = value;
-        break;
-    case 'f':
-        o->session.fast = true;
-        break;
-    case 'r':
-        code = number_option("rate", value, MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ,
-                             &o->session.rate_hz);
-        break;
-    case 's':
-        code = number_option("seed", value, 0, 9e15, &x);
-        o->session.seed = (uint64_t)x;
-        break;
-    case 'c':
+    if (session_take_arg("run", c, value, &o->session, &code))
+        return code;
+    if (c == 'c')
         o->check = true;
-        break;
-    case 'C':
+    else if (c == 'C')
         o->commands = true;
-        break;
-    default: /* 'q' */
+    else
         o->quiet = true;
-        break;
-    }
-    return code;
+    return EXIT_OK;
 }
 
 static int parse(int argc, char **argv, struct options *o)
 {
-    static const struct option names[] = {
-        {"board", required_argument, NULL, 'b'}, {"device", required_argument, NULL, 'd'},
-        {"model", required_argument, NULL, 'm'}, {"believe", required_argument, NULL, 'B'},
-        {"out", required_argument, NULL, 'o'},   {"rate", required_argument, NULL, 'r'},
-        {"seed", required_argument, NULL, 's'},  {"fast", no_argument, NULL, 'f'},
-        {"check", no_argument, NULL, 'c'},       {"commands", no_argument, NULL, 'C'},
-        {"quiet", no_argument, NULL, 'q'},       {NULL, 0, NULL, 0}};
+    static const struct option names[] = {SESSION_ARGS,
+                                          {"check", no_argument, NULL, 'c'},
+                                          {"commands", no_argument, NULL, 'C'},
+                                          {"quiet", no_argument, NULL, 'q'},
+                                          {NULL, 0, NULL, 0}};
     int c;
     opterr = 0;
     optind = 1;

@@ -161,7 +161,7 @@ static enum mk_status fault_of(const struct mk_loop_snapshot *s, struct mk_error
 
 static bool cancelled(const volatile int *cancel)
 {
-    return cancel && *cancel;
+    return cancel && __atomic_load_n(cancel, __ATOMIC_RELAXED);
 }
 
 /* Simulated time: the waiting thread makes the samples itself. */

@@ -218,6 +218,8 @@ static void hand_over(struct mk_loop *loop, const struct mk_sample *s)
                 mk_loop_trip(loop, MK_FAULT_LOG, s->t, 0);
         }
     }
+    if (loop->config.tap)
+        (void)mk_ring_push(loop->config.tap, s);
     shown->state = loop->safety.fault ? MK_LOOP_FAULTED : MK_LOOP_RUNNING;
     shown->sample = *s;
     shown->ticks++;
