@@ -38,6 +38,7 @@
     X(board)                                                                                       \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
+    X(signals)                                                                                     \
     X(linear)                                                                                      \
     X(explain)                                                                                     \
     X(hidden)

@@ -1,4 +1,4 @@
-/* Linear identification: the zero-phase filter, recovery by every method, what is refused. */
+/* Linear identification: recovery by every method, what is refused. */
 #include "suites.h"
 
 #include <cmath>
@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "ident/motion.hpp"
 #include "mechkit/ident.h"
 #include "mechkit/sim.h"
 
@@ -55,44 +54,6 @@ enum mk_status fit(const mk_model &m, const mk_log *log, const char *method, mk_
     o.cutoff_hz = 200.0;
     return mk_identify(&m, &log, 1, &o, &r, err);
 }
-
-/* Gain of the filter's middle at a frequency, by projection; `phase` in rad. */
-double gain_at(double hz, double cutoff, double *phase)
-{
-    std::vector<double> x(4000);
-    double c = 0, s = 0;
-    for (size_t k = 0; k < x.size(); k++)
-        x[k] = sin(2 * M_PI * hz * 0.005 * (double)k);
-    std::vector<double> y = mk::butterworth_zero_phase(x, cutoff, 0.005);
-    for (size_t k = 1000; k < 3000; k++) {
-        s += y[k] * sin(2 * M_PI * hz * 0.005 * (double)k) / 1000;
-        c += y[k] * cos(2 * M_PI * hz * 0.005 * (double)k) / 1000;
-    }
-    *phase = atan2(c, s);
-    return hypot(c, s);
-}
-
-START_TEST(the_filter_has_the_squared_butterworth_gain_and_no_phase)
-{
-    for (double hz : {1.0, 5.0, 10.0, 20.0}) {
-        /* Bilinear Butterworth: |H|^2 = 1 / (1 + (tan(w h / 2) / tan(wc h / 2))^4). */
-        double ratio = tan(M_PI * hz * 0.005) / tan(M_PI * 10 * 0.005), phase;
-        ck_assert_double_eq_tol(gain_at(hz, 10.0, &phase), 1 / (1 + pow(ratio, 4)), 1e-9);
-        ck_assert_double_eq_tol(phase, 0.0, 1e-9);
-    }
-}
-END_TEST
-
-START_TEST(the_filter_passes_a_straight_line)
-{
-    std::vector<double> x(300);
-    for (size_t k = 0; k < x.size(); k++)
-        x[k] = 3.0 - 0.01 * (double)k;
-    std::vector<double> y = mk::butterworth_zero_phase(x, 10.0, 0.005);
-    for (size_t k = 0; k < x.size(); k++)
-        ck_assert_double_eq_tol(y[k], x[k], 1e-9);
-}
-END_TEST
 
 START_TEST(every_method_finds_every_plants_parameters_on_exact_readings)
 {
@@ -176,8 +137,6 @@ Suite *suite_linear(void)
     Suite *s = suite_create("linear");
     TCase *c = tcase_create("all");
     suite_add_tcase(s, c);
-    tcase_add_test(c, the_filter_has_the_squared_butterworth_gain_and_no_phase);
-    tcase_add_test(c, the_filter_passes_a_straight_line);
     tcase_add_test(c, every_method_finds_every_plants_parameters_on_exact_readings);
     tcase_add_test(c, a_held_parameter_stays_and_the_others_are_found);
     tcase_add_test(c, a_log_without_motion_is_refused);

@@ -10,11 +10,6 @@
 namespace mk
 {
 
-// Second-order Butterworth low-pass run forwards and backwards: gain |H|^2, no phase. The ends are
-// continued by reflection through their end points, so that a straight line passes unchanged.
-std::vector<double> butterworth_zero_phase(const std::vector<double> &x, double cutoff_hz,
-                                           double period);
-
 struct Motion {
     double period; // s, even
     int joints;

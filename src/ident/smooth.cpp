@@ -1,0 +1,275 @@
+// Position, speed and acceleration from readings by a fixed-interval smoother: a Kalman filter
+// forwards and the recursion of Bryson and Frazier (1963) backwards, which inverts scalars only.
+#include "mechkit/signals.h"
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <vector>
+
+#include <Eigen/Dense>
+
+namespace
+{
+
+using Vector = Eigen::Vector3d;
+using Matrix = Eigen::Matrix3d;
+
+// The state before anything was read: a wheel's speed, a light wheel's acceleration.
+constexpr double START_SPEED = 300.0, START_ACCELERATION = 1e4;
+// Rows of which the filtered states are kept; the others are filtered again on the way back.
+constexpr size_t BLOCK = 2048;
+// Rows that the likelihood looks at, in stretches spread over the data.
+constexpr size_t STRETCHES = 8, STRETCH = 1024;
+
+struct Series {
+    const double *t, *q;
+    size_t rows;
+};
+
+struct Law {
+    double noise2; // variance of a reading
+    double jerk2;  // intensity of the white jerk, squared
+};
+
+// What the filter knows at a row, after its reading.
+struct Belief {
+    Vector x;
+    Matrix p;
+};
+
+// What it learnt there.
+struct Surprise {
+    double error = 0.0, variance = 0.0; // variance 0: no reading
+    Vector gain = Vector::Zero();
+};
+
+Matrix transition(double dt)
+{
+    Matrix f;
+    f << 1.0, dt, 0.5 * dt * dt, 0.0, 1.0, dt, 0.0, 0.0, 1.0;
+    return f;
+}
+
+Matrix growth(double dt, double jerk2)
+{
+    double d2 = dt * dt, d3 = d2 * dt;
+    Matrix q;
+    q << d3 * d2 / 20.0, d2 * d2 / 8.0, d3 / 6.0, d2 * d2 / 8.0, d3 / 3.0, d2 / 2.0, d3 / 6.0,
+        d2 / 2.0, dt;
+    return jerk2 * q;
+}
+
+Belief beginning(const Series &s)
+{
+    size_t first = 0;
+    while (first + 1 < s.rows && std::isnan(s.q[first]))
+        first++;
+    double square = START_SPEED * START_SPEED;
+    return {{s.q[first], 0.0, 0.0},
+            Vector(square, square, START_ACCELERATION * START_ACCELERATION).asDiagonal()};
+}
+
+// Takes the belief at row k - 1 to row k and its reading.
+Surprise advance(const Series &s, const Law &law, size_t k, Belief &b)
+{
+    if (k > 0) {
+        double dt = s.t[k] - s.t[k - 1];
+        Matrix f = transition(dt);
+        b.x = f * b.x;
+        b.p = f * b.p * f.transpose() + growth(dt, law.jerk2);
+    }
+    Surprise out;
+    if (std::isnan(s.q[k]))
+        return out;
+    out.error = s.q[k] - b.x(0);
+    out.variance = b.p(0, 0) + law.noise2;
+    out.gain = b.p.col(0) / out.variance;
+    b.x += out.gain * out.error;
+    // Joseph's form: stays positive however sure the filter is.
+    Matrix keep = Matrix::Identity();
+    keep.col(0) -= out.gain;
+    b.p = keep * b.p * keep.transpose() + law.noise2 * out.gain * out.gain.transpose();
+    return out;
+}
+
+// Mean square of the errors in units of their variance, and log likelihood with the noise at its
+// best, of a law given up to that factor.
+struct Likelihood {
+    double square = 0.0, logs = 0.0;
+    size_t count = 0;
+
+    void add(const Series &s, const Law &law)
+    {
+        Belief b = beginning(s);
+        size_t seen = 0;
+        for (size_t k = 0; k < s.rows; k++) {
+            Surprise e = advance(s, law, k, b);
+            if (e.variance > 0.0 && ++seen > 3) { // the first three make the state
+                square += e.error * e.error / e.variance;
+                logs += std::log(e.variance);
+                count++;
+            }
+        }
+    }
+
+    double factor() const { return count ? square / (double)count : 0.0; }
+    double value() const
+    {
+        return -0.5 * ((double)count * std::log(std::max(factor(), 1e-300)) + logs);
+    }
+};
+
+Likelihood likelihood(const Series &s, const Law &law)
+{
+    Likelihood l;
+    if (s.rows <= STRETCHES * STRETCH) {
+        l.add(s, law);
+        return l;
+    }
+    for (size_t i = 0; i < STRETCHES; i++) {
+        size_t first = (s.rows - STRETCH) / (STRETCHES - 1) * i;
+        l.add({s.t + first, s.q + first, STRETCH}, law);
+    }
+    return l;
+}
+
+double median_step(const Series &s)
+{
+    std::vector<double> d;
+    size_t stride = std::max<size_t>(1, s.rows / 4096);
+    for (size_t k = 0; k + 1 < s.rows; k += stride)
+        d.push_back(s.t[k + 1] - s.t[k]);
+    std::nth_element(d.begin(), d.begin() + (long)(d.size() / 2), d.end());
+    return d[d.size() / 2];
+}
+
+// Golden section for the ratio of jerk to noise in decades of the bandwidth, then the level of
+// both.
+Law most_likely(const Series &s, const mk_smooth_options &o)
+{
+    double dt = median_step(s);
+    // Bandwidth w of the smoother: jerk2 / noise2 = w^6 dt.
+    auto law = [&](double bandwidth) { return Law{1.0, std::pow(bandwidth / dt, 6.0) * dt}; };
+    auto value = [&](double log_bandwidth) {
+        return likelihood(s, law(std::exp(log_bandwidth))).value();
+    };
+    const double golden = 0.6180339887498949;
+    double low = std::log(1e-3), high = std::log(20.0);
+    double left = high - golden * (high - low), right = low + golden * (high - low);
+    double at_left = value(left), at_right = value(right);
+    while (high - low > 0.05) {
+        if (at_left < at_right) {
+            low = left, left = right, at_left = at_right;
+            right = low + golden * (high - low), at_right = value(right);
+        } else {
+            high = right, right = left, at_right = at_left;
+            left = high - golden * (high - low), at_left = value(left);
+        }
+    }
+    Law best = law(std::exp(0.5 * (low + high)));
+    double factor = std::max(likelihood(s, best).factor(), 1e-24);
+    best.noise2 *= factor;
+    best.jerk2 *= factor;
+    if (o.noise > 0.0)
+        best = {o.noise * o.noise, best.jerk2 * o.noise * o.noise / best.noise2};
+    return best;
+}
+
+struct Out {
+    double *q, *v, *a, *cov;
+
+    void row(size_t k, const Vector &x, const Matrix &p) const
+    {
+        q[k] = x(0);
+        if (v)
+            v[k] = x(1);
+        if (a)
+            a[k] = x(2);
+        if (cov) {
+            const double c[MK_SMOOTH_COV] = {p(0, 0), p(0, 1), p(0, 2), p(1, 1), p(1, 2), p(2, 2)};
+            std::copy_n(c, MK_SMOOTH_COV, cov + k * MK_SMOOTH_COV);
+        }
+    }
+};
+
+// What later readings say about the state at a row: gradient and curvature of their likelihood.
+struct Later {
+    Vector pull = Vector::Zero();
+    Matrix weight = Matrix::Zero();
+
+    void back(const Surprise &e, double dt)
+    {
+        if (e.variance > 0.0) {
+            Matrix keep = Matrix::Identity();
+            keep.col(0) -= e.gain;
+            pull = keep.transpose() * pull;
+            weight = keep.transpose() * weight * keep;
+            pull(0) -= e.error / e.variance;
+            weight(0, 0) += 1.0 / e.variance;
+        }
+        Matrix f = transition(dt);
+        pull = f.transpose() * pull;
+        weight = f.transpose() * weight * f;
+    }
+};
+
+void smooth(const Series &s, const Law &law, const Out &out)
+{
+    std::vector<Belief> starts; // before each block
+    Belief b = beginning(s);
+    for (size_t k = 0; k < s.rows; k++) {
+        if (k % BLOCK == 0)
+            starts.push_back(b);
+        advance(s, law, k, b);
+    }
+    std::vector<Belief> belief(BLOCK);
+    std::vector<Surprise> surprise(BLOCK);
+    Later later;
+    for (size_t block = starts.size(); block-- > 0;) {
+        size_t first = block * BLOCK, last = std::min(first + BLOCK, s.rows);
+        b = starts[block];
+        for (size_t k = first; k < last; k++) {
+            surprise[k - first] = advance(s, law, k, b);
+            belief[k - first] = b;
+        }
+        for (size_t k = last; k-- > first;) {
+            const Belief &at = belief[k - first];
+            out.row(k, at.x - at.p * later.pull, at.p - at.p * later.weight * at.p);
+            if (k > 0)
+                later.back(surprise[k - first], s.t[k] - s.t[k - 1]);
+        }
+    }
+}
+
+} // namespace
+
+enum mk_status mk_smooth(const double *t, const double *q, size_t rows,
+                         const mk_smooth_options *options, double *q_out, double *v, double *a,
+                         double *cov, mk_smooth_figures *found)
+try {
+    mk_smooth_options o = options ? *options : mk_smooth_options{};
+    size_t readings = 0;
+    for (size_t k = 0; k < rows; k++) {
+        readings += !std::isnan(q[k]);
+        if (k > 0 && !(t[k] > t[k - 1]))
+            return MK_ERR_RANGE;
+    }
+    if (readings < 5)
+        return MK_ERR_RANGE;
+    std::vector<double> copy; // readings that the results would overwrite
+    if (q_out == q)
+        copy.assign(q, q + rows);
+    Series s = {t, copy.empty() ? q : copy.data(), rows};
+    Law law = o.noise > 0.0 && o.jerk > 0.0 ? Law{o.noise * o.noise, 0.0} : most_likely(s, o);
+    if (o.jerk > 0.0)
+        law.jerk2 = o.jerk * o.jerk;
+    if (o.roughness > 0.0)
+        law.jerk2 *= o.roughness * o.roughness;
+    smooth(s, law, {q_out, v, a, cov});
+    if (found)
+        *found = {std::sqrt(law.noise2), std::sqrt(law.jerk2), readings};
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return MK_ERR_NOMEM;
+}
