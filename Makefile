@@ -74,7 +74,8 @@ LIB_DIRS := base model sim ctrl driver ident explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
-TEST_C   := $(wildcard tests/*.c tests/support/*.c tests/emu/*.c)
+EMU_C    := $(filter-out %/plugged.c %/bench.c,$(wildcard tests/emu/*.c))
+TEST_C   := $(wildcard tests/*.c tests/support/*.c) $(EMU_C) tests/emu/bench.c
 TEST_CXX := $(wildcard tests/test_*.cpp tests/support/*.cpp)
 
 # The fast path is one source compiled once per instruction set and chosen when the program runs.
@@ -155,7 +156,7 @@ $(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -198,6 +199,23 @@ latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECOND
 	@$(B)/latency $(SECONDS)
 $(B)/latency: $(B)/tools/latency.o $(LIB)
 	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
+# The program with a board plugged in that is not there: libusb's and the kernel's places are taken by
+# stand-ins in tests/emu.
+PLUGGED_OBJ := $(EMU_C:%.c=$(B)/%.o) $(B)/tests/emu/plugged.o
+$(B)/mechkit-emulated: $(APP_OBJ) $(PLUGGED_OBJ) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+$(B)/roundtrip: $(B)/tools/roundtrip.o $(PLUGGED_OBJ) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+$(B)/tests/emu/plugged.o: CPPFLAGS_ALL += -Itests
+
+.PHONY: demo-usb roundtrip fault-campaign
+demo-usb: $(B)/mechkit-emulated ## swing up and balance through libusb, on an emulated board
+	@tools/demo-usb.sh $< $(BUILD)/demo-usb
+roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board (SECONDS=60)
+	@$< $(SECONDS)
+fault-campaign: tests ## every fault at every request of a run through libusb, with the figures
+	@MECHKIT_VERBOSE=1 CK_FORK=yes $(TESTS) usb_faults
 
 .PHONY: demo
 demo: ## run every setup on the virtual board, with logs and plots in build/demo

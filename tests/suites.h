@@ -36,6 +36,8 @@
     X(frame)                                                                                       \
     X(device)                                                                                      \
     X(board)                                                                                       \
+    X(usb)                                                                                         \
+    X(usb_faults)                                                                                  \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
     X(signals)                                                                                     \

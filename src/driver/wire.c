@@ -6,8 +6,8 @@
 #include <time.h>
 
 #define REQUEST_TRIES 3
-#define REQUEST_NS 100000000
-#define HELLO_NS 250000000
+#define REQUEST_NS 40000000
+#define HELLO_NS 100000000
 #define SAFE_TRIES 2
 #define SAFE_NS 10000000
 

@@ -1,0 +1,28 @@
+/* Linked into `mechkit-emulated`: the program itself, with an emulated board plugged into USB and
+ * one at the parallel port before it begins. The rig is that of the model named by
+ * MECHKIT_EMULATED_MODEL (default: the pendubot). */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "emu/usb.h"
+
+static struct mk_emulated board;
+static struct emu_usb port;
+static struct mk_clock clock_;
+
+__attribute__((constructor)) static void plug_in(void)
+{
+    struct mk_model model;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = getenv("MECHKIT_EMULATED_MODEL");
+    mk_model_default(MK_PLANT_PENDUBOT, &model);
+    mk_clock_init_monotonic(&clock_);
+    const struct mk_board_config config = {.model = &model, .clock = &clock_};
+    if ((path && mk_model_read(path, &model, &err) != MK_OK) ||
+        mk_emulated_init(&board, &config, "emulated", "MK-0001", &err) != MK_OK) {
+        fprintf(stderr, "no emulated board: %s\n", err.message);
+        exit(1);
+    }
+    emu_usb_init(&port, 1, "MK-0001", emu_board_of(&board));
+    emu_usb_plug(&port);
+}

@@ -1,0 +1,214 @@
+/* The fault campaign: a short run through libusb, once for every fault at every request of it. Each
+ * time the run must come to an end, the motor must be off afterwards, every error must have a name,
+ * the log must be whole, and the board must work again. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "driver/usb.h"
+#include "emu/bench.h"
+#include "mechkit/loop.h"
+#include "support/files.h"
+
+#define RATE_HZ 100.0
+#define DRIVE_S 0.1
+#define WATCHDOG_NS 20000000
+
+static struct mk_model model;
+static struct mk_clock clock_;
+static struct emu_bench bench;
+static struct mk_signal *push;
+
+struct outcome {
+    enum mk_status status; /* of the first step that failed */
+    struct mk_error err;
+    bool logged;
+    double seconds;
+};
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static enum mk_status drive(struct mk_board *board, struct mk_ctrl *ctrl, struct outcome *o)
+{
+    struct mk_loop_config config;
+    struct mk_loop *loop = NULL;
+    mk_loop_config_default(&model, &config);
+    config.rate_hz = RATE_HZ;
+    mk_safety_default(&model, 1.0 / RATE_HZ, &config.limits);
+    enum mk_status st = mk_loop_create(board, ctrl, &config, &loop, &o->err);
+    if (st == MK_OK) {
+        st = mk_loop_start(loop, scratch("run.csv"), NULL, 0, &o->err);
+        o->logged = st == MK_OK;
+    }
+    if (st == MK_OK)
+        st = mk_loop_wait(loop, DRIVE_S, NULL, NULL, NULL, &o->err);
+    struct mk_error late = MK_ERROR_INIT;
+    if (loop)
+        ck_assert_int_eq(mk_loop_halt(loop, &late), MK_OK);
+    mk_loop_destroy(loop);
+    return st;
+}
+
+/* Open, start, drive, halt, close. */
+static struct outcome short_run(void)
+{
+    struct outcome o = {.status = MK_OK, .err = MK_ERROR_INIT};
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    struct mk_board *board = NULL;
+    struct mk_ctrl *ctrl = NULL;
+    double start = now_s();
+    ck_assert_int_eq(mk_ctrl_create(mk_ctrl_setup_by_name("open-loop"), &model, 1.0 / RATE_HZ, push,
+                                    &ctrl, NULL),
+                     MK_OK);
+    o.status = mk_board_open(&bench.ops, &config, &board, &o.err);
+    if (o.status == MK_OK)
+        o.status = drive(board, ctrl, &o);
+    mk_board_close(board);
+    mk_ctrl_destroy(ctrl);
+    o.seconds = now_s() - start;
+    return o;
+}
+
+static void motor_is_off(void)
+{
+    mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + WATCHDOG_NS + 2);
+    ck_assert_int_eq(mk_emulated_run(&bench.board), MK_OK);
+    ck_assert_double_eq(bench.board.u, 0.0);
+}
+
+/* A fault ends a run with rows up to the end and its name; a run that survived has none. */
+static void log_is_whole(const struct outcome *o)
+{
+    struct mk_log *log = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    if (!o->logged)
+        return;
+    ck_assert_msg(mk_log_read(scratch("run.csv"), &log, &err) == MK_OK, "%s", err.message);
+    ck_assert(!log->truncated);
+    ck_assert_int_eq(mk_log_find_meta(log, "fault") != NULL, o->status == MK_ERR_FAULT);
+    const double *tick = mk_log_get(log, "tick");
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_double_eq(tick[k], (double)k);
+    if (o->status == MK_OK)
+        ck_assert_uint_ge(log->rows, (size_t)lround(DRIVE_S * RATE_HZ));
+    mk_log_free(log);
+}
+
+static void works_again(enum emu_fault fault)
+{
+    emu_usb_arm(&bench.usb, EMU_FAULT_NONE, 0, 0);
+    if (fault == EMU_FAULT_UNPLUG)
+        emu_usb_plug(&bench.usb);
+    struct outcome o = short_run();
+    ck_assert_msg(o.status == MK_OK, "%s", o.err.message);
+}
+
+static void setup(void)
+{
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    mk_clock_init_simulated(&clock_);
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    emu_bench_init(&bench, "usb", &config);
+    ck_assert_int_eq(mk_signal_create("2", &push, NULL), MK_OK);
+}
+
+static void teardown(void)
+{
+    mk_signal_destroy(push);
+    emu_bench_free(&bench);
+}
+
+/* Faults that go on for so many requests, from every `stride`th on. */
+static const struct plan {
+    unsigned count, stride;
+} plans[] = {{1, 1}, {7, 11}};
+
+static void campaign(enum emu_fault fault, struct plan plan)
+{
+    emu_usb_arm(&bench.usb, EMU_FAULT_NONE, 0, 0);
+    struct outcome good = short_run();
+    ck_assert_msg(good.status == MK_OK, "%s", good.err.message);
+    unsigned requests = bench.usb.requests, injected = 0, ended = 0, off = 0, survived = 0;
+    for (unsigned first = 0; first < requests; first += plan.stride) {
+        emu_usb_arm(&bench.usb, fault, first, plan.count);
+        struct outcome o = short_run();
+        injected += bench.usb.injected > 0;
+        ck_assert_double_lt(o.seconds, 5.0);
+        ended++;
+        if (o.status == MK_OK)
+            survived++;
+        else
+            ck_assert_msg(strlen(o.err.message) > 10, "%s at %u: %s", emu_fault_text(fault), first,
+                          mk_status_name(o.status));
+        motor_is_off();
+        off++;
+        log_is_whole(&o);
+        works_again(fault);
+    }
+    ck_assert_uint_eq(injected, ended);
+    ck_assert_uint_eq(off, ended);
+    if (getenv("MECHKIT_VERBOSE"))
+        printf("%-34s x%u: injected %u, ended %u, motor off %u, run unharmed %u\n",
+               emu_fault_text(fault), plan.count, injected, ended, off, survived);
+}
+
+START_TEST(no_fault_at_any_request_leaves_the_motor_on)
+{
+    int kinds = EMU_FAULT_COUNT - 1;
+    campaign((enum emu_fault)(1 + _i % kinds), plans[_i / kinds]);
+}
+END_TEST
+
+/* One lost exchange is a lost sample, not the end of the run. */
+START_TEST(a_single_fault_of_an_exchange_costs_one_sample)
+{
+    static const enum emu_fault kinds[] = {
+        EMU_FAULT_LOSE_REQUEST, EMU_FAULT_LOSE_ANSWER, EMU_FAULT_SHORT_REQUEST,
+        EMU_FAULT_SHORT_ANSWER, EMU_FAULT_STALL_OUT,   EMU_FAULT_STALL_IN,
+        EMU_FAULT_BLOCK_OUT,    EMU_FAULT_LATE_ANSWER, EMU_FAULT_OVERFLOW,
+        EMU_FAULT_FLIP_REQUEST, EMU_FAULT_FLIP_ANSWER, EMU_FAULT_ERROR_OUT,
+        EMU_FAULT_ERROR_IN,     EMU_FAULT_REORDER};
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    struct mk_board *board;
+    struct mk_board_sample s;
+    ck_assert_int_eq(mk_board_open(&bench.ops, &config, &board, NULL), MK_OK);
+    for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {
+        emu_usb_arm(&bench.usb, kinds[k], 1, 1);
+        int lost = 0;
+        for (int n = 0; n < 6; n++) {
+            enum mk_status st = mk_board_exchange(board, (double)n, &s);
+            lost += st != MK_OK;
+            if (st == MK_OK)
+                ck_assert_double_eq(s.u_applied, (double)n);
+            else
+                ck_assert_msg(st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO, "%s",
+                              emu_fault_text(kinds[k]));
+        }
+        ck_assert_msg(lost == 1, "%s: %d lost", emu_fault_text(kinds[k]), lost);
+        ck_assert_double_eq(bench.board.u, 5.0);
+    }
+    mk_board_close(board);
+}
+END_TEST
+
+Suite *suite_usb_faults(void)
+{
+    Suite *s = suite_create("usb_faults");
+    TCase *t = tcase_create("usb_faults");
+    tcase_add_checked_fixture(t, setup, teardown);
+    tcase_set_timeout(t, 60);
+    tcase_add_test(t, a_single_fault_of_an_exchange_costs_one_sample);
+    tcase_add_loop_test(t, no_fault_at_any_request_leaves_the_motor_on, 0,
+                        2 * (EMU_FAULT_COUNT - 1));
+    suite_add_tcase(s, t);
+    return s;
+}
