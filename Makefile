@@ -215,7 +215,7 @@ demo-usb: $(B)/mechkit-emulated ## swing up and balance through libusb, on an em
 roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board (SECONDS=60)
 	@$< $(SECONDS)
 fault-campaign: tests ## every fault at every request of a run through libusb, with the figures
-	@MECHKIT_VERBOSE=1 CK_FORK=yes $(TESTS) usb_faults
+	@MECHKIT_CAMPAIGN=all $(TESTS) usb_faults
 
 .PHONY: demo
 demo: ## run every setup on the virtual board, with logs and plots in build/demo
@@ -239,13 +239,16 @@ install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged unde
 	install -m 644 models/measured/*.ini $(DESTDIR)$(DATADIR)/mechkit/models/measured
 	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
 	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
+	install -d $(DESTDIR)$(PREFIX)/lib/udev/rules.d
+	install -m 644 udev/70-mechkit.rules $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
 		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib libusb-1.0|' \
 		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \
 		$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit.1 \
-		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit
+		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit \
+		$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-mechkit.rules
 
 .PHONY: bench
 bench: $(B)/libmkbench.so ## time the simulation beside SciPy's (medians and ratios of one run)
