@@ -14,6 +14,8 @@ constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a sec
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 
+constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
+
 // The first of a field, catalogue before library unless the library is clearly better.
 size_t pick(const std::vector<Hypothesis> &field)
 {
@@ -45,10 +47,16 @@ void CauseSearch::run()
             return;
         Round round;
         double needed = rounds.empty() ? ENOUGH : AGAIN;
-        round.field = search.extend(best, nullptr, !follows(best));
+        ExtendOptions how;
+        how.small = follows(best);
+        how.thorough = !how.small;
+        how.least = HINT * needed;
+        round.field = search.extend(best, how);
         // If something little is there, what is slow to fit may be it as well.
-        if (follows(best) && !round.field.empty() && round.field[0].score < best.score - needed)
-            round.field = search.extend(best, nullptr, true);
+        if (how.small && !round.field.empty() && round.field[0].score < best.score - needed) {
+            how.thorough = true;
+            round.field = search.extend(best, how);
+        }
         most_tried = std::max(most_tried, search.tried());
         if (round.field.empty())
             return;
@@ -60,10 +68,11 @@ void CauseSearch::run()
             return;
         std::swap(round.field[0], round.field[chosen]);
         search.polish(round.field[0], true);
-        const Hypothesis before = best;
+        before = best;
         best = round.field[0];
+        forget_lacks();
         rounds.push_back(std::move(round));
-        if (rounds.size() > 1 && idle_without_last(before))
+        if (rounds.size() > 1 && idle_without_last())
             return;
         if (rounds.size() == 2)
             reconsider();
@@ -72,16 +81,22 @@ void CauseSearch::run()
 
 // Whether the causes so far do as well without the latest one once they are given its fit to
 // start from: then it is dropped.
-bool CauseSearch::idle_without_last(const Hypothesis &before)
+bool CauseSearch::idle_without_last()
 {
     Hypothesis without;
-    if (!remove(rounds.size() - 1, without))
+    if (!search.refit_at(removed(rounds.size() - 1), best, before.drift, without))
         return false;
-    search.polish(without, true);
-    if (without.score - best.score >= AGAIN)
+    // A better start than the one before leads further at other drifts too.
+    if (without.score < before.score - 1.0)
+        search.polish(without, true);
+    if (without.score < before.score) {
+        without.added = before.added;
+        before = without;
+    }
+    rounds.back().lack = lack_of(before);
+    if (before.score - best.score >= AGAIN)
         return false;
-    best = without.score < before.score ? without : before;
-    best.added = before.added;
+    best = before;
     rounds.pop_back();
     return true;
 }
@@ -96,19 +111,38 @@ bool CauseSearch::follows(const Hypothesis &h) const
     return h.drift <= std::max(IMMATERIAL, most);
 }
 
+void CauseSearch::forget_lacks()
+{
+    for (Round &round : rounds)
+        round.lack.reset();
+}
+
+// Nothing came near this cause, not by as much as all that was found after it gained, and the data
+// are explained.
+bool CauseSearch::stands_alone(const Round &round) const
+{
+    const Hypothesis &chosen = round.field[0];
+    double nearest = HUGE_VAL;
+    for (size_t i = 1; i < round.field.size(); i++)
+        nearest = std::min(nearest, round.field[i].score - chosen.score);
+    return follows(best) && nearest > chosen.score - best.score;
+}
+
 // An earlier choice was made while another cause was still missing: would something else be
 // better in its place now, or nothing?
 void CauseSearch::reconsider()
 {
     for (size_t i = 0; i + 1 < rounds.size(); i++) {
         Hypothesis without;
-        if (!remove(i, without))
+        if (stands_alone(rounds[i]) || !remove(i, without))
             continue;
         std::vector<Candidate> others;
         for (const Round &r : rounds)
             for (const Hypothesis &h : r.field)
                 others.push_back(h.added);
-        std::vector<Hypothesis> field = search.extend(without, &others, true);
+        ExtendOptions how;
+        how.only = &others;
+        std::vector<Hypothesis> field = search.extend(without, how);
         if (field.empty())
             continue;
         size_t chosen = pick(field);
@@ -116,6 +150,7 @@ void CauseSearch::reconsider()
         search.polish(field[0], true);
         if (without.score < field[0].score + ENOUGH && without.score < best.score + ENOUGH) {
             best = without; // not needed any more
+            forget_lacks();
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
             i--;
             continue;
@@ -125,24 +160,45 @@ void CauseSearch::reconsider()
             // The new one sits last in the model; rounds follow the model's order.
             best = field[0];
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
-            rounds.push_back({std::move(field)});
+            forget_lacks();
+            rounds.push_back({std::move(field), lack_of(without)});
         } else {
-            rounds[i].field = std::move(field);
+            rounds[i] = {std::move(field), lack_of(without)};
         }
     }
 }
 
-bool CauseSearch::remove(size_t cause, Hypothesis &without)
+mk_model CauseSearch::removed(size_t cause) const
 {
     mk_model m = best.point.model;
     int at = model.effect_count + (int)cause;
     for (int e = at; e + 1 < m.effect_count; e++)
         m.effect[e] = m.effect[e + 1];
     m.effect_count--;
-    return search.refit(m, &best, without);
+    return m;
 }
 
-// Rivals near the best get the same care as the best before they are compared.
+bool CauseSearch::remove(size_t cause, Hypothesis &without)
+{
+    return search.refit(removed(cause), &best, without);
+}
+
+Lack CauseSearch::without(size_t cause)
+{
+    if (rounds.size() == 1)
+        return lack_of(refit);
+    if (rounds[cause].lack)
+        return *rounds[cause].lack;
+    // Of two causes the other one alone may have been a rival of this one.
+    const Candidate &other = rounds[cause == 0].field[0].added;
+    for (const Hypothesis &h : rounds[cause].field)
+        if (rounds.size() == 2 && h.added.effect == other.effect && h.added.joint == other.joint &&
+            h.point.model.effect_count + 1 == best.point.model.effect_count)
+            return lack_of(h);
+    Hypothesis less;
+    return lack_of(remove(cause, less) ? less : refit);
+}
+
 void CauseSearch::polish_rivals()
 {
     constexpr double NEAR = 25.0;

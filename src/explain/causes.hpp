@@ -2,6 +2,8 @@
 #ifndef MECHKIT_EXPLAIN_CAUSES_HPP
 #define MECHKIT_EXPLAIN_CAUSES_HPP
 
+#include <optional>
+
 #include "explain/search.hpp"
 
 namespace mk
@@ -10,8 +12,14 @@ namespace mk
 constexpr double ENOUGH = 12.0; // log likelihood (after penalty) a cause must gain to be named
 constexpr double AGAIN = 20.0;  // the same for a second cause and further ones
 
+// The best model without one of its causes, fitted.
+struct Lack {
+    double score, evidence; // as of Hypothesis and FitPicture
+};
+
 struct Round {
     std::vector<Hypothesis> field; // what competed for a place, the chosen one first
+    std::optional<Lack> lack;      // if known
 };
 
 class CauseSearch
@@ -24,8 +32,8 @@ class CauseSearch
     void run();
     // Rivals near the best get the same care as the best before they are compared.
     void polish_rivals();
-    // `best` without one of its causes, refitted.
-    bool remove(size_t cause, Hypothesis &without);
+    // `best` without one of its causes.
+    Lack without(size_t cause);
     // What a model that follows its data leaves does not matter within a second of free run.
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
@@ -40,9 +48,16 @@ class CauseSearch
     const mk_model &model;
     Search &search;
     int most_tried = 0;
+    Hypothesis before; // the latest cause
 
-    bool idle_without_last(const Hypothesis &before);
+    mk_model removed(size_t cause) const;
+    bool remove(size_t cause, Hypothesis &without);
+
+    bool idle_without_last();
+    void forget_lacks();
+    bool stands_alone(const Round &round) const;
     void reconsider();
+    static Lack lack_of(const Hypothesis &h) { return {h.score, h.picture.evidence}; }
 };
 
 } // namespace mk

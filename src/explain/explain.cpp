@@ -298,13 +298,9 @@ class Explainer
     }
     void weigh(int cause, int fitted, mk_cause &c)
     {
-        Hypothesis without;
-        double gain = causes->refit.score - causes->best.score,
-               raw = causes->refit.picture.evidence - causes->best.picture.evidence;
-        if (causes->rounds.size() > 1 && causes->remove((size_t)cause, without)) {
-            gain = without.score - causes->best.score;
-            raw = without.picture.evidence - causes->best.picture.evidence;
-        }
+        const Lack lack = causes->without((size_t)cause);
+        double gain = lack.score - causes->best.score,
+               raw = lack.evidence - causes->best.picture.evidence;
         c.delta_bic = 2.0 * gain;
         double p = chi2_tail(2.0 * raw, std::max(fitted, 1));
         c.p_value = std::min(1.0, p * std::max(out.tried, 1));
@@ -470,6 +466,9 @@ class Explainer
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
+        // Values that differ by more than chance but predict no better are as good as right.
+        if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
+            out.verdict = MK_VERDICT_NONE;
         if (out.verdict == MK_VERDICT_NONE) {
             out.extended = model;
             after = before;

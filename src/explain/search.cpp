@@ -64,10 +64,28 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     out.free_count = (int)free.size();
     data = data_range(model, logs);
     double first = from ? std::min(LOOSEST, std::max(10.0 * from->drift, 0.1)) : LOOSEST;
-    if (!fit.descend(out.point, free, first, TIGHTEST, out.picture))
+    bool fitted = fit.descend(out.point, free, first, TIGHTEST, out.picture);
+    work += fit.work_done;
+    if (!fitted)
         return false;
     finish(fit, out);
     return true;
+}
+
+bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out)
+{
+    FitOptions o;
+    o.threads = options.threads;
+    o.max_passes = 300.0;
+    Fit fit(logs, o);
+    out.point = fit.adopt(from.point, model);
+    std::vector<int> free = fitted_parameters(model);
+    out.free_count = (int)free.size();
+    bool fitted = fit.settle(out.point, free, drift, out.picture);
+    work += fit.work_done;
+    if (fitted)
+        finish(fit, out);
+    return fitted;
 }
 
 void Search::polish(Hypothesis &h, bool drift_too)
@@ -81,6 +99,12 @@ void Search::polish(Hypothesis &h, bool drift_too)
     if (mk_model_hides_joint(&h.point.model))
         o.max_iterations = 60;
     Fit fit(logs, o);
+    polish(fit, h, drift_too);
+    work += fit.work_done;
+}
+
+void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
+{
     FitPoint point = h.point;
     FitPicture picture;
     std::vector<int> free = fitted_parameters(point.model);
@@ -135,12 +159,14 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
     size_t groups = (linear.size() + TOGETHER - 1) / TOGETHER;
     const std::vector<int> own = fitted_parameters(base.point.model);
     std::atomic<size_t> done{0};
+    std::vector<double> spent(groups, 0.0);
     parallel_for(options.threads, groups, [&](size_t g) {
         mk_model model;
         std::vector<size_t> members;
         std::vector<int> free;
         FitPicture p;
         Fit fit(logs, loose);
+        fit.coarsen(base.point);
         // So little of each that the trajectory stays where it is.
         for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
             model = base.point.model;
@@ -161,6 +187,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
             if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
                 break;
         }
+        spent[g] = fit.work_done;
         if (!p.finite)
             return;
         int first = mk_plant(model.plant)->parameter_count;
@@ -179,6 +206,8 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         }
         tick(0.3 * (double)++done / (double)groups, "screening causes");
     });
+    for (double one : spent)
+        work += one;
 }
 
 double Search::penalty(int parameters) const
@@ -229,6 +258,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
             best = trial_point.cost;
             p = std::move(trial_point);
         }
+        trial.work += fit.work_done;
         if (!contact)
             break;
     }
@@ -252,16 +282,15 @@ bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
     return first && all[i].effect->state_count == 0;
 }
 
-std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector<Candidate> *only,
-                                       bool thorough)
+std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
 {
-    std::vector<Candidate> all = only ? *only : candidates(base.point.model, data);
+    std::vector<Candidate> all = how.only ? *how.only : candidates(base.point.model, data);
     for (Candidate &c : all)
-        c.linear = c.linear && !only;
+        c.linear = c.linear && !how.only;
     tried_count = (int)all.size();
     FitOptions loose;
     for (double &d : loose.drift)
-        d = std::max(base.drift, 0.01);
+        d = how.small ? base.drift : std::max(base.drift, 0.01);
     loose.max_iterations = QUICK_ITERATIONS;
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
@@ -270,6 +299,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         Fit fit(logs, loose);
         fit.options.threads = options.threads;
         fit.minimise(start.point, fitted_parameters(start.point.model));
+        work += fit.work_done;
     }
     std::vector<double> gain(all.size(), -HUGE_VAL);
     screen(start, loose, all, gain);
@@ -292,7 +322,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         }
     }
     for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (only || thorough || worth_trying(all, i)))
+        if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
             tries.push_back(i);
     // What takes longest goes first, so that no thread is left with it alone at the end.
     std::stable_sort(tries.begin(), tries.end(), [&](size_t a, size_t b) {
@@ -307,6 +337,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         try_out(start, loose, all[tries[k]], start.point.cost, trials[k]);
         tick(0.3 + 0.4 * (double)++done / (double)tries.size(), "trying causes");
     });
+    for (const Trial &t : trials)
+        work += t.work;
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> finalists;
@@ -317,7 +349,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         bool seen = false;
         for (const Trial &f : finalists)
             seen = seen || same_place(f.candidate, t.candidate);
-        bool hopeless = t.gain < -3.0 && finalists.size() >= 2;
+        bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && finalists.size() >= 2;
         bool library = is_library(t.candidate.effect);
         bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
         if (seen || hopeless || full)
@@ -325,17 +357,17 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const std::vector
         terms += library;
         finalists.push_back(std::move(t));
     }
-    return compete(base, finalists);
+    return compete(how.small ? base.drift : std::max(base.drift, 0.1), finalists);
 }
 
 // Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
-std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Trial> &finalists)
+std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finalists)
 {
     struct Runner {
         Hypothesis best;
         FitPoint point;
         std::vector<int> free;
-        double now = HUGE_VAL;
+        double now = HUGE_VAL, work = 0.0;
         int worse = 0;
         bool running = true;
     };
@@ -347,10 +379,13 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
         runners[i].free = fitted_parameters(runners[i].point.model);
         runners[i].best.free_count = (int)runners[i].free.size();
     }
-    double first = std::max(base.drift, 0.1),
-           stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
+    double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
     for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
+        // Threads that have no runner of their own help the others.
+        const auto running = std::count_if(runners.begin(), runners.end(),
+                                           [](const Runner &r) { return r.running; });
+        const int helpers = std::max(1, options.threads / std::max(1, (int)running));
         parallel_for(options.threads, runners.size(), [&](size_t i) {
             Runner &r = runners[i];
             if (!r.running)
@@ -358,9 +393,11 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
             FitOptions o;
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
             o.max_passes = 400.0;
+            o.threads = helpers;
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);
+            r.work += fit.work_done;
             r.now = r.running ? p.evidence + penalty((int)r.free.size()) : HUGE_VAL;
             if (r.now < r.best.score) {
                 r.best.point = r.point;
@@ -381,6 +418,7 @@ std::vector<Hypothesis> Search::compete(const Hypothesis &base, std::vector<Tria
     }
     std::vector<Hypothesis> out;
     for (Runner &r : runners) {
+        work += r.work;
         // An effect that the fit has switched off is none.
         const mk_effect_use &last = r.best.point.model.effect[r.best.point.model.effect_count - 1];
         const mk_effect_info *effect = mk_effect(last.index);

@@ -30,6 +30,15 @@ struct SearchOptions {
     void *progress_context = nullptr;
 };
 
+struct ExtendOptions {
+    const std::vector<Candidate> *only = nullptr; // no others than these
+    bool thorough = true;                         // else without those that are slow to fit
+    // The base follows its data: what it lacks is small, and shows in a few iterations from there.
+    // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
+    bool small = false;
+    double least = 0.0;
+};
+
 class Search
 {
   public:
@@ -37,13 +46,17 @@ class Search
 
     // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
+    // A hypothesis' model fitted at one drift from another's parameters and states.
+    bool refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out);
     // Carries a fit on until it stands still, its drift too.
     void polish(Hypothesis &h, bool drift_too);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
-    // a joint. `only`: no others than these. Not `thorough`: without those that are slow to fit.
-    std::vector<Hypothesis> extend(const Hypothesis &base, const std::vector<Candidate> *only,
-                                   bool thorough);
+    // a joint.
+    std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
     int tried() const { return tried_count; } // candidates of the last extension
+    // All fits so far, in passes over the data (FitOptions::max_passes): counted, so that what is
+    // left out for want of time does not depend on the machine.
+    double work_done() const { return work; }
 
     double readings() const { return reading_count; }
     std::atomic<bool> cancelled{false};
@@ -54,11 +67,13 @@ class Search
     DataRange data;
     double reading_count = 0.0;
     int tried_count = 0;
+    double work = 0.0;
 
     struct Trial {
         Candidate candidate = {};
         FitPoint point;
         double gain = -HUGE_VAL;
+        double work = 0.0;
     };
     std::mutex talk;
 
@@ -68,9 +83,10 @@ class Search
                            const std::vector<int> &wanted);
     static bool worth_trying(const std::vector<Candidate> &all, size_t i);
     double penalty(int parameters) const;
+    void polish(Fit &fit, Hypothesis &h, bool drift_too) const;
     bool try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
                  double reference, Trial &trial);
-    std::vector<Hypothesis> compete(const Hypothesis &base, std::vector<Trial> &finalists);
+    std::vector<Hypothesis> compete(double first_drift, std::vector<Trial> &finalists);
     void finish(Fit &fit, Hypothesis &h) const;
     bool tick(double done, const char *what);
 };

@@ -19,6 +19,7 @@ constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a 
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
 constexpr double EXACTING = 0.02;     // drift below which errors of the integration show
+constexpr double SHORTER = 0.4;       // from one step length to the next
 constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
 
 } // namespace
@@ -44,6 +45,12 @@ struct Fit::Segment {
     // From the elimination, for the way back.
     MatrixXd F, P, C, A_next, G;
     VectorXd a, mu;
+};
+
+// What long steps change in a stretch.
+struct Fit::Correction {
+    VectorXd x_end;
+    std::vector<double> residual;
 };
 
 Fit::Fit(std::vector<const FitLog *> logs_in, const FitOptions &options_in)
@@ -138,6 +145,8 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
 {
     FitPoint p = from;
     p.model = model;
+    if (p.step > 0.0 && mk_model_event_count(&model) > 0)
+        p.step = std::max(p.step, SHORTER * options.step);
     int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
     const bool hidden = mk_model_hides_joint(&model),
                was_hidden = mk_model_hides_joint(&from.model);
@@ -309,7 +318,8 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     task.end = s.end;
     task.last = s.last;
     task.x = x0.data();
-    task.step = options.step;
+    const bool corrected = !correction.empty();
+    task.step = point.step > 0.0 && !corrected ? point.step : options.step;
     task.free_count = derivatives ? (int)free.size() : 0;
     task.free = free.data();
     task.scale = scale.data();
@@ -326,6 +336,12 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
+    if (corrected && s.residual.size() == correction[l][i].residual.size() &&
+        s.x_end.size() == correction[l][i].x_end.size()) {
+        for (size_t r = 0; r < n; r++)
+            s.residual[r] += correction[l][i].residual[r];
+        s.x_end += correction[l][i].x_end;
+    }
     s.sum2[0] = s.sum2[1] = 0.0;
     for (size_t r = 0; r < n; r++) {
         s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
@@ -358,7 +374,32 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
         for (const Segment &s : work[l])
             effort += s.effort;
     }
-    passes += effort / usual;
+    work_done += effort / usual;
+}
+
+void Fit::coarsen(const FitPoint &point)
+{
+    correction.clear();
+    if (!(point.step > 0.0 && point.step < options.step))
+        return;
+    shoot_all(point, {}, false);
+    const std::vector<std::vector<Segment>> fine = work;
+    FitPoint coarse = point;
+    coarse.step = options.step;
+    shoot_all(coarse, {}, false);
+    std::vector<std::vector<Correction>> all(work.size());
+    for (size_t l = 0; l < work.size(); l++)
+        for (size_t i = 0; i < work[l].size(); i++) {
+            const Segment &a = fine[l][i], &b = work[l][i];
+            Correction c;
+            if (a.finite && b.finite && a.residual.size() == b.residual.size()) {
+                c.x_end = a.x_end - b.x_end;
+                for (size_t r = 0; r < a.residual.size(); r++)
+                    c.residual.push_back(a.residual[r] - b.residual[r]);
+            }
+            all[l].push_back(std::move(c));
+        }
+    correction = std::move(all);
 }
 
 // --- the quadratic picture ---
@@ -713,12 +754,12 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     double damping = 1e-4;
     converged = false;
     iterations = 0;
-    passes = 0.0;
+    const double most_work = work_done + options.max_passes;
     FitPicture p = picture(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
     point.cost = p.cost;
-    while (iterations < options.max_iterations && !converged && passes < options.max_passes) {
+    while (iterations < options.max_iterations && !converged && work_done < most_work) {
         iterations++;
         if (progress && !progress(progress_context, 0.0, "fitting")) {
             cancelled = true;
@@ -727,7 +768,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
         Stepper stepper(point.model, free);
         bool accepted = false;
         double length = 1.0, state_damping = 0.0;
-        for (int attempt = 0; attempt < 14 && !accepted && passes < options.max_passes; attempt++) {
+        for (int attempt = 0; attempt < 14 && !accepted && work_done < most_work; attempt++) {
             FitPoint trial = point;
             VectorXd step = length * stepper.solve(p, damping);
             stepper.apply(trial.model, step);
@@ -774,19 +815,20 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 }
 
 // Shortens the step until that changes the cost no more; false when it was short enough.
-bool Fit::refine_step(const FitPoint &point)
+bool Fit::refine_step(FitPoint &point)
 {
-    constexpr double SHORTER = 0.4;
     // Contact changes with every step length a little; its instants are found anyway.
-    const double shortest = mk_model_event_count(&point.model) > 0 ? 0.5 * options.step : 2e-4;
+    const double shortest = mk_model_event_count(&point.model) > 0 ? 5e-4 : 2e-4;
+    if (!(point.step > 0.0))
+        point.step = options.step;
     double now = cost(point);
     bool refined = false;
-    while (options.step > shortest) {
-        const double kept = options.step;
-        options.step *= SHORTER;
+    while (point.step > shortest) {
+        const double kept = point.step;
+        point.step *= SHORTER;
         double finer = cost(point);
         if (!(std::fabs(finer - now) > 1.0)) {
-            options.step = kept;
+            point.step = kept;
             break;
         }
         refined = true;
@@ -799,6 +841,8 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
 {
     for (double &d : options.drift)
         d = drift;
+    if (drift >= EXACTING)
+        point.step = options.step;
     if (!minimise(point, free) || cancelled)
         return false;
     // What the step length changes must not be taken for what the model lacks.

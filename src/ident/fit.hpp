@@ -46,6 +46,7 @@ struct FitPoint {
     mk_model model;
     std::vector<FitNodes> nodes; // one a log
     double noise[MK_MAX_JOINTS] = {0.0, 0.0};
+    double step = 0.0; // longest integration step that is short enough here, s; 0: as the options
     double cost = 0.0; // minus log likelihood, up to a constant
 };
 
@@ -91,12 +92,16 @@ class Fit
     // Cost and its picture at a point. Columns: `free`.
     FitPicture picture(const FitPoint &point, const std::vector<int> &free);
     double cost(const FitPoint &point);
+    // From here on pictures near this point are made with long steps, corrected by what the point's
+    // own step changes here: slopes are good enough that way, readings are met as before.
+    void coarsen(const FitPoint &point);
     FitResiduals residuals(const FitPoint &point);
     // Sets the noise of each joint to what the residuals show; returns the largest relative change.
     double update_noise(FitPoint &point);
 
     FitOptions options;
-    int iterations = 0; // of the last minimise
+    int iterations = 0;     // of the last minimise
+    double work_done = 0.0; // in passes, see FitOptions::max_passes, since the fit was made
     bool converged = false;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
@@ -117,20 +122,21 @@ class Fit
     static double scale_of(const mk_model &model, int number);
 
   private:
-    struct Segment; // one stretch at one point
+    struct Segment;    // one stretch at one point
+    struct Correction; // of one stretch
     struct LogData;
 
     std::vector<const FitLog *> logs;
     std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
-    double passes = 0.0;                    // since the last minimise began
+    std::vector<std::vector<Correction>> correction;
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;
-    bool refine_step(const FitPoint &point);
+    bool refine_step(FitPoint &point);
     void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
                    bool derivatives);
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);

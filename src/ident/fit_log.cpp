@@ -143,14 +143,15 @@ double last_digit(const std::vector<double> &v)
 }
 
 // Readings that stay on one count without passing through it (rest, a turning point) share one
-// rounding error: together they are worth one.
+// rounding error: together they are worth one. In passing, errors even out, unless that is a rest
+// between two slips: long stays are worth no more than short ones.
 void weigh(FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
     std::vector<double> &w = log.weight[j];
     size_t n = q.size();
     w.assign(n, 0.0);
-    double near = 0.25 * log.count[j];
+    const double near = 0.25 * log.count[j], most = 8.0;
     size_t k = 0;
     double previous = MISSING;
     while (k < n) {
@@ -163,7 +164,8 @@ void weigh(FitLog &log, int j)
             members += !std::isnan(q[stop]);
         double next = stop < n ? q[stop] : MISSING;
         bool passed = (previous < q[k] && q[k] < next) || (previous > q[k] && q[k] > next);
-        double value = passed || members < 2 ? 1.0 : 1.0 / std::sqrt((double)members);
+        double worth = passed ? std::min(most, (double)members) : 1.0;
+        double value = std::sqrt(worth / std::max((double)members, 1.0));
         for (size_t i = k; i < stop; i++)
             if (!std::isnan(q[i]))
                 w[i] = value;
