@@ -36,6 +36,7 @@
     X(frame)                                                                                       \
     X(device)                                                                                      \
     X(board)                                                                                       \
+    X(doctor)                                                                                      \
     X(usb)                                                                                         \
     X(usb_faults)                                                                                  \
     X(fault_script)                                                                                \

@@ -95,6 +95,25 @@ static const struct subcommand subcommands[] = {
      "  --friction      keep the friction of the motor joint in the linearisation\n"
      "  --json FILE     the result; \"-\": standard output\n",
      sub_design},
+    {"boards", "which boards are there, and may they be used",
+     "usage: mechkit boards\n"
+     "\n"
+     "Lists the boards of every kind with what --board and --device take, and what stands in the\n"
+     "way of using them. Moves nothing.\n",
+     sub_boards},
+    {"doctor", "look at machine, board and rig: what is well, what is not, what to do",
+     "usage: mechkit doctor [options]\n"
+     "\n"
+     "A line a finding: ok, problem with what to do, or skipped. Exit code 1 when there is a\n"
+     "problem. Without --drive the motor stays off.\n"
+     "\n"
+     "  --board NAME     usb, parport, virtual (default)\n"
+     "  --device NAME    which board, when there are several\n"
+     "  --model M.ini    the rig; default: the pendubot with the report's parameters\n"
+     "  --hand           asks for the joints to be turned by hand: does each encoder count?\n"
+     "  --drive          two short pushes and a slow sweep: wiring, swapped encoders, cable drag\n"
+     "  --fast           virtual board in simulated time\n",
+     sub_doctor},
     {"summary", "what happened in runs, a line a log",
      "usage: mechkit summary LOG.csv...\n"
      "\n"
