@@ -459,6 +459,16 @@ static const struct cmd commands[] = {
      do_seed},
     {"faults", "SCRIPT", "faults of the virtual board (docs/faults.md), from the next setup on", 1,
      1, true, NULL, do_faults},
+    {"identify", "[MODEL.ini]", "fit what is believed of the rig to the last run", 0, 1, false,
+     NULL, cmd_do_identify},
+    {"explain", "[DIR]", "what the model gets wrong about the last run, and why", 0, 1, false, NULL,
+     cmd_do_explain},
+    {"compare", "[LOG]", "the last run, or a log, beside the simulation of the model", 0, 1, false,
+     NULL, cmd_do_compare},
+    {"replay", "[LOG]", "show the last run, or a log, on the screen", 0, 1, false, NULL,
+     cmd_do_replay},
+    {"record", "FILE|off", "write commands and pauses into a command file", 1, 1, false, NULL,
+     cmd_do_record},
     {"show", "gains|limits|stats", "what is set, or how the loop does", 1, 1, false, check_show,
      do_show},
     {"echo", "TEXT", "say something", 0, 1, true, NULL, do_echo},
@@ -485,6 +495,11 @@ int cmd_execute(struct session *s, struct cmd_line *line, struct mk_error *err)
 {
     if (!line->cmd)
         return MK_OK;
+    char text[1200] = "";
+    if (s->record)
+        cmd_record_line(s, line, text, sizeof text);
     enum mk_status st = line->cmd->exec(s, line->argc, line->argv, err);
+    if (s->record && st == MK_OK)
+        cmd_record(s, text);
     return st == MK_OK && line->cmd->exec == do_quit ? CMD_QUIT : (int)st;
 }

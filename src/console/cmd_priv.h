@@ -14,5 +14,16 @@ double *cmd_limit_at(struct session *s, const char *name);
 enum mk_status cmd_do_gains(struct session *s, int argc, char **argv, struct mk_error *err);
 enum mk_status cmd_do_set(struct session *s, int argc, char **argv, struct mk_error *err);
 enum mk_status cmd_do_limit(struct session *s, int argc, char **argv, struct mk_error *err);
+enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct mk_error *err);
+enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct mk_error *err);
+enum mk_status cmd_do_compare(struct session *s, int argc, char **argv, struct mk_error *err);
+enum mk_status cmd_do_replay(struct session *s, int argc, char **argv, struct mk_error *err);
+enum mk_status cmd_do_record(struct session *s, int argc, char **argv, struct mk_error *err);
+/* Around each command while `record` is on: its line, after a pause as long as the run was left
+ * alone, is made before it is executed, which cuts conditions to pieces, and written if it
+ * succeeds.
+ */
+void cmd_record_line(struct session *s, const struct cmd_line *line, char *text, size_t size);
+void cmd_record(struct session *s, const char *text);
 
 #endif

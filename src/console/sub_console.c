@@ -6,6 +6,7 @@
 
 #include "console/guard.h"
 #include "console/host.h"
+#include "console/mark.h"
 #include "console/session_args.h"
 #include "console/sub.h"
 #include "console/tui.h"
@@ -90,6 +91,7 @@ struct screen {
     struct tui tui;
     struct host *host;
     uint64_t events; /* taken over */
+    struct mark mark;
 };
 
 static void take_news(struct screen *s)
@@ -100,6 +102,7 @@ static void take_news(struct screen *s)
     struct host_show show;
     host_get_status(s->host, &status);
     tui_set_status(&s->tui, &status);
+    mark_run(&s->mark, status.running, status.log_path);
     while (host_get_event(s->host, s->events, &event)) {
         s->events++;
         if (event.when)
@@ -182,6 +185,14 @@ static void post_first_commands(const struct options *o, struct host *host)
     }
 }
 
+static void set_mark(struct screen *s, const char *folder)
+{
+    char last[HOST_TEXT];
+    mark_set(&s->mark, folder, last, sizeof last);
+    if (last[0])
+        host_note(s->host, HOST_WARNING, "%s", last);
+}
+
 static enum mk_status run_screen(const struct options *o, struct host *host, const char **why,
                                  struct mk_error *err)
 {
@@ -200,9 +211,12 @@ static enum mk_status run_screen(const struct options *o, struct host *host, con
         st = guard_start(host, term_restore_in_crash, err);
     }
     if (st == MK_OK) {
+        set_mark(s, o->session.out);
         post_first_commands(o, host);
         *why = show_until_end(s);
-        host_halt(host);
+        host_finish(host);
+        take_news(s);
+        mark_end(&s->mark, *why);
     }
     term_close();
     tui_free(&s->tui);

@@ -1,0 +1,107 @@
+#include "console/explanation.h"
+
+#include <errno.h>
+#include <math.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static void print_cause(FILE *out, const struct mk_cause *c)
+{
+    fprintf(out, "  %s", c->effect->name);
+    if (c->joint > 0)
+        fprintf(out, " at joint %d", c->joint);
+    fprintf(out, ": ");
+    for (int k = 0; k < c->effect->parameter_count; k++) {
+        fprintf(out, "%s%s %.4g", k ? ", " : "", c->effect->parameter[k].name, c->value[k]);
+        if (isfinite(c->std_error[k]))
+            fprintf(out, " +- %.2g", c->std_error[k]);
+        if (c->effect->parameter[k].unit[0])
+            fprintf(out, " %s", c->effect->parameter[k].unit);
+    }
+    fprintf(out, "\n    evidence: BIC %.0f better with it than without; confidence %.3f\n",
+            c->delta_bic, c->confidence);
+}
+
+static void print_rivals(FILE *out, const struct mk_explanation *e)
+{
+    int shown = 0;
+    for (int i = 0; i < e->rival_count && shown < 4; i++) {
+        const struct mk_rival *r = &e->rival[i];
+        fprintf(out, "  %s %s", shown ? "      " : "rivals:", r->effect->name);
+        if (r->joint > 0)
+            fprintf(out, " at joint %d", r->joint);
+        fprintf(out,
+                r->distinguishable ? ", BIC %.0f worse\n"
+                                   : ", BIC %.1f apart: the data cannot tell them apart\n",
+                r->delta_bic);
+        shown++;
+    }
+}
+
+void explanation_print(FILE *out, const struct mk_explanation *e)
+{
+    static const char *const sentences[] = {
+        "The model explains the data.",
+        "Only values of parameters were wrong; the structure of the model is right.",
+        "Something is missing in the model:",
+        "Something is missing in the model that no known effect explains:"};
+    fprintf(out, "%s\n", sentences[e->verdict]);
+    if (e->verdict == MK_VERDICT_UNKNOWN)
+        fprintf(out, "  %s\n", e->structure);
+    if (e->verdict == MK_VERDICT_EFFECT)
+        for (int i = 0; i < e->cause_count; i++)
+            print_cause(out, &e->cause[i]);
+    print_rivals(out, e);
+    if (e->verdict >= MK_VERDICT_EFFECT)
+        for (int j = 0; j < mk_model_joints(&e->given); j++)
+            fprintf(out, "  missing torque in the equation of joint %d: %.3g rms\n", j + 1,
+                    e->missing[j]);
+    fprintf(out, "Free runs of %g s on held-out data, error over standard deviation:\n",
+            e->window_s);
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
+                e->before[j], e->refitted[j], e->after[j], e->floor[j]);
+    if (e->offered)
+        fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
+                100.0 * e->closed);
+    else if (e->cause_count > 0)
+        fprintf(out,
+                "  It predicts no better than the refitted model there, and is not offered.\n");
+    if (e->next.why[0])
+        fprintf(out, "Next: %s\n", e->next.why);
+    fprintf(out, "%.1f s\n", e->seconds);
+}
+
+static enum mk_status make_directory(const char *path, struct mk_error *err)
+{
+    if (mkdir(path, 0777) == 0 || errno == EEXIST)
+        return MK_OK;
+    return mk_error_errno(err, errno, path, "cannot make the folder");
+}
+
+enum mk_status explanation_write(const char *folder, const char *model,
+                                 const struct mk_explanation *e, const char *const *holdouts,
+                                 size_t holdout_count, const struct mk_log *shown,
+                                 struct mk_error *err)
+{
+    char path[4096], comment[256];
+    enum mk_status st = make_directory(folder, err);
+    snprintf(comment, sizeof comment, "mechkit explain: verdict %s, from %s",
+             mk_verdict_name(e->verdict), model);
+    snprintf(path, sizeof path, "%s/extended.ini", folder);
+    if (st == MK_OK)
+        st = mk_model_write(path, &e->extended, comment, err);
+    snprintf(path, sizeof path, "%s/report.json", folder);
+    if (st == MK_OK)
+        st = mk_explanation_write_json(e, path, holdouts, holdout_count, err);
+    snprintf(path, sizeof path, "%s/next.cmd", folder);
+    /* One of an earlier report would not belong to this one. */
+    if (st == MK_OK && !e->next.input[0] && unlink(path) != 0 && errno != ENOENT)
+        st = mk_error_errno(err, errno, path, "cannot remove the earlier proposal");
+    if (st == MK_OK)
+        st = mk_explanation_write_next(e, path, "extended.ini", err);
+    snprintf(path, sizeof path, "%s/report.html", folder);
+    if (st == MK_OK)
+        st = mk_explanation_write_html(e, path, shown, err);
+    return st;
+}
