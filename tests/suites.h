@@ -24,6 +24,7 @@
     X(predict)                                                                                     \
     X(model_file)                                                                                  \
     X(console)                                                                                     \
+    X(console_pty)                                                                                 \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \

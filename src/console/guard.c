@@ -23,7 +23,7 @@ static struct {
     bool started;
     atomic_bool stop;
     atomic_int ending; /* number of the signal */
-    atomic_bool stopping;
+    atomic_bool stopping, crashed;
     atomic_llong beat_ns;
 } guard;
 
@@ -84,14 +84,20 @@ bool guard_wants_stop(void)
     return atomic_exchange(&guard.stopping, false);
 }
 
+bool guard_crashed(void)
+{
+    return atomic_load(&guard.crashed);
+}
+
 /* --- a crash --------------------------------------------------------------------------------- */
 
 /* The loop's thread still runs: it zeroes the motor and its log is written out before the process
  * ends as it would have without us. */
 static void on_crash(int number)
 {
-    static const char text[] = "mechkit: crashed; the motor is off, the log is kept\n";
+    static const char text[] = "mechkit: crashed; motor off, log kept\n";
     signal(number, SIG_DFL);
+    atomic_store(&guard.crashed, true);
     host_estop_in_crash(guard.host);
     const struct timespec tail = {.tv_nsec = 350000000};
     nanosleep(&tail, NULL);

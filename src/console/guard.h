@@ -26,5 +26,7 @@ void guard_beat(void);
 const char *guard_wants_end(void);
 /* SIGTSTP has come since the last question. */
 bool guard_wants_stop(void);
+/* The program is about to end by a crash: other threads have a moment left. */
+bool guard_crashed(void);
 
 #endif

@@ -102,7 +102,8 @@ static void take_news(struct screen *s)
     struct host_show show;
     host_get_status(s->host, &status);
     tui_set_status(&s->tui, &status);
-    mark_run(&s->mark, status.running, status.log_path);
+    if (!guard_crashed())
+        mark_run(&s->mark, status.running, status.log_path);
     while (host_get_event(s->host, s->events, &event)) {
         s->events++;
         if (event.when)
@@ -243,6 +244,6 @@ int sub_console(int argc, char **argv)
     if (st != MK_OK)
         return report_error(&err);
     if (why)
-        fprintf(stderr, "mechkit: ended by %s; the motor is off, the log is kept\n", why);
+        fprintf(stderr, "mechkit: ended by %s; motor off, log kept\n", why);
     return why ? EXIT_RUN_FAILED : EXIT_OK;
 }

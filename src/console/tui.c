@@ -78,8 +78,8 @@ static void show_summary(struct tui *t)
     if (!isnan(r->track_rms))
         card_line(card, "tracking  speed error %.3f rad/s rms at the end", r->track_rms);
     card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
-    card_line(card, "loop      %.0f us late at most; %zu of %zu lost", r->late_max_us, r->lost,
-              r->rows);
+    card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
+              r->lost, r->rows);
     card_line(card, "log       %.180s", t->status.log_path);
     card_line(card, "%s", "");
     card_line(card, "w save  m model  i identify  e explain  p replay");
@@ -145,6 +145,7 @@ void tui_show_log(struct tui *t, struct host_show *show)
         const char *name = slash ? slash + 1 : show->log->path ? show->log->path : "";
         snprintf(t->log_name, sizeof t->log_name, "%s", name);
         t->in_log = true;
+        t->card.shown = false;
         t->playing = show->play;
         t->play_t = scope_first_t(&t->log);
         t->log.frozen = true;

@@ -489,18 +489,22 @@ static void draw_lane(struct scope *s, const struct span *v, struct canvas *c, s
     draw_label(&l, c, r, ch);
 }
 
+/* Ticks at round times. */
 static void draw_time_axis(const struct span *v, struct canvas *c, struct tui_rect r)
 {
     int left = r.col + LABEL_COLS, width = r.cols - LABEL_COLS;
+    double span = v->t1 - v->t0, step = round_up(span * 10.0 / width);
     for (int j = 0; j < width; j++)
         canvas_put(c, r.row, left + j, 0x2500, STYLE_DIM);
-    for (int k = 0; k <= 4; k++) {
+    canvas_text(c, r.row, r.col, LABEL_COLS, STYLE_DIM, "  seconds");
+    for (double t = step * ceil(v->t0 / step); t <= v->t1; t += step) {
         char text[24];
-        int at = left + k * (width - 1) / 4;
-        int n = snprintf(text, sizeof text, k == 4 ? "%.4g s" : "%.4g",
-                         v->t0 + (v->t1 - v->t0) * k / 4);
-        int from = k == 0 ? at : k == 4 ? at - n + 1 : at - n / 2;
-        canvas_text(c, r.row, from, n, STYLE_DIM, text);
+        int at = left + (int)((t - v->t0) / span * (width - 1));
+        int n = snprintf(text, sizeof text, "%.6g", fabs(t) < step * 1e-6 ? 0.0 : t);
+        canvas_put(c, r.row, at, 0x253c, STYLE_DIM);
+        int from = at - n / 2 < left ? left : at - n / 2;
+        if (from + n <= left + width)
+            canvas_text(c, r.row, from, n, STYLE_DIM, text);
     }
 }
 

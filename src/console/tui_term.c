@@ -3,6 +3,7 @@
 /* ncursesw's wide characters. */
 #define _XOPEN_SOURCE_EXTENDED 1
 #include <curses.h>
+#include <fcntl.h>
 #include <langinfo.h>
 #include <locale.h>
 #include <poll.h>
@@ -69,6 +70,14 @@ static void set_modes(void)
     keypad(stdscr, TRUE);
     meta(stdscr, TRUE);
     set_escdelay(50);
+    /* Some terminals send these although they were asked for the others. */
+    static const struct {
+        const char *bytes;
+        int key;
+    } also[] = {{"\033[A", KEY_UP},   {"\033[B", KEY_DOWN}, {"\033[C", KEY_RIGHT},
+                {"\033[D", KEY_LEFT}, {"\033[H", KEY_HOME}, {"\033[F", KEY_END}};
+    for (size_t i = 0; i < sizeof also / sizeof also[0]; i++)
+        define_key(also[i].bytes, also[i].key);
     nodelay(stdscr, TRUE);
 }
 
@@ -108,8 +117,12 @@ void term_restore_in_crash(void)
     static const char normal[] = "\033[0m\033[?25h\033[?1049l\r\n";
     if (!term.open)
         return;
-    if (write(STDOUT_FILENO, normal, sizeof normal - 1) < 0)
-        return;
+    /* A terminal that takes nothing more must not hold the end up. */
+    int flags = fcntl(STDOUT_FILENO, F_GETFL);
+    (void)fcntl(STDOUT_FILENO, F_SETFL, flags | O_NONBLOCK);
+    ssize_t written = write(STDOUT_FILENO, normal, sizeof normal - 1);
+    (void)written;
+    (void)fcntl(STDOUT_FILENO, F_SETFL, flags);
     if (term.have_before)
         tcsetattr(STDIN_FILENO, TCSANOW, &term.before);
 }

@@ -247,44 +247,71 @@ static void draw_scope(struct tui *t, struct canvas *c, struct tui_rect r)
     canvas_text(c, r.row, r.col + 2, r.cols - 4, STYLE_TITLE, title);
 }
 
+/* Lines of a card as they are broken to its width; only those from `top` on, `rows` of them, are
+ * drawn. Returns how many there are. */
+static int draw_card_lines(struct tui_card *card, struct canvas *c, struct tui_rect in, int rows)
+{
+    int line = 0;
+    for (int i = 0; i < card->count; i++) {
+        const char *text = card->line[i];
+        enum tui_style style = strncmp(text, "FAULT", 5) == 0 ? STYLE_BAD : STYLE_NORMAL;
+        int at = line - card->top;
+        struct tui_rect r = {in.row + at, in.col + 1, rows - at, in.cols - 2};
+        struct tui_rect none = {0, 0, 0, in.cols - 2};
+        int need = canvas_wrap(c, at >= 0 && at < rows ? r : none, style, text);
+        line += need > 0 ? need : 1;
+    }
+    return line;
+}
+
 static void draw_card(struct tui *t, struct canvas *c, struct tui_rect area)
 {
     struct tui_card *card = &t->card;
-    int rows = card->count + 2 < area.rows ? card->count + 2 : area.rows;
+    struct tui_rect in = {0, 0, 0, area.cols - 2};
+    int lines = draw_card_lines(card, c, in, 0);
+    int rows = lines + 2 < area.rows ? lines + 2 : area.rows;
     struct tui_rect r = {area.row + area.rows - rows, area.col, rows, area.cols};
     canvas_fill(c, r, ' ', STYLE_NORMAL);
-    struct tui_rect in = canvas_frame(c, r, card->title);
-    int most = card->count - in.rows;
-    card->top = card->top > most ? (most > 0 ? most : 0) : card->top;
-    for (int i = 0; i < in.rows && card->top + i < card->count; i++) {
-        const char *text = card->line[card->top + i];
-        bool bad = strncmp(text, "FAULT", 5) == 0;
-        canvas_text(c, in.row + i, in.col + 1, in.cols - 1, bad ? STYLE_BAD : STYLE_NORMAL, text);
-    }
+    in = canvas_frame(c, r, card->title);
+    int most = lines > in.rows ? lines - in.rows : 0;
+    if (card->top > most)
+        card->top = most;
+    draw_card_lines(card, c, in, in.rows);
     if (most > 0)
-        canvas_print(c, r.row + r.rows - 1, r.col + r.cols - 22, 20, STYLE_DIM,
-                     " %d-%d of %d, Up Down ", card->top + 1, card->top + in.rows, card->count);
+        canvas_print(c, r.row + r.rows - 1, r.col + r.cols - 24, 23, STYLE_DIM,
+                     " %d-%d of %d, Up Down ", card->top + 1, card->top + in.rows, lines);
 }
 
-static void draw_event(struct canvas *c, int row, const struct host_event *e)
+/* The line of an event, broken where it must be; returns the rows it takes. */
+static int draw_event(struct canvas *c, struct tui_rect r, const struct host_event *e)
 {
     static const enum tui_style styles[] = {STYLE_NORMAL, STYLE_DIM, STYLE_BAD, STYLE_WARN};
     static const char *const marks[] = {"", ": ", "ERROR ", "NOTE "};
     char text[HOST_TEXT + 40], clock[16];
     struct tm parts;
-    localtime_r(&e->when, &parts);
-    strftime(clock, sizeof clock, "%H:%M:%S", &parts);
-    canvas_text(c, row, 1, 8, STYLE_DIM, clock);
     snprintf(text, sizeof text, "%s%s", marks[e->kind], e->text);
-    canvas_text(c, row, 10, c->cols - 11, styles[e->kind], text);
+    int need = canvas_wrap(c, r, styles[e->kind], text);
+    if (r.rows > 0) {
+        localtime_r(&e->when, &parts);
+        strftime(clock, sizeof clock, "%H:%M:%S", &parts);
+        canvas_text(c, r.row, 1, 8, STYLE_DIM, clock);
+    }
+    return need > 0 ? need : 1;
 }
 
+/* The newest at the bottom, as many as there is room for. */
 static void draw_events(const struct tui *t, struct canvas *c, int row, int rows)
 {
-    for (int i = 0; i < rows; i++) {
-        int index = t->events - rows + i;
-        if (index >= 0)
-            draw_event(c, row + i, &t->event[index]);
+    int bottom = row + rows;
+    for (int i = t->events - 1; i >= 0 && bottom > row; i--) {
+        struct tui_rect none = {0, 10, 0, c->cols - 11};
+        int need = draw_event(c, none, &t->event[i]);
+        int from = bottom - need;
+        if (from < row && i < t->events - 1)
+            return;
+        from = from < row ? row : from;
+        draw_event(c, (struct tui_rect){from, 10, bottom - from, c->cols - 11}, &t->event[i]);
+        bottom = from;
     }
 }
 
