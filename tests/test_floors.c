@@ -21,7 +21,7 @@ static int check_tree(const char *file, const char *line, char *said, size_t siz
     scratch_text("include/mechkit/loop.h", "#include \"mechkit/status.h\"\n");
     scratch_text("src/ctrl/loop.c", "#include \"mechkit/loop.h\"\n#include \"base/random.h\"\n");
     scratch_text("src/sim/sundials.cpp", "#include <cvode/cvode.h>\n");
-    scratch_text("src/console/ui_screen.c", "#include <ncursesw/curses.h>\n");
+    scratch_text("src/console/tui_term.c", "#include <ncursesw/curses.h>\n");
     if (file)
         scratch_text(file, line);
     char command[1024];
@@ -51,7 +51,7 @@ START_TEST(every_kind_of_forbidden_include_is_found)
         {"src/console/a.c", "#include <cjson/cJSON.h>\n", "cJSON"},
         {"src/ctrl/a.h", "#include <Eigen/Core>\n", "Eigen"},
         {"src/console/a.c", "#include <curses.h>\n", "curses"},
-        {"src/driver/ui_a.c", "#include <ncurses.h>\n", "curses"},
+        {"src/console/tui_view.c", "#include <ncurses.h>\n", "curses"},
         {"src/console/a.c", "#include <ncursesw/panel.h>\n", "curses"},
         {"src/sim/a.c", "#include <zlib.h>\n", "zlib"},
         {"src/console/a.c", "#include <libusb-1.0/libusb.h>\n", "libusb"},
