@@ -41,8 +41,8 @@ typedef bool (*mk_progress_fn)(void *context, double done, const char *what);
 
 struct mk_ident_options {
     const char *method; /* NULL: "output-error" */
-    /* Linear methods: cut-off of the zero-phase Butterworth filter, Hz; 0: 10 Hz (report, ch. 3).
-     */
+    /* Linear methods: equations are averaged over windows of 1 / cutoff_hz, which pass half of that
+     * frequency's amplitude; 0: 3 Hz. */
     double cutoff_hz;
     /* Parameters held at the model's value, by number as above. */
     bool fixed[MK_MAX_FIT_PARAMETERS];

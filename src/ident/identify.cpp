@@ -11,8 +11,9 @@
 namespace
 {
 
-const mk::IdentMethod *const methods[] = {&mk::method_output_error, &mk::method_sls,
-                                          &mk::method_wls, &mk::method_energy};
+const mk::IdentMethod *const methods[] = {&mk::method_output_error, &mk::method_olsen,
+                                          &mk::method_swevers,      &mk::method_wls,
+                                          &mk::method_sls,          &mk::method_energy};
 constexpr int method_count = sizeof methods / sizeof methods[0];
 
 const mk::IdentMethod *find(const char *name)

@@ -27,7 +27,7 @@ struct IdentMethod {
 
 // The methods' rows, in the file that defines each.
 extern const IdentMethod method_output_error;
-extern const IdentMethod method_sls, method_wls, method_energy;
+extern const IdentMethod method_sls, method_wls, method_swevers, method_olsen, method_energy;
 
 } // namespace mk
 #endif
