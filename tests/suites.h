@@ -44,6 +44,7 @@
     X(shoot)                                                                                       \
     X(signals)                                                                                     \
     X(linear)                                                                                      \
+    X(excite)                                                                                      \
     X(explain)                                                                                     \
     X(hidden)
 

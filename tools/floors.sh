@@ -38,7 +38,7 @@ header_floor() {
     case $1 in
     status | number | ring | log | json | clock) echo 1 ;;
     model) echo 2 ;;
-    ident | signals) echo 4 ;;
+    ident | signals | excite | measure) echo 4 ;;
     explain) echo 5 ;;
     *) echo 3 ;;
     esac

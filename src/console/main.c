@@ -67,6 +67,45 @@ static const struct subcommand subcommands[] = {
      "  --cutoff HZ       of the filter of the linear methods; default 10\n"
      "  --threads N       default: all processors\n",
      sub_identify},
+    {"excite", "find the input that tells most about a rig's parameters",
+     "usage: mechkit excite --model M.ini --out NAME.cmd [options]\n"
+     "\n"
+     "Searches for an experiment of a given length and within limits, and writes it as a command\n"
+     "file. The foreseen standard errors are relative, those of output-error fits of its log.\n"
+     "\n"
+     "  --criterion NAME  worst, a, d: largest standard error, trace or determinant of the\n"
+     "                    covariance; the input is a multisine. condition, condition-unscaled: of\n"
+     "                    the regressor along a trajectory (rigs with a motor on every joint)\n"
+     "                    default: condition where it can be, else worst\n"
+     "  --seconds S       default 10\n"
+     "  --rate HZ         of the loop; default 500\n"
+     "  --harmonics N     2 .. 12; default 5 for a trajectory, 8 for an input\n"
+     "  --u-max U         limit of the command; default 70 % of the rig's\n"
+     "  --q1, --q2 LO:HI  limits of the angles, rad; default half a turn either way\n"
+     "  --v1, --v2 V      limits of the speeds, rad/s\n"
+     "  --drift D         process noise that the rig may have, rad/s per sqrt(s); default 1e-4\n"
+     "  --fix NAME        a parameter that will not be fitted; may be repeated\n"
+     "  --against SIGNAL  input to compare with; default U*sin(6*t)\n"
+     "  --tries N         inputs to try; default 9000\n"
+     "  --seed N          of the search; default 1\n"
+     "  --json FILE       the result; \"-\": standard output\n"
+     "  --threads N       default: all processors\n",
+     sub_excite},
+    {"measure", "simple experiments: friction, inertia, free swings, torque constant",
+     "usage: mechkit measure KIND --model M.ini [options] LOG.csv...\n"
+     "\n"
+     "Reads a number or two off the logs of a simple experiment (scripts/measure-*.cmd). KIND:\n"
+     "\n"
+     "  friction  Coulomb and viscous, both ways, from runs of the inertia wheel at constant speed\n"
+     "  inertia   of the inertia wheel, from runs at constant acceleration\n"
+     "  swing     natural frequency of free swings (pendulum, reaction wheel), with it the inertia\n"
+     "  torque    m g l in command units from a slow sweep of the pendulum\n"
+     "\n"
+     "  --known X         inertia (kg m^2) or m g l (N m) from scales and drawing: gives the torque\n"
+     "                    constant with inertia, torque\n"
+     "  --out MEASURED.ini  the model with what was measured\n"
+     "  --json FILE       the result with all pieces of the logs; \"-\": standard output\n",
+     sub_measure},
     {"explain", "find out what the simulation gets wrong, and why",
      "usage: mechkit explain --model M.ini --out DIR [--holdout V.csv]... LOG.csv...\n"
      "\n"

@@ -1,0 +1,479 @@
+// Excitation: the search, by condition number or by information.
+#include "mechkit/excite.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <new>
+#include <thread>
+
+#include "ident/cma_es.hpp"
+#include "ident/fit.hpp"
+#include "ident/information.hpp"
+#include "ident/waveforms.hpp"
+#include "mechkit/number.h"
+#include "mechkit/safety.h"
+#include "mechkit/signal.h"
+
+namespace mk
+{
+
+namespace
+{
+
+using Eigen::VectorXd;
+
+constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+constexpr double TWO_PI = 6.283185307179586;
+// The search looks at a coarse picture of the experiment, the figures come from the fine one.
+constexpr double SEARCH_RATE_HZ = 200.0;
+constexpr int SEARCH_POINTS = 240; // of a trajectory's period
+constexpr double OVER = 10.0;      // weight of a limit's relative excess, against the log of a cost
+constexpr int STARTS = 3;
+
+bool by_condition(enum mk_excite_criterion c)
+{
+    return c == MK_EXCITE_CONDITION || c == MK_EXCITE_CONDITION_UNSCALED;
+}
+
+bool fully_actuated(const mk_model &model)
+{
+    return mk_plant(model.plant)->joints == 1;
+}
+
+// By how much of itself a value lies beyond a limit.
+double excess(double value, double limit)
+{
+    return std::max(0.0, value / limit - 1.0);
+}
+
+struct Extent {
+    double q_min[MK_MAX_JOINTS] = {}, q_max[MK_MAX_JOINTS] = {}, v_max[MK_MAX_JOINTS] = {};
+};
+
+double beyond_limits(const mk_model &model, const mk_excite_options &o, const Extent &e)
+{
+    const mk_plant_info *plant = mk_plant(model.plant);
+    double sum = 0.0;
+    for (int j = 0; j < plant->joints; j++) {
+        sum += excess(e.v_max[j], o.v_max[j]);
+        if (plant->joint_is_wheel[j])
+            continue;
+        double range = o.q_max[j] - o.q_min[j];
+        sum += std::max(0.0, e.q_max[j] - o.q_max[j]) / range;
+        sum += std::max(0.0, o.q_min[j] - e.q_min[j]) / range;
+    }
+    return sum;
+}
+
+// --- trajectories ---
+
+// The regressor along one period, summed.
+struct Led {
+    Eigen::MatrixXd normal;
+    Extent extent;
+    double u_max = 0.0;
+
+    double condition(bool scaled) const
+    {
+        VectorXd s = VectorXd::Ones(normal.rows());
+        if (scaled)
+            s = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+        Eigen::MatrixXd m = s.asDiagonal() * normal * s.asDiagonal();
+        VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(m).eigenvalues();
+        return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
+    }
+};
+
+Led lead(const mk_model &model, const Series &series, int points)
+{
+    long np = mk_plant(model.plant)->parameter_count;
+    Led led;
+    led.normal = Eigen::MatrixXd::Zero(np, np);
+    VectorXd row(np);
+    for (int k = 0; k < points; k++) {
+        double q, v, a, u;
+        series.at(TWO_PI / series.omega * k / points, q, v, a);
+        mk_plant_regressor(&model, &q, &v, &a, row.data());
+        mk_plant_inverse_dynamics(&model, &q, &v, &a, &u);
+        led.normal.selfadjointView<Eigen::Lower>().rankUpdate(row);
+        led.u_max = std::max(led.u_max, std::fabs(u));
+        Extent &e = led.extent;
+        e.q_min[0] = k ? std::min(e.q_min[0], q) : q;
+        e.q_max[0] = k ? std::max(e.q_max[0], q) : q;
+        e.v_max[0] = std::max(e.v_max[0], std::fabs(v));
+    }
+    led.normal = led.normal.selfadjointView<Eigen::Lower>();
+    return led;
+}
+
+// Unknowns: log of the frequency in Hz, then the series' amplitudes.
+Series series_of(const mk_model &model, const VectorXd &x)
+{
+    return Series(TWO_PI * std::exp(x(0)), x.tail(x.size() - 1), mk_plant(model.plant)->rest[0]);
+}
+
+// --- inputs ---
+
+std::vector<double> sampled(const Multisine &wave, double seconds, double rate)
+{
+    std::vector<double> u((size_t)std::lround(seconds * rate));
+    for (size_t k = 0; k < u.size(); k++)
+        u[k] = wave.at((double)k / rate);
+    return u;
+}
+
+double value_of(enum mk_excite_criterion criterion, const Eigen::MatrixXd &covariance)
+{
+    VectorXd variance = covariance.diagonal();
+    double n = (double)variance.size();
+    if (criterion == MK_EXCITE_WORST)
+        return std::sqrt(variance.maxCoeff());
+    if (criterion == MK_EXCITE_A)
+        return std::sqrt(variance.sum() / n);
+    VectorXd unit = variance.cwiseMax(1e-300).cwiseSqrt();
+    Eigen::MatrixXd correlation =
+        unit.cwiseInverse().asDiagonal() * covariance * unit.cwiseInverse().asDiagonal();
+    double log_det = 0.0;
+    VectorXd pivots = correlation.ldlt().vectorD();
+    for (long i = 0; i < variance.size(); i++)
+        log_det += std::log(unit(i)) + 0.5 * std::log(std::max(pivots(i), 1e-30));
+    return std::exp(log_det / n);
+}
+
+// --- the search ---
+
+class Excitation
+{
+  public:
+    Excitation(const mk_model &m, const mk_excite_options &opt, mk_excitation &result)
+        : model(m), o(opt), out(result), led(by_condition(opt.criterion))
+    {
+        for (int number : fitted_parameters(m))
+            if (!o.fixed[number])
+                free.push_back(number);
+        threads = o.threads > 0 ? o.threads : std::max(1, (int)std::thread::hardware_concurrency());
+    }
+
+    enum mk_status run(mk_error *err)
+    {
+        if (free.empty())
+            return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: nothing to excite");
+        VectorXd best;
+        enum mk_status st = search(best, err);
+        if (st != MK_OK)
+            return st;
+        std::vector<double> u;
+        st = led ? plan_trajectory(best, u, err) : plan_input(best, u, err);
+        if (st != MK_OK)
+            return st;
+        fill(u, out.figures);
+        if (std::isnan(out.figures.worst))
+            return mk_error_set(err, MK_ERR_NUMERIC, "the model runs away under every input");
+        return compare((size_t)u.size(), err);
+    }
+
+  private:
+    const mk_model &model;
+    const mk_excite_options &o;
+    mk_excitation &out;
+    std::vector<int> free;
+    bool led;
+    int threads;
+
+    InformationOptions picture(double rate) const
+    {
+        InformationOptions i;
+        std::copy(o.noise, o.noise + MK_MAX_JOINTS, i.noise);
+        i.readings_a_row = o.rate_hz / rate;
+        i.drift = o.drift;
+        i.step = rate > SEARCH_RATE_HZ ? 2.5e-3 : 5e-3;
+        return i;
+    }
+
+    double cost_led(const VectorXd &x) const
+    {
+        Led l = lead(model, series_of(model, x), SEARCH_POINTS);
+        double over = beyond_limits(model, o, l.extent) + excess(l.u_max, o.u_max);
+        over += std::max(0.0, -x(0) - std::log(o.seconds)); // a period must fit
+        return std::log(l.condition(o.criterion == MK_EXCITE_CONDITION)) + OVER * over;
+    }
+
+    double cost_input(const VectorXd &x) const
+    {
+        double rate = std::min(o.rate_hz, SEARCH_RATE_HZ);
+        double lowest = std::log(1.0 / o.seconds), highest = std::log(1.5);
+        double over = std::max(0.0, lowest - x(0)) + std::max(0.0, x(0) - highest);
+        if (over > 1.0)
+            return 100.0 + over;
+        Multisine wave(o.u_max, TWO_PI * std::exp(x(0)), x.tail(x.size() - 1));
+        Foresight f =
+            foresee(model, sampled(wave, o.seconds, rate), 1.0 / rate, free, picture(rate));
+        if (!f.finite())
+            return HUGE_VAL;
+        Extent e;
+        for (int j = 0; j < MK_MAX_JOINTS; j++) {
+            e.q_min[j] = f.q_min[j];
+            e.q_max[j] = f.q_max[j];
+            e.v_max[j] = f.v_max[j];
+        }
+        over += beyond_limits(model, o, e);
+        return std::log(value_of(o.criterion, f.covariance)) + OVER * over;
+    }
+
+    // Wide searches from several frequencies, then a narrow one from the best.
+    enum mk_status search(VectorXd &best, mk_error *err)
+    {
+        double best_cost = HUGE_VAL, spent = 0.0;
+        long unknowns = led ? 2 * o.harmonics - 1 : 2 * o.harmonics + 1;
+        for (int round = 0; round <= STARTS; round++) {
+            bool last = round == STARTS;
+            double share = last ? 1.0 - spent : 0.6 / STARTS;
+            CmaOptions c;
+            c.evaluations = (long)(share * o.evaluations);
+            c.seed = o.seed + (uint64_t)round;
+            c.threads = led ? 1 : threads;
+            c.spread = last ? 0.1 : 0.5;
+            c.progress = [&](double done, double) {
+                return !o.progress ||
+                       o.progress(o.progress_context, spent + share * done, "searching");
+            };
+            VectorXd x = VectorXd::Constant(unknowns, 0.3);
+            x(0) = std::log(std::max(0.2 * std::pow(1.4, round), 1.5 / o.seconds));
+            if (last && best_cost < HUGE_VAL)
+                x = best;
+            CmaResult r =
+                cma_es([&](const VectorXd &y) { return led ? cost_led(y) : cost_input(y); }, x, c);
+            if (r.stopped)
+                return mk_error_set(err, MK_ERR_INTR, "stopped");
+            out.evaluations += (int)r.evaluations;
+            spent += share;
+            if (r.cost < best_cost) {
+                best_cost = r.cost;
+                best = r.x;
+            }
+        }
+        if (!(best_cost < HUGE_VAL))
+            return mk_error_set(err, MK_ERR_NUMERIC, "the model runs away under every input");
+        return MK_OK;
+    }
+
+    // A command is held from row to row: the torque that the motion needs in the middle.
+    enum mk_status plan_trajectory(const VectorXd &x, std::vector<double> &u, mk_error *err)
+    {
+        Series series = series_of(model, x);
+        out.period = TWO_PI / series.omega;
+        out.seconds = out.period * std::max(1.0, std::floor(o.seconds / out.period + 1e-9));
+        Led l = lead(model, series, (int)std::lround(out.period * o.rate_hz));
+        out.regressor_condition = l.condition(false);
+        out.regressor_condition_scaled = l.condition(true);
+        size_t rows = (size_t)std::floor(out.seconds * o.rate_hz) + 1;
+        double *column[5];
+        static const char *const names[5] = {"t", "u", "q1", "dq1", "ddq1"};
+        enum mk_status st = make_plan(rows, names, 5, column, err);
+        for (size_t k = 0; k < rows && st == MK_OK; k++) {
+            double q, v, a;
+            column[0][k] = (double)k / o.rate_hz;
+            series.at(column[0][k] + 0.5 / o.rate_hz, q, v, a);
+            mk_plant_inverse_dynamics(&model, &q, &v, &a, &column[1][k]);
+            column[1][k] = std::min(std::max(column[1][k], -o.u_max), o.u_max);
+            series.at(column[0][k], column[2][k], column[3][k], column[4][k]);
+        }
+        if (st == MK_OK)
+            u.assign(column[1], column[1] + rows);
+        return st;
+    }
+
+    enum mk_status plan_input(const VectorXd &x, std::vector<double> &u, mk_error *err)
+    {
+        Multisine wave(o.u_max, TWO_PI * std::exp(x(0)), x.tail(x.size() - 1));
+        std::string text = wave.text();
+        if (text.size() >= sizeof out.input)
+            return mk_error_set(err, MK_ERR_RANGE, "fewer harmonics: the input is too long");
+        std::memcpy(out.input, text.c_str(), text.size() + 1);
+        u = sampled(wave, o.seconds, o.rate_hz);
+        double *column[2];
+        static const char *const names[2] = {"t", "u"};
+        enum mk_status st = make_plan(u.size(), names, 2, column, err);
+        for (size_t k = 0; k < u.size() && st == MK_OK; k++) {
+            column[0][k] = (double)k / o.rate_hz;
+            column[1][k] = u[k];
+        }
+        return st;
+    }
+
+    enum mk_status make_plan(size_t rows, const char *const *names, int count, double **column,
+                             mk_error *err)
+    {
+        enum mk_status st = mk_log_create(rows, &out.plan);
+        for (int i = 0; i < count && st == MK_OK; i++) {
+            column[i] = mk_log_add_column(out.plan, names[i]);
+            if (!column[i])
+                st = MK_ERR_NOMEM;
+        }
+        return st == MK_OK ? st : mk_error_set(err, st, "no memory for the plan");
+    }
+
+    void fill(const std::vector<double> &u, mk_excite_figures &f) const
+    {
+        std::fill(f.std_error, f.std_error + MK_MAX_FIT_PARAMETERS, UNKNOWN);
+        f.worst = f.a = f.d = f.condition = f.condition_scaled = UNKNOWN;
+        f.u_max = 0.0;
+        for (double v : u)
+            f.u_max = std::max(f.u_max, std::fabs(v));
+        Foresight s = foresee(model, u, 1.0 / o.rate_hz, free, picture(o.rate_hz));
+        if (!s.finite())
+            return;
+        for (size_t i = 0; i < free.size(); i++)
+            f.std_error[free[i]] = std::sqrt(s.covariance((long)i, (long)i));
+        f.worst = value_of(MK_EXCITE_WORST, s.covariance);
+        f.a = value_of(MK_EXCITE_A, s.covariance);
+        f.d = value_of(MK_EXCITE_D, s.covariance);
+        f.condition = s.condition;
+        f.condition_scaled = s.condition_scaled;
+        for (int j = 0; j < MK_MAX_JOINTS; j++) {
+            f.q_min[j] = s.q_min[j];
+            f.q_max[j] = s.q_max[j];
+            f.v_max[j] = s.v_max[j];
+        }
+    }
+
+    enum mk_status compare(size_t rows, mk_error *err)
+    {
+        char limit[MK_NUMBER_MAX];
+        mk_format_double(limit, o.u_max);
+        if (o.against)
+            snprintf(out.against, sizeof out.against, "%s", o.against);
+        else
+            snprintf(out.against, sizeof out.against, "%s*sin(6*t)", limit);
+        mk_signal *made = nullptr;
+        enum mk_status st = mk_signal_create(out.against, &made, err);
+        if (st != MK_OK)
+            return st;
+        std::unique_ptr<mk_signal, void (*)(mk_signal *)> signal(made, mk_signal_destroy);
+        std::vector<double> u(rows);
+        for (size_t k = 0; k < rows; k++) {
+            double v = mk_signal_at(made, (double)k / o.rate_hz);
+            u[k] = std::isfinite(v) ? std::min(std::max(v, -o.u_max), o.u_max) : 0.0;
+        }
+        fill(u, out.against_figures);
+        return MK_OK;
+    }
+};
+
+enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error *err)
+{
+    if (!(o.seconds >= 1.0 && o.seconds <= 600.0))
+        return mk_error_set(err, MK_ERR_RANGE, "%g s: from 1 to 600 s", o.seconds);
+    if (!(o.rate_hz >= 50.0 && o.rate_hz <= 10000.0))
+        return mk_error_set(err, MK_ERR_RANGE, "%g Hz: from 50 to 10000 Hz", o.rate_hz);
+    if (o.harmonics < 2 || o.harmonics > MK_EXCITE_MAX_HARMONICS)
+        return mk_error_set(err, MK_ERR_RANGE, "%d harmonics: from 2 to %d", o.harmonics,
+                            MK_EXCITE_MAX_HARMONICS);
+    if (!(o.u_max > 0.0 && o.u_max <= model.u_max))
+        return mk_error_set(err, MK_ERR_RANGE, "command limit %g: above 0, at most the rig's %g",
+                            o.u_max, model.u_max);
+    if (o.evaluations < 100)
+        return mk_error_set(err, MK_ERR_RANGE, "%d tries: at least 100", o.evaluations);
+    if (!(o.drift >= 0.0))
+        return mk_error_set(err, MK_ERR_RANGE, "drift %g: not negative", o.drift);
+    const mk_plant_info *plant = mk_plant(model.plant);
+    for (int j = 0; j < plant->joints; j++) {
+        bool wheel = plant->joint_is_wheel[j];
+        if (!wheel && !(o.q_min[j] < plant->rest[j] && plant->rest[j] < o.q_max[j]))
+            return mk_error_set(err, MK_ERR_RANGE,
+                                "joint %d: rest at %.4g rad must lie within its limits", j + 1,
+                                plant->rest[j]);
+        if (!(o.v_max[j] > 0.0 && o.noise[j] > 0.0))
+            return mk_error_set(err, MK_ERR_RANGE,
+                                "joint %d: speed limit and noise must be above 0", j + 1);
+    }
+    if (by_condition(o.criterion) && !fully_actuated(model))
+        return mk_error_set(err, MK_ERR_NOTSUP,
+                            "a %s cannot be led along a trajectory: it has a joint without motor; "
+                            "use criterion worst, a or d",
+                            plant->name);
+    return mk_model_check(&model, err);
+}
+
+} // namespace
+} // namespace mk
+
+static const char *const criterion_names[MK_EXCITE_CRITERION_COUNT] = {
+    "worst", "a", "d", "condition", "condition-unscaled"};
+
+const char *mk_excite_criterion_name(enum mk_excite_criterion c)
+{
+    return (unsigned)c < MK_EXCITE_CRITERION_COUNT ? criterion_names[c] : "?";
+}
+
+enum mk_excite_criterion mk_excite_criterion_by_name(const char *name)
+{
+    int i = 0;
+    while (i < MK_EXCITE_CRITERION_COUNT && strcmp(criterion_names[i], name) != 0)
+        i++;
+    return (enum mk_excite_criterion)i;
+}
+
+void mk_excite_default(const mk_model *model, mk_excite_options *out)
+{
+    const mk_plant_info *plant = mk_plant(model->plant);
+    *out = {};
+    out->criterion = mk::fully_actuated(*model) ? MK_EXCITE_CONDITION : MK_EXCITE_WORST;
+    out->seconds = 10.0;
+    out->rate_hz = 500.0;
+    out->harmonics = mk::fully_actuated(*model) ? 5 : 8;
+    // The report found the rig lifting off its table at 80 % of the limit.
+    out->u_max = 0.7 * model->u_max;
+    mk_safety_limits safety;
+    mk_safety_default(model, 1.0 / out->rate_hz, &safety);
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        double rest = j < plant->joints ? plant->rest[j] : 0.0;
+        out->q_min[j] = rest - 0.5 * mk::TWO_PI;
+        out->q_max[j] = rest + 0.5 * mk::TWO_PI;
+        out->v_max[j] = 0.4 * safety.v_max[j];
+        // Rounding to whole counts.
+        out->noise[j] = mk::TWO_PI / model->encoder_cpr[j] / std::sqrt(12.0);
+    }
+    out->drift = 1e-4;
+    out->evaluations = 9000;
+    out->seed = 1;
+}
+
+enum mk_status mk_excite(const mk_model *model, const mk_excite_options *options,
+                         mk_excitation *out, mk_error *err)
+{
+    auto begin = std::chrono::steady_clock::now();
+    enum mk_status st = mk::check(*model, *options, err);
+    if (st != MK_OK)
+        return st;
+    auto made = std::make_unique<mk_excitation>();
+    made->model = *model;
+    made->criterion = options->criterion;
+    made->seconds = options->seconds;
+    made->rate_hz = options->rate_hz;
+    made->period = made->regressor_condition = made->regressor_condition_scaled = mk::UNKNOWN;
+    try {
+        st = mk::Excitation(*model, *options, *made).run(err);
+    } catch (const std::bad_alloc &) {
+        st = mk_error_set(err, MK_ERR_NOMEM, "no memory to search in");
+    }
+    if (st != MK_OK) {
+        mk_excitation_clear(made.get());
+        return st;
+    }
+    std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
+    made->seconds_taken = taken.count();
+    *out = *made;
+    return MK_OK;
+}
+
+void mk_excitation_clear(mk_excitation *e)
+{
+    mk_log_free(e->plan);
+    e->plan = nullptr;
+}
