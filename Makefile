@@ -214,8 +214,8 @@ demo-usb: $(B)/mechkit-emulated ## swing up and balance through libusb, on an em
 	@tools/demo-usb.sh $< $(BUILD)/demo-usb
 roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board (SECONDS=60)
 	@$< $(SECONDS)
-fault-campaign: tests ## every fault at every request of a run through libusb, with the figures
-	@MECHKIT_CAMPAIGN=all $(TESTS) usb_faults
+fault-campaign: tests ## every fault at every request of a run over each bus, with the figures
+	@MECHKIT_CAMPAIGN=all $(TESTS) bus_faults
 
 .PHONY: demo
 demo: ## run every setup on the virtual board, with logs and plots in build/demo

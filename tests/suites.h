@@ -39,7 +39,8 @@
     X(board)                                                                                       \
     X(doctor)                                                                                      \
     X(usb)                                                                                         \
-    X(usb_faults)                                                                                  \
+    X(parport)                                                                                     \
+    X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
     X(signals)                                                                                     \

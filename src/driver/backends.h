@@ -6,6 +6,7 @@
 
 extern const struct mk_board_ops mk_board_virtual_ops;
 extern const struct mk_board_ops mk_board_usb_ops;
+extern const struct mk_board_ops mk_board_parport_ops;
 extern const struct mk_board_ops mk_board_null_ops;
 
 #endif

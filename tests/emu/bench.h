@@ -4,18 +4,24 @@
 #ifndef MECHKIT_TESTS_EMU_BENCH_H
 #define MECHKIT_TESTS_EMU_BENCH_H
 
+#include "emu/pp.h"
 #include "emu/usb.h"
 #include "mechkit/board.h"
 
 struct emu_bench {
     struct mk_emulated board;
     struct emu_usb usb;
+    struct emu_pp pp;
+    struct emu_line *line;   /* of the bus it is on */
     struct mk_board_ops ops; /* of the back end, FAST added */
 };
 
-/* `back_end`: "usb", or one that needs no bench ("virtual", "null"). */
+/* `back_end`: "usb", "parport" (EPP), "parport-byte" or "parport-nibble" (a board that agrees to no
+ * more), or one that needs no bench ("virtual", "null"). */
 void emu_bench_init(struct emu_bench *b, const char *back_end,
                     const struct mk_board_config *config);
+/* Plugs in again what the plan has unplugged. */
+void emu_bench_plug(struct emu_bench *b);
 void emu_bench_free(struct emu_bench *b);
 
 #endif

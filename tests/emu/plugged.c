@@ -1,13 +1,15 @@
-/* Linked into `mechkit-emulated`: the program itself, with an emulated board plugged into USB and
- * one at the parallel port before it begins. The rig is that of the model named by
- * MECHKIT_EMULATED_MODEL (default: the pendubot). */
+/* Linked into `mechkit-emulated`: the program itself, with an emulated board at USB and at the
+ * parallel port before it begins. The rig is that of the model named by MECHKIT_EMULATED_MODEL
+ * (default: the pendubot). */
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "emu/pp.h"
 #include "emu/usb.h"
 
 static struct mk_emulated board;
-static struct emu_usb port;
+static struct emu_usb usb_port;
+static struct emu_pp pp_port;
 static struct mk_clock clock_;
 
 __attribute__((constructor)) static void plug_in(void)
@@ -23,6 +25,8 @@ __attribute__((constructor)) static void plug_in(void)
         fprintf(stderr, "no emulated board: %s\n", err.message);
         exit(1);
     }
-    emu_usb_init(&port, 1, "MK-0001", emu_board_of(&board));
-    emu_usb_plug(&port);
+    /* One board on two plugs: whoever opens one of them has it. */
+    emu_usb_init(&usb_port, 1, "MK-0001", emu_board_of(&board));
+    emu_usb_plug(&usb_port);
+    emu_pp_init(&pp_port, 0, EMU_PP_EPP | EMU_PP_BYTE | EMU_PP_NIBBLE, emu_board_of(&board));
 }

@@ -18,34 +18,6 @@ static const uint8_t descriptors[] = {
     9, 2, 32, 0, 1, 1, 0, 0xc0, 50, 9, 4, 0, 0, 2, 0xff, 0, 0, 0, 7, 5, ENDPOINT_OUT, 2, 0x00, 2, 0,
     7, 5, ENDPOINT_IN, 2, 0x00, 2, 0};
 
-const char *emu_fault_text(enum emu_fault fault)
-{
-    static const char *const text[] = {"none",
-#define EMU_FAULT_TEXT(name, text) text,
-                                       EMU_FAULTS(EMU_FAULT_TEXT)
-#undef EMU_FAULT_TEXT
-    };
-    return text[fault];
-}
-
-/* --- the board behind the plug
- * --------------------------------------------------------------------- */
-
-static void emulated_receive(void *ctx, const uint8_t *bytes, size_t n)
-{
-    (void)mk_emulated_receive(ctx, bytes, n);
-}
-
-static size_t emulated_take(void *ctx, uint8_t *bytes, size_t size)
-{
-    return mk_emulated_take(ctx, bytes, size);
-}
-
-struct emu_board emu_board_of(struct mk_emulated *board)
-{
-    return (struct emu_board){board, emulated_receive, emulated_take};
-}
-
 /* --- transfers; the lock is held
  * --------------------------------------------------------------------- */
 
@@ -67,17 +39,10 @@ static struct usbdevfs_urb *take_urb(struct emu_urbs *list, int index)
     return urb;
 }
 
-static void drop_chunk(struct emu_usb *u)
-{
-    u->chunks--;
-    memmove(u->chunk, u->chunk + 1, (size_t)u->chunks * sizeof u->chunk[0]);
-}
-
 /* Answers a transfer that waits for bytes with the oldest chunk. */
-static void complete_in(struct emu_usb *u)
+static void complete_in(struct emu_usb *u, const struct emu_chunk *c)
 {
     struct emu_plug *p = u->now;
-    struct emu_chunk *c = &u->chunk[0];
     struct usbdevfs_urb *urb = take_urb(&p->waiting, 0);
     int status = 0;
     size_t n = c->size;
@@ -93,71 +58,17 @@ static void complete_in(struct emu_usb *u)
         n = 0;
     memcpy(urb->buffer, c->bytes, n);
     finish(p, urb, status, n);
-    drop_chunk(u);
+    emu_line_drop(&u->line);
 }
 
 static void pump(struct emu_usb *u)
 {
     struct emu_plug *p = u->now;
+    const struct emu_chunk *c;
     while (p->waiting.count > 0 && p->halted_in)
         finish(p, take_urb(&p->waiting, 0), -EPIPE, 0);
-    while (p->waiting.count > 0 && u->chunks > 0 && !p->halted_in &&
-           u->chunk[0].fault != EMU_FAULT_LATE_ANSWER)
-        complete_in(u);
-}
-
-static void add_chunk(struct emu_usb *u, const uint8_t *bytes, size_t n, enum emu_fault fault)
-{
-    if (u->chunks == EMU_CHUNKS || n == 0)
-        return;
-    struct emu_chunk *c = &u->chunk[u->chunks++];
-    memcpy(c->bytes, bytes, n);
-    c->size = n;
-    c->fault = fault;
-}
-
-/* What the board has to say, through the plan's hands. */
-static void collect(struct emu_usb *u, enum emu_fault fault)
-{
-    uint8_t bytes[EMU_CHUNK_SIZE];
-    size_t n = u->board.take(u->board.ctx, bytes + 32, MK_FRAME_MAX);
-    for (int i = 0; i < 32; i++)
-        bytes[i] = (uint8_t)(37 * i + 11);
-    if (n == 0 || fault == EMU_FAULT_LOSE_ANSWER)
-        return;
-    if (fault == EMU_FAULT_FLIP_ANSWER)
-        bytes[32 + n / 2] ^= 0x10;
-    if (fault == EMU_FAULT_SHORT_ANSWER)
-        n /= 2;
-    if (fault == EMU_FAULT_GARBAGE)
-        add_chunk(u, bytes, n + 32, fault);
-    else
-        add_chunk(u, bytes + 32, n, fault);
-    if (fault == EMU_FAULT_TWICE_ANSWER)
-        add_chunk(u, bytes + 32, n, fault);
-}
-
-static void deliver(struct emu_usb *u, const uint8_t *bytes, size_t n, enum emu_fault fault)
-{
-    uint8_t changed[EMU_CHUNK_SIZE];
-    memcpy(changed, bytes, n);
-    if (fault == EMU_FAULT_FLIP_REQUEST)
-        changed[n / 2] ^= 0x10;
-    if (fault == EMU_FAULT_SHORT_REQUEST)
-        n /= 2;
-    u->board.receive(u->board.ctx, changed, n);
-    if (fault == EMU_FAULT_TWICE_REQUEST)
-        u->board.receive(u->board.ctx, changed, n);
-    collect(u, fault);
-}
-
-static enum emu_fault fault_now(struct emu_usb *u)
-{
-    unsigned n = u->requests++;
-    if (u->fault == EMU_FAULT_NONE || n < u->first || n - u->first >= u->count)
-        return EMU_FAULT_NONE;
-    u->injected++;
-    return u->fault;
+    while (p->waiting.count > 0 && !p->halted_in && (c = emu_line_next(&u->line)) != NULL)
+        complete_in(u, c);
 }
 
 static void unplug(struct emu_usb *u)
@@ -169,7 +80,7 @@ static void unplug(struct emu_usb *u)
         finish(p, take_urb(&p->blocked, 0), -ESHUTDOWN, 0);
     p->live = false;
     u->now = NULL;
-    u->chunks = 0;
+    u->line.chunks = 0;
     emu_node_hang_up(&p->node);
     emu_node_remove(&p->node);
     for (int i = 0; i < EMU_USB_FILES; i++)
@@ -187,10 +98,7 @@ static int submit_out(struct emu_usb *u, struct usbdevfs_urb *urb)
         finish(p, urb, -EPIPE, 0);
         return 0;
     }
-    enum emu_fault fault = fault_now(u);
-    for (int i = 0; i < u->chunks; i++) /* late ones may come now */
-        u->chunk[i].fault =
-            u->chunk[i].fault == EMU_FAULT_LATE_ANSWER ? EMU_FAULT_NONE : u->chunk[i].fault;
+    enum emu_fault fault = emu_line_fault(&u->line);
     switch (fault) {
     case EMU_FAULT_UNPLUG:
         unplug(u);
@@ -206,17 +114,9 @@ static int submit_out(struct emu_usb *u, struct usbdevfs_urb *urb)
     case EMU_FAULT_ERROR_OUT:
         finish(p, urb, -EPROTO, 0);
         return 0;
-    case EMU_FAULT_LOSE_REQUEST:
-        break;
-    case EMU_FAULT_REORDER:
-        memcpy(u->kept, urb->buffer, n);
-        u->kept_size = n;
-        break;
     default:
-        deliver(u, urb->buffer, n, fault);
-        if (u->kept_size > 0)
-            deliver(u, u->kept, u->kept_size, EMU_FAULT_NONE);
-        u->kept_size = 0;
+        emu_line_send(&u->line, urb->buffer, n, fault);
+        break;
     }
     finish(p, urb, 0, fault == EMU_FAULT_SHORT_REQUEST ? n / 2 : n);
     pump(u);
@@ -389,7 +289,7 @@ static int let_time_pass(void *ctx, int timeout_ms)
         if (e->clock->ops->simulated && done->count == 0 && timeout_ms != 0)
             mk_clock_sleep_until(e->clock, next);
         (void)mk_emulated_run(e);
-        collect(u, EMU_FAULT_NONE);
+        emu_line_collect(&u->line, EMU_FAULT_NONE);
         pump(u);
         int64_t left_ns = next - mk_clock_now_ns(e->clock);
         wait_ms = done->count > 0 || left_ns < 1000000 ? 0 : (int)(left_ns / 1000000);
@@ -407,7 +307,7 @@ void emu_usb_init(struct emu_usb *u, int port, const char *serial, struct emu_bo
 {
     memset(u, 0, sizeof *u);
     pthread_mutex_init(&u->lock, NULL);
-    u->board = board;
+    u->line.board = board;
     u->address = 10 * port;
     snprintf(u->serial, sizeof u->serial, "%s", serial);
     snprintf(u->name, sizeof u->name, "1-%d", port);
@@ -467,9 +367,6 @@ void emu_usb_free(struct emu_usb *u)
 void emu_usb_arm(struct emu_usb *u, enum emu_fault fault, unsigned first, unsigned count)
 {
     pthread_mutex_lock(&u->lock);
-    u->fault = fault;
-    u->first = first;
-    u->count = count;
-    u->requests = u->injected = 0;
+    emu_line_arm(&u->line, fault, first, count);
     pthread_mutex_unlock(&u->lock);
 }

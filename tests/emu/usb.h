@@ -7,52 +7,12 @@
 #include <pthread.h>
 #include <stdint.h>
 
-#include "driver/emulated.h"
+#include "emu/line.h"
 #include "emu/node.h"
 
 #define EMU_USB_VENDOR 0x1209
 #define EMU_USB_PRODUCT 0x0001
 
-/* What can go wrong with request number n, or with the answer to it. */
-#define EMU_FAULTS(X)                                                                              \
-    X(LOSE_REQUEST, "request lost")                                                                \
-    X(LOSE_ANSWER, "answer lost")                                                                  \
-    X(SHORT_REQUEST, "request cut short")                                                          \
-    X(SHORT_ANSWER, "answer cut short")                                                            \
-    X(STALL_OUT, "stall out")                                                                      \
-    X(STALL_IN, "stall in")                                                                        \
-    X(BLOCK_OUT, "endpoint does not take the request")                                             \
-    X(LATE_ANSWER, "answer comes after the next request")                                          \
-    X(OVERFLOW, "overflow")                                                                        \
-    X(GARBAGE, "garbage before the answer")                                                        \
-    X(FLIP_REQUEST, "a bit of the request flips")                                                  \
-    X(FLIP_ANSWER, "a bit of the answer flips")                                                    \
-    X(ERROR_OUT, "bus error out")                                                                  \
-    X(ERROR_IN, "bus error in")                                                                    \
-    X(TWICE_REQUEST, "request twice")                                                              \
-    X(TWICE_ANSWER, "answer twice")                                                                \
-    X(REORDER, "request overtaken by the next")                                                    \
-    X(UNPLUG, "unplugged")
-
-enum emu_fault {
-    EMU_FAULT_NONE,
-#define EMU_FAULT_ENUM(name, text) EMU_FAULT_##name,
-    EMU_FAULTS(EMU_FAULT_ENUM)
-#undef EMU_FAULT_ENUM
-        EMU_FAULT_COUNT
-};
-const char *emu_fault_text(enum emu_fault fault);
-
-/* Where the bytes go. */
-struct emu_board {
-    void *ctx;
-    void (*receive)(void *ctx, const uint8_t *bytes, size_t n);
-    size_t (*take)(void *ctx, uint8_t *bytes, size_t size);
-};
-struct emu_board emu_board_of(struct mk_emulated *board);
-
-#define EMU_CHUNKS 16
-#define EMU_CHUNK_SIZE (2 * MK_FRAME_MAX)
 #define EMU_URBS 16
 #define EMU_USB_FILES 5
 
@@ -76,16 +36,11 @@ struct emu_plug {
 };
 
 struct emu_usb {
-    struct emu_board board;
+    struct emu_line line;
     struct mk_emulated *timed; /* for streaming: whose time passes while a caller polls; or NULL */
     char serial[24];
     bool denied, taken; /* no permission; claimed by another program */
     bool driver_bound;  /* a kernel driver sits on the interface */
-
-    /* The plan: `count` requests from number `first` on (requests are counted from arming). */
-    enum emu_fault fault;
-    unsigned first, count, requests;
-    unsigned injected;
 
     pthread_mutex_t lock;
     struct emu_plug plug[EMU_PLUGS];
@@ -93,14 +48,6 @@ struct emu_usb {
     int address;
     char name[16], text[EMU_USB_FILES][16], file_path[EMU_USB_FILES][80];
     struct emu_file file[EMU_USB_FILES];
-    struct emu_chunk {
-        uint8_t bytes[EMU_CHUNK_SIZE];
-        size_t size;
-        enum emu_fault fault;
-    } chunk[EMU_CHUNKS]; /* from the board, oldest first */
-    int chunks;
-    uint8_t kept[EMU_CHUNK_SIZE]; /* the request that the next one overtakes */
-    size_t kept_size;
 };
 
 void emu_usb_init(struct emu_usb *u, int port, const char *serial, struct emu_board board);

@@ -1,0 +1,154 @@
+/* The parallel port back end on a port that is not there: which mode, who may, and that it is given
+ * back. What every back end promises is in test_board.c, faults on the way in test_bus_faults.c. */
+#include "suites.h"
+
+#include <fcntl.h>
+#include <linux/parport.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "driver/parport.h"
+#include "emu/bench.h"
+
+static struct mk_model model;
+static struct mk_clock clock_;
+static struct mk_board_config config;
+static struct mk_board *board;
+static struct emu_bench bench;
+static struct mk_error err;
+
+static void setup(void)
+{
+    mk_model_default(MK_PLANT_PENDUBOT, &model);
+    mk_clock_init_simulated(&clock_);
+    config = (struct mk_board_config){.model = &model, .clock = &clock_};
+    board = NULL;
+    err = (struct mk_error)MK_ERROR_INIT;
+    memset(&bench, 0, sizeof bench);
+}
+
+static void teardown(void)
+{
+    mk_board_close(board);
+    emu_bench_free(&bench);
+}
+
+static enum mk_status try_open(const char *device)
+{
+    config.device = device;
+    return mk_board_open(&bench.ops, &config, &board, &err);
+}
+
+START_TEST(the_fastest_common_mode_is_taken)
+{
+    static const struct {
+        const char *bench;
+        unsigned port;
+        enum mk_parport_mode mode;
+    } rows[] = {
+        {"parport", ~0u, MK_PARPORT_EPP},
+        {"parport", PARPORT_MODE_PCSPP | PARPORT_MODE_TRISTATE, MK_PARPORT_BYTE},
+        {"parport", PARPORT_MODE_PCSPP, MK_PARPORT_NIBBLE},
+        {"parport-byte", ~0u, MK_PARPORT_BYTE},
+        {"parport-nibble", ~0u, MK_PARPORT_NIBBLE},
+        {"parport-byte", PARPORT_MODE_PCSPP, MK_PARPORT_NIBBLE},
+    };
+    struct mk_parport port;
+    emu_bench_init(&bench, rows[_i].bench, &config);
+    bench.pp.port_modes = rows[_i].port;
+    ck_assert_int_eq(mk_parport_open(&port, NULL, &err), MK_OK);
+    ck_assert_str_eq(mk_parport_mode_name(port.mode), mk_parport_mode_name(rows[_i].mode));
+    mk_parport_close(&port);
+}
+END_TEST
+
+START_TEST(the_port_is_held_alone_and_given_back)
+{
+    emu_bench_init(&bench, "parport", &config);
+    for (int k = 0; k < 2; k++) {
+        ck_assert_int_eq(try_open("/dev/parport0"), MK_OK);
+        ck_assert(bench.pp.excl && bench.pp.claimed);
+        mk_board_close(board);
+        board = NULL;
+        ck_assert(!bench.pp.excl && !bench.pp.claimed);
+        ck_assert_int_eq(bench.pp.mode, IEEE1284_MODE_COMPAT);
+    }
+}
+END_TEST
+
+START_TEST(it_is_given_back_when_opening_fails)
+{
+    emu_bench_init(&bench, "parport", &config);
+    model.u_max = 11.0;
+    ck_assert_int_eq(try_open(NULL), MK_ERR_RANGE);
+    ck_assert(!bench.pp.claimed);
+    ck_assert_int_eq(bench.pp.node.write_fd, -1);
+}
+END_TEST
+
+START_TEST(what_stands_in_the_way_is_named)
+{
+    emu_bench_init(&bench, "parport", &config);
+    ck_assert_int_eq(try_open("/dev/parport3"), MK_ERR_NOTFOUND);
+    ck_assert_ptr_nonnull(strstr(err.message, "modprobe"));
+    bench.pp.denied = true;
+    ck_assert_int_eq(try_open(NULL), MK_ERR_PERM);
+    ck_assert_ptr_nonnull(strstr(err.message, "udev rule"));
+    bench.pp.denied = false;
+    bench.pp.taken = true;
+    ck_assert_int_eq(try_open(NULL), MK_ERR_BUSY);
+    ck_assert_ptr_nonnull(strstr(err.message, "rmmod lp"));
+    bench.pp.taken = false;
+    bench.pp.unplugged = true;
+    ck_assert_int_eq(try_open(NULL), MK_ERR_NOTFOUND);
+    ck_assert_ptr_nonnull(strstr(err.message, "plugged in"));
+    bench.pp.unplugged = false;
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+}
+END_TEST
+
+START_TEST(ports_are_listed)
+{
+    struct mk_board_found found[4];
+    ck_assert_int_eq(mk_parport_find(found, 4), 0);
+    emu_bench_init(&bench, "parport", &config);
+    ck_assert_int_eq(mk_parport_find(found, 4), 1);
+    ck_assert_str_eq(found[0].device, "/dev/parport0");
+    ck_assert_int_eq(found[0].status, MK_OK);
+    bench.pp.denied = true;
+    ck_assert_int_eq(mk_parport_find(found, 4), 1);
+    ck_assert_int_eq(found[0].status, MK_ERR_PERM);
+}
+END_TEST
+
+/* Nobody says so on a parallel port: requests stay unanswered. */
+START_TEST(a_board_that_is_switched_off_loses_samples_and_comes_back)
+{
+    struct mk_board_sample s;
+    emu_bench_init(&bench, _i ? "parport-nibble" : "parport", &config);
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+    bench.pp.unplugged = true;
+    for (int k = 0; k < 3; k++) {
+        enum mk_status st = mk_board_exchange(board, 1.0, &s);
+        ck_assert(st == MK_ERR_PROTO || st == MK_ERR_TIMEOUT);
+    }
+    bench.pp.unplugged = false;
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+}
+END_TEST
+
+Suite *suite_parport(void)
+{
+    Suite *s = suite_create("parport");
+    TCase *t = tcase_create("parport");
+    tcase_add_checked_fixture(t, setup, teardown);
+    tcase_add_loop_test(t, the_fastest_common_mode_is_taken, 0, 6);
+    tcase_add_test(t, the_port_is_held_alone_and_given_back);
+    tcase_add_test(t, it_is_given_back_when_opening_fails);
+    tcase_add_test(t, what_stands_in_the_way_is_named);
+    tcase_add_test(t, ports_are_listed);
+    tcase_add_loop_test(t, a_board_that_is_switched_off_loses_samples_and_comes_back, 0, 2);
+    suite_add_tcase(s, t);
+    return s;
+}
