@@ -47,7 +47,7 @@ endif
 
 # Libraries come from pkg-config; SUNDIALS 6 ships no .pc file, so it is named by hand
 # (libsundials_core exists from 7.0 on).
-PKGS := eigen3 libcjson inih zlib libusb-1.0
+PKGS := eigen3 libcjson inih zlib libusb-1.0 matio
 ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isystem /g')
 PKG_LIBS   := $(shell $(PKGCONFIG) --libs $(PKGS) 2>/dev/null)
@@ -70,7 +70,7 @@ say = $(Q) $(1) $@;
 endif
 
 # --- sources ------------------------------------------------------------------------------------
-LIB_DIRS := base model sim ctrl driver ident explain
+LIB_DIRS := base model sim ctrl driver ident exchange explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
@@ -230,7 +230,8 @@ demo: ## run every setup on the virtual board, with logs and plots in build/demo
 install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
 	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit/models/measured \
-		$(DESTDIR)$(DATADIR)/mechkit/scripts $(DESTDIR)$(DATADIR)/doc/mechkit
+		$(DESTDIR)$(DATADIR)/mechkit/scripts $(DESTDIR)$(DATADIR)/mechkit/matlab \
+		$(DESTDIR)$(DATADIR)/doc/mechkit
 	install -m 755 $(APP) $(DESTDIR)$(BINDIR)/mechkit
 	install -m 644 $(LIB) $(DESTDIR)$(LIBDIR)/libmechkit.a
 	install -m 644 include/mechkit/*.h $(DESTDIR)$(INCLUDEDIR)/mechkit
@@ -238,11 +239,12 @@ install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged unde
 	install -m 644 models/*.ini $(DESTDIR)$(DATADIR)/mechkit/models
 	install -m 644 models/measured/*.ini $(DESTDIR)$(DATADIR)/mechkit/models/measured
 	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
+	install -m 644 tools/matlab_export/*.m $(DESTDIR)$(DATADIR)/mechkit/matlab
 	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
 	install -d $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	install -m 644 udev/70-mechkit.rules $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
-		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib libusb-1.0|' \
+		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib libusb-1.0 matio|' \
 		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \

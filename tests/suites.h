@@ -47,7 +47,9 @@
     X(linear)                                                                                      \
     X(excite)                                                                                      \
     X(explain)                                                                                     \
-    X(hidden)
+    X(hidden)                                                                                      \
+    X(exchange)                                                                                    \
+    X(export_model)
 
 #ifdef __cplusplus
 extern "C" {

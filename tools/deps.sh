@@ -4,7 +4,7 @@
 set -eu
 
 packages="gcc g++ make pkg-config libsundials-dev libeigen3-dev libcjson-dev libinih-dev
-zlib1g-dev libusb-1.0-0-dev libncurses-dev check gnuplot-nox"
+zlib1g-dev libusb-1.0-0-dev libncurses-dev libmatio-dev check gnuplot-nox"
 
 missing=""
 if command -v dpkg-query >/dev/null 2>&1; then
@@ -18,17 +18,17 @@ if command -v dpkg-query >/dev/null 2>&1; then
     fi
     [ -n "$missing" ] || exit 0
 else
-    for h in sundials/sundials_config.h cjson/cJSON.h ini.h zlib.h libusb-1.0/libusb.h curses.h check.h; do
+    for h in sundials/sundials_config.h cjson/cJSON.h ini.h zlib.h libusb-1.0/libusb.h curses.h matio.h check.h; do
         printf '#include <%s>\n' "$h" | ${CC:-cc} -E - >/dev/null 2>&1 || missing="$missing $h"
     done
     [ -n "$missing" ] || exit 0
     cat >&2 <<TXT
 mechkit: these headers are missing:$missing
 Install the development packages of: SUNDIALS (6.4 or later), Eigen 3, cJSON, inih, zlib, libusb 1.0,
-ncurses, check, gnuplot, pkg-config, a C11 and C++17 compiler. Their usual names:
-  Fedora:  sundials-devel eigen3-devel cjson-devel inih-devel zlib-devel libusb1-devel ncurses-devel check-devel gnuplot
-  Arch:    sundials eigen cjson libinih zlib libusb ncurses check gnuplot pkgconf
-  openSUSE: sundials-devel eigen3-devel cJSON-devel inih-devel zlib-devel libusb-1_0-devel ncurses-devel check-devel gnuplot
+ncurses, matio, check, gnuplot, pkg-config, a C11 and C++17 compiler. Their usual names:
+  Fedora:  sundials-devel eigen3-devel cjson-devel inih-devel zlib-devel libusb1-devel ncurses-devel matio-devel check-devel gnuplot
+  Arch:    sundials eigen cjson libinih zlib libusb ncurses libmatio check gnuplot pkgconf
+  openSUSE: sundials-devel eigen3-devel cJSON-devel inih-devel zlib-devel libusb-1_0-devel ncurses-devel matio-devel check-devel gnuplot
 TXT
     exit 1
 fi

@@ -25,12 +25,12 @@ floor() {
     base) echo 1 ;;
     model) echo 2 ;;
     sim | ctrl) echo 3 ;;
-    driver | ident) echo 4 ;;
+    driver | ident | exchange) echo 4 ;;
     explain) echo 5 ;;
     console) echo 6 ;;
     esac
 }
-folders="base model sim ctrl driver ident explain console"
+folders="base model sim ctrl driver ident exchange explain console"
 
 # Public headers stand on the floor of the folder that implements them. The board interface is on
 # the loop's floor: the loop is given a board and does not know which.
@@ -38,7 +38,7 @@ header_floor() {
     case $1 in
     status | number | ring | log | json | clock) echo 1 ;;
     model) echo 2 ;;
-    ident | signals | excite | measure) echo 4 ;;
+    ident | signals | excite | measure | exchange) echo 4 ;;
     explain) echo 5 ;;
     *) echo 3 ;;
     esac
@@ -80,6 +80,8 @@ complain "Eigen stays in C++ sources:" \
 complain "only the screen (src/console/tui_term.c) includes curses:" \
     "$(includes '<(n?cursesw?/)?(n?curses|panel|form|menu|term)[.]h' 'src/console/tui_term[.]c' src include)"
 complain "zlib stays in src/base:" "$(includes '<zlib' 'src/base/[a-z_]+[.][ch]' src include)"
+complain "matio stays in src/exchange:" \
+    "$(includes '<matio' 'src/exchange/[a-z_]+[.][ch]' src include)"
 complain "libusb stays in src/driver:" "$(includes '<libusb' 'src/driver/[a-z_]+[.][ch]' src include)"
 complain "inih stays in src/model:" "$(includes '<ini[.]h' 'src/model/[a-z_]+[.][ch]' src include)"
 exit $bad

@@ -52,6 +52,7 @@ static const struct subcommand subcommands[] = {
      "\n"
      "  --window S      start again from the data every S seconds; adds a column window\n"
      "  --solver NAME   arkode-erk (default), cvode-adams, cvode-bdf, dop853\n"
+     "  --states        also columns x1, x2, ...: joints, their speeds, the effects' states\n"
      "  --json FILE     figures per joint (rms, nrmse); \"-\": standard output\n",
      sub_simulate},
     {"identify", "fit a model's parameters to logs",
@@ -167,6 +168,25 @@ static const struct subcommand subcommands[] = {
      "  --with PRED.csv  draw a prediction over the angles (mechkit simulate)\n"
      "  --title TEXT     default: setup and rig\n",
      sub_plot},
+    {"export", "logs and models for MATLAB, Octave, C and others",
+     "usage: mechkit export LOG.csv... --out FILE.mat|FILE.csv [options]\n"
+     "       mechkit export --model M.ini --out NAME.m|NAME.c|NAME.fmu\n"
+     "\n"
+     "A .mat file holds a struct array, an element a log: time, signals, units, parameters, "
+     "gains,\n"
+     "metadata, and the matrix Y with its column names. A .csv file holds one log.\n"
+     "\n"
+     "Without logs the model itself is written: as a function for Octave and MATLAB (.m), or as C\n"
+     "with an integrator (.c and .h), as an FMU for co-simulation (FMI 2.0). docs/matlab.md says\n"
+     "how they are used.\n"
+     "\n"
+     "  --columns LIST   which, in which unit: t:ms,q1:deg,u:Nm; default: all, in the log's units\n"
+     "  --format NAME    v5 (default) or v7.3 (HDF5)\n"
+     "  --name NAME      of the struct array; default mk\n"
+     "  --model M.ini    put the model in; says also how many N m a unit of command is\n"
+     "  --separator C    of a CSV: , (default), tab, or ; with decimal commas\n"
+     "  --plain          a CSV without # lines of metadata\n",
+     sub_export},
     {"robustness", "catch and hold rigs that differ from what the controller believes",
      "usage: mechkit robustness [options]\n"
      "\n"

@@ -29,6 +29,7 @@ int sub_boards(int argc, char **argv);
 int sub_doctor(int argc, char **argv);
 int sub_excite(int argc, char **argv);
 int sub_measure(int argc, char **argv);
+int sub_export(int argc, char **argv);
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */

@@ -9,21 +9,21 @@
 #include "mechkit/json.h"
 #include "mechkit/number.h"
 #include "mechkit/sim.h"
+#include "sim/predict.h"
 
 struct options {
     const char *model, *input, *out, *json;
     struct mk_predict_options predict;
+    bool states;
 };
 
 static int parse(int argc, char **argv, struct options *o)
 {
-    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                          {"input", required_argument, NULL, 'i'},
-                                          {"out", required_argument, NULL, 'o'},
-                                          {"window", required_argument, NULL, 'w'},
-                                          {"solver", required_argument, NULL, 's'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {NULL, 0, NULL, 0}};
+    static const struct option names[] = {
+        {"model", required_argument, NULL, 'm'},  {"input", required_argument, NULL, 'i'},
+        {"out", required_argument, NULL, 'o'},    {"window", required_argument, NULL, 'w'},
+        {"solver", required_argument, NULL, 's'}, {"json", required_argument, NULL, 'j'},
+        {"states", no_argument, NULL, 'x'},       {NULL, 0, NULL, 0}};
     int c;
     opterr = 0;
     optind = 1;
@@ -45,6 +45,9 @@ static int parse(int argc, char **argv, struct options *o)
             if (!mk_parse_double_z(optarg, &o->predict.window_s) || !(o->predict.window_s > 0.0) ||
                 !isfinite(o->predict.window_s))
                 return report_usage("simulate", "--window %s: expected seconds", optarg);
+            break;
+        case 'x':
+            o->states = true;
             break;
         case 's':
             o->predict.sim.solver = mk_solver_by_name(optarg);
@@ -128,7 +131,8 @@ int sub_simulate(int argc, char **argv)
         fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o.input);
     double start = now();
     if (st == MK_OK)
-        st = mk_predict(&model, log, &o.predict, &prediction, &figures, &failed, &err);
+        st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,
+                                                         &figures, &failed, &err);
     double seconds = now() - start;
     if (st == MK_OK && o.out)
         st = mk_log_write(o.out, prediction, &err);

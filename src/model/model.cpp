@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "model/dual.hpp"
-#include "model/rhs.hpp"
+#include "model/state.hpp"
 
 using namespace mk;
 
@@ -134,19 +134,7 @@ double mk_model_command_delay(const mk_model *model)
 
 void mk_model_initial_state(const mk_model *model, const double *q, const double *v, double *x)
 {
-    Compiled<double> c = compile<double>(*model);
-    double u[MK_MAX_INPUTS] = {0.0, 0.0};
-    for (int i = 0; i < c.state_count; i++)
-        x[i] = 0.0;
-    for (int j = 0; j < c.joints; j++) {
-        x[j] = q[j];
-        x[c.joints + j] = v[j];
-    }
-    Frame<double> f;
-    frame_begin(f, c, 0.0, x, u);
-    for (int i = 0; i < c.effect_count; i++)
-        if (auto *init = effect_ops<double>(c.effect[i].index).init)
-            init(f, args_of(c.effect[i], static_cast<const double *>(x)), x + c.effect[i].state);
+    initial_state(compile<double>(*model), q, v, x);
 }
 
 void mk_model_rhs(const mk_model *model, double t, const double *x, const double *u, double *dx)

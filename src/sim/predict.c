@@ -2,9 +2,11 @@
 #include "mechkit/sim.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "sim/predict.h"
 #include "sim/start_state.h"
 
 struct prediction {
@@ -14,7 +16,8 @@ struct prediction {
     struct mk_start_finder *finder;
     int joints;
     double *q[MK_MAX_JOINTS], *dq[MK_MAX_JOINTS];
-    double *window; /* NULL when not windowed */
+    double *window;           /* NULL when not windowed */
+    double *x[MK_MAX_STATES]; /* whole states, NULL when not wanted */
 };
 
 /* Command of row k; a missing one is held from before. */
@@ -34,6 +37,8 @@ static void store(struct prediction *p, size_t row)
         p->q[j][row] = y[j];
         p->dq[j][row] = x[p->joints + j];
     }
+    for (int i = 0; i < MK_MAX_STATES && p->x[i]; i++)
+        p->x[i][row] = x[i];
 }
 
 /* One window [first, last): start state from readings of this and earlier windows' side too, but
@@ -113,7 +118,8 @@ static void compare(const struct prediction *p, struct mk_predict_figures *out)
     }
 }
 
-static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool windowed)
+static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool windowed,
+                                  bool states)
 {
     static const char *const angle[] = {"q1", "q2"}, *const speed[] = {"dq1", "dq2"};
     double *t = mk_log_add_column(log, "t");
@@ -129,12 +135,19 @@ static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool
             return MK_ERR_NOMEM;
     if (windowed && !(p->window = mk_log_add_column(log, "window")))
         return MK_ERR_NOMEM;
+    for (int i = 0; states && i < mk_model_state_count(p->model); i++) {
+        char name[16];
+        snprintf(name, sizeof name, "x%d", i + 1);
+        if (!(p->x[i] = mk_log_add_column(log, name)))
+            return MK_ERR_NOMEM;
+    }
     return mk_log_set_meta(log, "rig", mk_plant(p->model->plant)->name);
 }
 
-enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
-                          const struct mk_predict_options *options, struct mk_log **out,
-                          struct mk_predict_figures *figures, size_t *failed, struct mk_error *err)
+static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
+                              const struct mk_predict_options *options, bool states,
+                              struct mk_log **out, struct mk_predict_figures *figures,
+                              size_t *failed, struct mk_error *err)
 {
     struct prediction p = {.model = model, .joints = mk_model_joints(model)};
     struct mk_predict_figures figs;
@@ -148,7 +161,7 @@ enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log
     if (st == MK_OK)
         st = mk_log_create(p.rec.rows, &made);
     if (st == MK_OK)
-        st = add_columns(&p, made, options && options->window_s > 0.0);
+        st = add_columns(&p, made, options && options->window_s > 0.0, states);
     if (st == MK_OK)
         st = mk_sim_create(model, options ? &options->sim : NULL, &p.sim, err);
     if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, model)))
@@ -168,4 +181,19 @@ enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log
     mk_start_finder_destroy(p.finder);
     mk_log_free(made);
     return st;
+}
+
+enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
+                          const struct mk_predict_options *options, struct mk_log **out,
+                          struct mk_predict_figures *figures, size_t *failed, struct mk_error *err)
+{
+    return predict(model, log, options, false, out, figures, failed, err);
+}
+
+enum mk_status mk_predict_states(const struct mk_model *model, const struct mk_log *log,
+                                 const struct mk_predict_options *options, struct mk_log **out,
+                                 struct mk_predict_figures *figures, size_t *failed,
+                                 struct mk_error *err)
+{
+    return predict(model, log, options, true, out, figures, failed, err);
 }

@@ -1,0 +1,157 @@
+// An FMU in its file: sources, description, and what the C compiler makes of them.
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+#include <spawn.h>
+#include <string>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <vector>
+
+#include "base/zip.h"
+#include "exchange/export_file.hpp"
+#include "exchange/source_text.hpp"
+#include "mechkit/exchange.h"
+
+extern char **environ;
+
+using namespace mk;
+
+namespace
+{
+
+// A folder that is gone with its files when the object is.
+class Workshop
+{
+  public:
+    Workshop()
+    {
+        const char *base = std::getenv("TMPDIR");
+        folder_ = std::string(base && *base ? base : "/tmp") + "/mechkit-fmu-XXXXXX";
+        if (!mkdtemp(folder_.data()))
+            folder_.clear();
+    }
+    ~Workshop()
+    {
+        for (const std::string &file : files_)
+            unlink(file.c_str());
+        if (!folder_.empty())
+            rmdir(folder_.c_str());
+    }
+    Workshop(const Workshop &) = delete;
+    Workshop &operator=(const Workshop &) = delete;
+    bool open() const { return !folder_.empty(); }
+    std::string file(const std::string &name)
+    {
+        files_.push_back(folder_ + "/" + name);
+        return files_.back();
+    }
+
+  private:
+    std::string folder_;
+    std::vector<std::string> files_;
+};
+
+// Runs the C compiler quietly. MK_ERR_NOTFOUND: there is none.
+enum mk_status compile_library(const std::string &library, const std::vector<std::string> &sources,
+                               mk_error *err)
+{
+    const char *cc = std::getenv("CC");
+    std::vector<std::string> words = {cc && *cc ? cc : "cc", "-shared", "-fPIC", "-O2",  "-std=c99",
+                                      "-fvisibility=hidden", "-w",      "-o",    library};
+    words.insert(words.end(), sources.begin(), sources.end());
+    words.push_back("-lm");
+    std::vector<char *> argv;
+    for (std::string &w : words)
+        argv.push_back(w.data());
+    argv.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", 1 /* O_WRONLY */, 0);
+    pid_t child = 0;
+    int failure = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (failure != 0)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
+    int status = 0;
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR)
+        continue;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return MK_OK;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
+    return mk_error_set(err, MK_ERR_EXPECT, "%s cannot compile the model", argv[0]);
+}
+
+bool slurp(const std::string &path, std::string &out)
+{
+    FILE *f = std::fopen(path.c_str(), "rb");
+    if (!f)
+        return false;
+    char block[65536];
+    size_t n;
+    while ((n = std::fread(block, 1, sizeof block, f)) > 0)
+        out.append(block, n);
+    bool good = !std::ferror(f);
+    std::fclose(f);
+    return good;
+}
+
+struct Sources {
+    std::string name, header, model, wrapper, description;
+};
+
+// The library that the sources make; empty, with MK_OK, where there is no compiler.
+enum mk_status build(const Sources &s, std::string &library, mk_error *err)
+{
+    Workshop shop;
+    if (!shop.open())
+        return mk_error_errno(err, errno, nullptr, "cannot make a temporary folder");
+    std::string model = shop.file(s.name + ".c"), wrapper = shop.file(s.name + "_fmu.c");
+    std::string out = shop.file(s.name + ".so");
+    enum mk_status st = write_text(shop.file(s.name + ".h"), s.header, err);
+    if (st == MK_OK)
+        st = write_text(model, s.model, err);
+    if (st == MK_OK)
+        st = write_text(wrapper, s.wrapper, err);
+    if (st == MK_OK)
+        st = compile_library(out, {model, wrapper}, err);
+    if (st == MK_ERR_NOTFOUND)
+        return MK_OK;
+    if (st == MK_OK && !slurp(out, library))
+        st = mk_error_errno(err, errno, out.c_str(), "cannot read");
+    return st;
+}
+
+} // namespace
+
+enum mk_status mk_export_fmu(const char *path, const mk_model *model, bool *compiled, mk_error *err)
+try {
+    std::string folder, library;
+    Sources s;
+    enum mk_status st = split_path(path, folder, s.name, err);
+    if (st != MK_OK)
+        return st;
+    SymbolicModel symbols;
+    symbolic_model(*model, symbols);
+    s.header = c_header(symbols, s.name);
+    s.model = c_source(symbols, s.name);
+    s.wrapper = fmu_source(symbols, s.name);
+    s.description = fmu_description(symbols, s.name);
+    st = build(s, library, err);
+    if (st != MK_OK)
+        return st;
+    *compiled = !library.empty();
+    const std::string names[] = {"modelDescription.xml", "sources/" + s.name + ".h",
+                                 "sources/" + s.name + ".c", "sources/" + s.name + "_fmu.c",
+                                 "binaries/linux64/" + s.name + ".so"};
+    const std::string *data[] = {&s.description, &s.header, &s.model, &s.wrapper, &library};
+    mk_zip_entry entries[5];
+    for (int i = 0; i < 5; i++)
+        entries[i] = {names[i].c_str(), data[i]->data(), data[i]->size()};
+    return mk_zip_write(path, entries, *compiled ? 5 : 4, err);
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+}

@@ -1,0 +1,314 @@
+/* MAT files: the one place that knows matio.
+ *
+ * A value is built bottom up and handed to its struct, which then owns it; freeing the variable
+ * frees the tree. Building stops at the first failure (`failed`), so that the code that says what
+ * goes where need not look after each call.
+ */
+#include <ctype.h>
+#include <errno.h>
+#include <matio.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/out_file.h"
+#include "mechkit/exchange.h"
+#include "mechkit/number.h"
+
+struct builder {
+    bool failed;
+};
+
+/* MATLAB names: a letter, then letters, digits and _; at most 63. */
+static void field_name(const char *text, char out[64])
+{
+    size_t n = 0;
+    if (!isalpha((unsigned char)*text))
+        out[n++] = 'x';
+    for (; *text && n < 63; text++)
+        out[n++] = isalnum((unsigned char)*text) ? *text : '_';
+    out[n] = '\0';
+}
+
+static matvar_t *made(struct builder *b, matvar_t *v)
+{
+    b->failed |= v == NULL;
+    return v;
+}
+
+static matvar_t *matrix(struct builder *b, const double *data, size_t rows, size_t columns)
+{
+    size_t dims[2] = {rows, columns};
+    double none = 0.0;
+    /* matio copies unless told not to, and takes a pointer to what it will only read. */
+    return made(b, Mat_VarCreate(NULL, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims,
+                                 data ? (void *)(size_t)data : &none, 0));
+}
+
+static matvar_t *number(struct builder *b, double value)
+{
+    return matrix(b, &value, 1, 1);
+}
+
+static matvar_t *text(struct builder *b, const char *value)
+{
+    size_t n = strlen(value), dims[2] = {n > 0 ? 1 : 0, n};
+    return made(b, Mat_VarCreate(NULL, MAT_C_CHAR, MAT_T_UTF8, 2, dims, (void *)(size_t)value, 0));
+}
+
+static matvar_t *structure(struct builder *b, size_t count)
+{
+    size_t dims[2] = {1, count};
+    return made(b, Mat_VarCreateStruct2(NULL, 2, dims, NULL));
+}
+
+static bool has_field(matvar_t *owner, const char *field)
+{
+    char *const *names = Mat_VarGetStructFieldnames(owner);
+    unsigned count = Mat_VarGetNumberOfFields(owner);
+    for (unsigned i = 0; i < count; i++)
+        if (strcmp(names[i], field) == 0)
+            return true;
+    return false;
+}
+
+/* Gives `value` to element `index` of `owner` under `name`; the first of two of one name stays. */
+static void put_at(struct builder *b, matvar_t *owner, size_t index, const char *name,
+                   matvar_t *value)
+{
+    char field[64];
+    field_name(name, field);
+    if (b->failed || !owner || !value) {
+        Mat_VarFree(value);
+        b->failed = true;
+        return;
+    }
+    if (Mat_VarGetStructFieldByName(owner, field, index)) {
+        Mat_VarFree(value);
+        return;
+    }
+    if (!has_field(owner, field) && Mat_VarAddStructField(owner, field) != 0) {
+        Mat_VarFree(value);
+        b->failed = true;
+        return;
+    }
+    Mat_VarSetStructFieldByName(owner, field, index, value);
+}
+
+static void put(struct builder *b, matvar_t *owner, const char *name, matvar_t *value)
+{
+    put_at(b, owner, 0, name, value);
+}
+
+/* A 1 x count cell array of texts. */
+static matvar_t *texts(struct builder *b, const struct mk_table *table,
+                       const char *(*pick)(const struct mk_table_column *))
+{
+    size_t dims[2] = {1, table->count};
+    matvar_t *cell = made(b, Mat_VarCreate(NULL, MAT_C_CELL, MAT_T_CELL, 2, dims, NULL, 0));
+    for (size_t i = 0; cell && i < table->count; i++)
+        Mat_VarSetCell(cell, (int)i, text(b, pick(&table->column[i])));
+    return cell;
+}
+
+static const char *name_of(const struct mk_table_column *c)
+{
+    return c->name;
+}
+
+static const char *unit_of(const struct mk_table_column *c)
+{
+    return c->unit;
+}
+
+/* --- what is in a log ----------------------------------------------------------------------- */
+
+static void put_columns(struct builder *b, matvar_t *run, size_t index, const struct mk_log *log,
+                        const struct mk_table *table)
+{
+    matvar_t *signals = structure(b, 1), *units = structure(b, 1);
+    size_t cells = table->rows * table->count;
+    double *y = malloc(sizeof(double) * (cells ? cells : 1));
+    b->failed |= !y;
+    for (size_t i = 0; !b->failed && i < table->count; i++) {
+        const struct mk_table_column *c = &table->column[i];
+        put(b, signals, c->name, matrix(b, c->data, table->rows, 1));
+        put(b, units, c->name, text(b, c->unit));
+        memcpy(y + i * table->rows, c->data, sizeof(double) * table->rows);
+    }
+    put_at(b, run, index, "time", matrix(b, mk_log_get(log, "t"), log->rows, 1));
+    put_at(b, run, index, "signals", signals);
+    put_at(b, run, index, "units", units);
+    put_at(b, run, index, "Y", y ? matrix(b, y, table->rows, table->count) : NULL);
+    put_at(b, run, index, "Y_names", texts(b, table, name_of));
+    put_at(b, run, index, "Y_units", texts(b, table, unit_of));
+    free(y);
+}
+
+/* "48.2 5.25 62.4" as a row; what is no number ends it. */
+static matvar_t *row_of_numbers(struct builder *b, const char *list)
+{
+    double value[64];
+    size_t n = 0;
+    while (list && n < 64) {
+        list += strspn(list, " ");
+        const char *end = list + strcspn(list, " ");
+        if (end == list || !mk_parse_double(list, end, &value[n]))
+            break;
+        n++;
+        list = end;
+    }
+    return matrix(b, value, n > 0 ? 1 : 0, n);
+}
+
+/* "kp=150 kd=21" as a struct of numbers. */
+static matvar_t *struct_of_settings(struct builder *b, const char *list)
+{
+    matvar_t *out = structure(b, 1);
+    while (list && *list) {
+        list += strspn(list, " ");
+        const char *end = list + strcspn(list, " ");
+        const char *equals = memchr(list, '=', (size_t)(end - list));
+        double value;
+        if (equals && mk_parse_double(equals + 1, end, &value)) {
+            char name[64];
+            snprintf(name, sizeof name, "%.*s", (int)(equals - list), list);
+            put(b, out, name, number(b, value));
+        }
+        list = end;
+    }
+    return out;
+}
+
+static matvar_t *metadata(struct builder *b, const struct mk_log *log)
+{
+    matvar_t *out = structure(b, 1);
+    for (size_t i = 0; i < log->meta_count; i++)
+        if (*log->meta[i].key)
+            put(b, out, log->meta[i].key, text(b, log->meta[i].value));
+    return out;
+}
+
+static matvar_t *model_struct(struct builder *b, const struct mk_model *model)
+{
+    matvar_t *out = structure(b, 1), *parameters = structure(b, 1);
+    matvar_t *effects = structure(b, (size_t)model->effect_count);
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    double cpr[MK_MAX_JOINTS] = {model->encoder_cpr[0], model->encoder_cpr[1]};
+    for (int i = 0; i < plant->parameter_count; i++)
+        put(b, parameters, plant->parameter[i].name, number(b, model->parameter[i]));
+    for (int i = 0; i < model->effect_count; i++) {
+        const struct mk_effect_use *use = &model->effect[i];
+        const struct mk_effect_info *info = mk_effect(use->index);
+        matvar_t *values = structure(b, 1);
+        for (int k = 0; k < info->parameter_count; k++)
+            put(b, values, info->parameter[k].name, number(b, use->value[k]));
+        put_at(b, effects, (size_t)i, "name", text(b, info->name));
+        put_at(b, effects, (size_t)i, "joint", number(b, use->joint));
+        put_at(b, effects, (size_t)i, "parameters", values);
+    }
+    put(b, out, "kind", text(b, plant->name));
+    put(b, out, "g", number(b, model->g));
+    put(b, out, "u_max", number(b, model->u_max));
+    put(b, out, "u_to_torque", number(b, model->u_to_torque));
+    put(b, out, "encoder_cpr", matrix(b, cpr, 1, (size_t)plant->joints));
+    put(b, out, "parameters", parameters);
+    put(b, out, "effects", effects);
+    return out;
+}
+
+static void put_run(struct builder *b, matvar_t *all, size_t index, const struct mk_mat_run *run)
+{
+    const char *rig = mk_log_find_meta(run->log, "rig");
+    if (!rig && run->model)
+        rig = mk_plant(run->model->plant)->name;
+    put_at(b, all, index, "name", text(b, run->name ? run->name : ""));
+    put_at(b, all, index, "rig", text(b, rig ? rig : ""));
+    put_columns(b, all, index, run->log, run->table);
+    put_at(b, all, index, "gains", row_of_numbers(b, mk_log_find_meta(run->log, "gains")));
+    put_at(b, all, index, "parameters",
+           struct_of_settings(b, mk_log_find_meta(run->log, "parameters")));
+    put_at(b, all, index, "metadata", metadata(b, run->log));
+    put_at(b, all, index, "model",
+           run->model ? model_struct(b, run->model) : matrix(b, NULL, 0, 0));
+}
+
+/* --- writing ----------------------------------------------------------------------------- */
+
+/* Brings what was prepared in the file `from` to its place. */
+static enum mk_status copy_out(const char *from, const char *path, struct mk_error *err)
+{
+    char block[65536];
+    size_t n;
+    struct mk_out_file file;
+    FILE *in = fopen(from, "rb");
+    if (!in)
+        return mk_error_errno(err, errno, from, "cannot read");
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st != MK_OK) {
+        fclose(in);
+        return st;
+    }
+    while (st == MK_OK && (n = fread(block, 1, sizeof block, in)) > 0)
+        st = mk_out_file_write(&file, block, n, err);
+    if (st == MK_OK && ferror(in))
+        st = mk_error_set(err, MK_ERR_IO, "cannot read %s", from);
+    fclose(in);
+    if (st == MK_OK)
+        return mk_out_file_commit(&file, err);
+    mk_out_file_abandon(&file);
+    return st;
+}
+
+/* A file in memory where there is such a place: matio does not notice a full disk, and HDF5 does
+ * not survive one. */
+static int open_scratch(char name[64])
+{
+    snprintf(name, 64, "/dev/shm/mechkit-XXXXXX");
+    int fd = mkstemp(name);
+    if (fd < 0) {
+        snprintf(name, 64, "/tmp/mechkit-XXXXXX");
+        fd = mkstemp(name);
+    }
+    return fd;
+}
+
+static enum mk_status write_variable(const char *path, enum mk_mat_version version, matvar_t *all,
+                                     struct mk_error *err)
+{
+    char name[64];
+    int fd = open_scratch(name);
+    if (fd < 0)
+        return mk_error_errno(err, errno, name, "cannot make a temporary file");
+    mat_t *mat = Mat_CreateVer(name, "MATLAB MAT-file, written by mechkit " MK_VERSION,
+                               version == MK_MAT_73 ? MAT_FT_MAT73 : MAT_FT_MAT5);
+    close(fd);
+    enum mk_status st = MK_OK;
+    if (!mat)
+        st = mk_error_set(err, MK_ERR_NOTSUP, "this matio cannot write that version of MAT file");
+    if (mat && Mat_VarWrite(mat, all, MAT_COMPRESSION_ZLIB) != 0)
+        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
+    if (mat && Mat_Close(mat) != 0 && st == MK_OK)
+        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
+    if (st == MK_OK)
+        st = copy_out(name, path, err);
+    unlink(name);
+    return st;
+}
+
+enum mk_status mk_mat_write(const char *path, enum mk_mat_version version, const char *variable,
+                            const struct mk_mat_run *runs, size_t count, struct mk_error *err)
+{
+    struct builder b = {false};
+    char name[64];
+    size_t dims[2] = {1, count};
+    field_name(variable, name);
+    matvar_t *all = made(&b, Mat_VarCreateStruct2(name, 2, dims, NULL));
+    for (size_t i = 0; !b.failed && i < count; i++)
+        put_run(&b, all, i, &runs[i]);
+    enum mk_status st = b.failed ? mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path)
+                                 : write_variable(path, version, all, err);
+    Mat_VarFree(all);
+    return st;
+}

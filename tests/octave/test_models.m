@@ -1,0 +1,25 @@
+% An exported model against `mechkit simulate --states`: arguments are the function file, the log
+% that drove it and the prediction.
+args = argv();
+model = mk_model(args{1});
+log = mk_load(args{2});
+wanted = mk_load(args{3});
+states = wanted.Y(:, strncmp(wanted.Y_names, 'x', 1));
+run = mk_simulate(model, log.time, mk_inputs(log), states(1, :)', 1e-10);
+for j = 1:model.joints
+  name = sprintf('q%d', j);
+  assert(run.signals.(name), wanted.signals.(name), 1e-6);
+end
+figures = mk_compare(wanted, run, 'draw', false);
+assert(all(figures.worst < 1e-6));
+
+% The mass matrix turns missing acceleration into missing torque: what the model explains misses none.
+[dx, y, mass] = model.f(0, states(1, :)', [0; 0]);
+assert(size(dx), [numel(model.state_names), 1]);
+assert(size(mass), [model.joints, model.joints]);
+assert(min(eig(mass)) > 0);
+
+% ode45 takes it as it is.
+[t, x] = ode45(model.ode(@(t) 1.5 * sin(6 * t)), [0, 0.05], model.state(model.rest, 0));
+assert(all(isfinite(x(:))));
+disp('the model agrees');
