@@ -156,7 +156,7 @@ $(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -193,6 +193,12 @@ SECONDS ?= 60
 .PHONY: robustness
 robustness: all ## catch and hold 200 rigs a setup that are off the model (SEEDS=200)
 	@$(APP) robustness --seeds $(or $(SEEDS),200)
+
+.PHONY: excitation
+excitation: $(B)/excitation ## searched inputs beside a sine, by fits of many noisy logs each (takes minutes)
+	@$<
+$(B)/excitation: $(B)/tools/excitation.o $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 .PHONY: latency
 latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECONDS=60)

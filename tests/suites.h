@@ -46,6 +46,7 @@
     X(signals)                                                                                     \
     X(linear)                                                                                      \
     X(excite)                                                                                      \
+    X(measure)                                                                                     \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
     X(exchange)                                                                                    \
