@@ -7,6 +7,7 @@
 #include <cstring>
 #include <initializer_list>
 
+#include "explain/slips.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
@@ -174,6 +175,29 @@ START_TEST(lost_pulses_are_found)
 }
 END_TEST
 
+// Fast motion with steps of a few counts, one of them beside a missing row.
+START_TEST(small_steps_of_a_fast_reading_are_lost_pulses)
+{
+    constexpr double COUNT = 2.0 * M_PI / 2048.0, STEP = 6.3 * COUNT;
+    mk::FitLog log = {};
+    log.joints = 1;
+    log.count[0] = COUNT;
+    const size_t at[] = {300, 901, 1500};
+    for (size_t k = 0; k < 2000; k++) {
+        double t = 0.004 * (double)k, q = 4.0 * std::sin(7.0 * t) + std::sin(23.0 * t);
+        q += (k >= at[0]) * STEP - (k >= at[1]) * STEP + (k >= at[2]) * STEP;
+        log.t.push_back(t);
+        log.q[0].push_back(k == at[1] + 1 ? (double)NAN : std::round(q / COUNT) * COUNT);
+    }
+    std::vector<mk::Slip> found = mk::find_slips({&log}, 0);
+    ck_assert_uint_eq(found.size(), 3);
+    for (size_t i = 0; i < 3; i++) {
+        ck_assert_uint_eq(found[i].row, at[i]);
+        ck_assert_double_eq_tol(found[i].step, i == 1 ? -STEP : STEP, 1.5 * COUNT);
+    }
+}
+END_TEST
+
 START_TEST(a_cause_that_no_entry_names_is_unknown_and_gets_a_formula)
 {
     Hidden h;
@@ -234,6 +258,7 @@ Suite *suite_explain(void)
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
+    tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, a_log_without_motion_is_refused);

@@ -1,5 +1,6 @@
 #include "explain/slips.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
@@ -10,51 +11,65 @@ namespace
 {
 
 constexpr int SIDE = 6;             // readings on either side
-constexpr double COUNTS = 4.0;      // smallest step, in counts
-constexpr double OUTSTANDING = 8.0; // over the usual disagreement of both sides
+constexpr double COUNTS = 3.0;      // smallest step, in counts
+constexpr double SIGNIFICANT = 7.0; // over its standard error,
+constexpr double OUTSTANDING = 2.5; // and over the usual significance
 
-// Value at the edge of a parabola through SIDE readings, `direction` +1 behind the edge, -1 before;
-// NaN where readings are missing. The edge is half a sample away from the nearest.
-double edge(const std::vector<double> &q, size_t nearest, int direction)
+// A parabola through the readings on one side of an edge.
+struct Side {
+    double value = 0.0, leverage = 0.0, squares = 0.0; // at the edge; of the residuals
+    int readings = 0;                                  // 0: too few
+};
+
+// `direction` +1 behind the edge, -1 before, which is half a sample away from the nearest reading.
+Side side_of(const std::vector<double> &q, size_t nearest, int direction)
 {
-    double s[5] = {0.0}, b[3] = {0.0};
+    Eigen::Matrix<double, SIDE, 3> powers;
+    Eigen::Matrix<double, SIDE, 1> y;
+    Side side;
     for (int i = 0; i < SIDE; i++) {
-        double x = 0.5 + i, y = q[nearest + (size_t)(direction * i)];
-        if (std::isnan(y))
-            continue;
-        double p = 1.0;
-        for (int k = 0; k < 5; k++, p *= x) {
-            s[k] += p;
-            if (k < 3)
-                b[k] += p * y;
-        }
+        double x = 0.5 + i, reading = q[nearest + (size_t)(direction * i)];
+        bool there = !std::isnan(reading);
+        powers.row(i) << there, there * x, there * x * x;
+        y(i) = there ? reading : 0.0;
+        side.readings += there;
     }
-    if (s[0] < 5.0)
-        return std::nan("");
-    // Cramer's rule for the constant term.
-    auto det = [](double a, double e, double c, double d, double f, double g, double h, double i,
-                  double j) {
-        return a * (f * j - g * i) - e * (d * j - g * h) + c * (d * i - f * h);
-    };
-    double whole = det(s[0], s[1], s[2], s[1], s[2], s[3], s[2], s[3], s[4]);
-    return det(b[0], s[1], s[2], b[1], s[2], s[3], b[2], s[3], s[4]) / whole;
+    if (side.readings < SIDE - 1)
+        return {};
+    const Eigen::Matrix3d inverse = (powers.transpose() * powers).inverse();
+    const Eigen::Vector3d fit = inverse * (powers.transpose() * y);
+    side.value = fit(0);
+    side.leverage = inverse(0, 0);
+    side.squares = (y - powers * fit).squaredNorm();
+    return side;
 }
 
-std::vector<double> jumps(const std::vector<double> &q)
+struct Jump {
+    double size = 0.0;         // of the reading before a row to that row, motion apart, rad
+    double significance = 0.0; // over its standard error
+};
+
+std::vector<Jump> jumps(const std::vector<double> &q, double count)
 {
-    std::vector<double> d(q.size(), 0.0);
+    std::vector<Jump> d(q.size());
     for (size_t k = SIDE; k + SIDE < q.size(); k++) {
-        double jump = edge(q, k, +1) - edge(q, k - 1, -1);
-        d[k] = std::isnan(jump) ? 0.0 : jump;
+        const Side after = side_of(q, k, +1), before = side_of(q, k - 1, -1);
+        if (after.readings == 0 || before.readings == 0)
+            continue;
+        double scatter = (after.squares + before.squares) / (after.readings + before.readings - 6);
+        double variance = std::max(scatter, count * count / 12.0);
+        d[k].size = after.value - before.value;
+        d[k].significance =
+            std::fabs(d[k].size) / std::sqrt(variance * (after.leverage + before.leverage));
     }
     return d;
 }
 
-double usual(const std::vector<double> &d)
+double usual(const std::vector<Jump> &d)
 {
     std::vector<double> size;
-    for (double x : d)
-        size.push_back(std::fabs(x));
+    for (const Jump &x : d)
+        size.push_back(x.significance);
     auto at = size.begin() + (std::ptrdiff_t)(size.size() * 9 / 10);
     std::nth_element(size.begin(), at, size.end());
     return *at;
@@ -69,16 +84,17 @@ std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
         const std::vector<double> &q = logs[l]->q[j];
         if (q.size() < 4 * SIDE)
             continue;
-        std::vector<double> d = jumps(q);
-        double limit = std::max(COUNTS * logs[l]->count[j], OUTSTANDING * usual(d));
+        const std::vector<Jump> d = jumps(q, logs[l]->count[j]);
+        const double limit = std::max(SIGNIFICANT, OUTSTANDING * usual(d));
         for (size_t k = SIDE; k + SIDE < q.size(); k++) {
-            bool peak = std::fabs(d[k]) > limit;
+            bool peak =
+                d[k].significance > limit && std::fabs(d[k].size) > COUNTS * logs[l]->count[j];
             for (size_t i = k - SIDE; i <= k + SIDE && peak; i++)
-                peak = std::fabs(d[i]) <= std::fabs(d[k]);
+                peak = d[i].significance <= d[k].significance;
             // The step sits between two readings, not over several.
             double motion = (q[k - 1] - q[k - 4] + q[k + 3] - q[k]) / 6.0;
-            if (peak && std::fabs(q[k] - q[k - 1] - motion) > 0.6 * std::fabs(d[k]))
-                found.push_back({l, k, d[k]});
+            if (peak && std::fabs(q[k] - q[k - 1] - motion) > 0.6 * std::fabs(d[k].size))
+                found.push_back({l, k, d[k].size});
         }
     }
     if (found.empty())
