@@ -216,10 +216,11 @@ Starts base_tilt(const Setting &)
 {
     return {{0.001}};
 }
+// Frequencies as near as the width of a lightly damped resonance.
 Starts base_compliance(const Setting &)
 {
     Starts all;
-    for (double f : {2.5, 4.0, 6.0, 9.0, 13.0, 18.0})
+    for (double f = 1.5; f < 26.0; f *= 1.07)
         all.push_back({f, 0.05, 0.02});
     return all;
 }
@@ -285,7 +286,7 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"encoder-offset", true, encoder_offset},
                     {"sensor-delay", false, sensor_delay},
                     {"base-tilt", true, base_tilt},
-                    {"base-compliance", false, base_compliance},
+                    {"base-compliance", true, base_compliance},
                     {"custom", true, custom},
                     {"custom-wave", true, custom_wave}};
 
@@ -363,7 +364,11 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
                 continue;
             Setting setting = {plant, &model, &range, joint - 1};
             for (const std::vector<double> &start : row.starts(setting)) {
-                Candidate c = {effect, joint, {}, row.linear};
+                Candidate c = {effect,
+                               joint,
+                               {},
+                               row.linear,
+                               std::max(mk_effect_parameter_index(effect, "gain"), 0)};
                 for (int i = 0; i < effect->parameter_count; i++)
                     c.value[i] =
                         i < (int)start.size() ? start[(size_t)i] : effect->parameter[i].initial;

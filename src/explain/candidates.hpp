@@ -23,9 +23,10 @@ struct Candidate {
     const mk_effect_info *effect;
     int joint; // 1-based; 0: none or all
     double value[MK_MAX_EFFECT_PARAMETERS];
-    // Vanishes with its first parameter and has no state: its likelihood gain can be seen from the
-    // slope where it is next to nothing.
+    // Vanishes with parameter `size`: its likelihood gain can be seen from the slope where it is
+    // next to nothing.
     bool linear;
+    int size;
 };
 
 // All candidates for a model that may have effects already.

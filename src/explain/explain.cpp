@@ -84,6 +84,7 @@ class Explainer
         if (st != MK_OK)
             return st;
         SearchOptions so;
+        so.given = &model;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;

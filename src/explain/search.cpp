@@ -28,6 +28,14 @@ bool same_place(const Candidate &a, const Candidate &b)
     return term < 0 || a.value[term] == b.value[term];
 }
 
+// Starts of the same cause that are worth a try each: resonances apart.
+bool same_start(const Candidate &a, const Candidate &b)
+{
+    bool resonance = a.effect->state_count > 0;
+    return same_place(a, b) &&
+           !(resonance && std::fabs(std::log(a.value[0] / b.value[0])) > std::log(1.3));
+}
+
 } // namespace
 
 Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options_in)
@@ -47,6 +55,14 @@ bool Search::tick(double done, const char *what)
     return !cancelled;
 }
 
+FitOptions Search::fit_options() const
+{
+    FitOptions o;
+    o.threads = options.threads;
+    o.near = options.given;
+    return o;
+}
+
 void Search::finish(Fit &fit, Hypothesis &h) const
 {
     h.drift = fit.options.drift[0];
@@ -55,8 +71,7 @@ void Search::finish(Fit &fit, Hypothesis &h) const
 
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
 {
-    FitOptions o;
-    o.threads = options.threads;
+    FitOptions o = fit_options();
     o.max_passes = 1000.0;
     Fit fit(logs, o);
     out.point = from ? fit.adopt(from->point, model) : fit.start(model);
@@ -74,8 +89,7 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
 
 bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out)
 {
-    FitOptions o;
-    o.threads = options.threads;
+    FitOptions o = fit_options();
     o.max_passes = 300.0;
     Fit fit(logs, o);
     out.point = fit.adopt(from.point, model);
@@ -90,8 +104,7 @@ bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drif
 
 void Search::polish(Hypothesis &h, bool drift_too)
 {
-    FitOptions o;
-    o.threads = options.threads;
+    FitOptions o = fit_options();
     o.max_iterations = 25;
     o.tolerance = 1e-2;
     o.max_passes = 600.0;
@@ -151,12 +164,19 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
 void Search::screen(const Hypothesis &base, const FitOptions &loose,
                     const std::vector<Candidate> &all, std::vector<double> &gain)
 {
+    // What has states is looked at alone.
     constexpr size_t TOGETHER = 6;
-    std::vector<size_t> linear;
-    for (size_t i = 0; i < all.size(); i++)
-        if (all[i].linear)
-            linear.push_back(i);
-    size_t groups = (linear.size() + TOGETHER - 1) / TOGETHER;
+    std::vector<std::vector<size_t>> group;
+    for (size_t i = 0; i < all.size(); i++) {
+        if (!all[i].linear)
+            continue;
+        bool alone = all[i].effect->state_count > 0;
+        if (alone || group.empty() || group.back().size() == TOGETHER ||
+            all[group.back()[0]].effect->state_count > 0)
+            group.emplace_back();
+        group.back().push_back(i);
+    }
+    const size_t groups = group.size();
     const std::vector<int> own = fitted_parameters(base.point.model);
     std::atomic<size_t> done{0};
     std::vector<double> spent(groups, 0.0);
@@ -171,17 +191,16 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
             model = base.point.model;
             members.clear();
-            for (size_t k = g * TOGETHER; k < std::min(linear.size(), (g + 1) * TOGETHER); k++) {
-                Candidate c = all[linear[k]];
-                c.value[0] *= share;
+            for (size_t k : group[g]) {
+                Candidate c = all[k];
+                c.value[c.size] *= share;
                 mk_model more;
                 if (with_candidate(model, c, more)) {
                     model = more;
-                    members.push_back(linear[k]);
+                    members.push_back(k);
                 }
             }
-            FitPoint point = base.point;
-            point.model = model;
+            FitPoint point = fit.adopt(base.point, model);
             free = fitted_parameters(model);
             p = fit.picture(point, free);
             if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
@@ -195,9 +214,13 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
             int count = mk_effect(model.effect[e].index)->parameter_count;
             int member = e - base.point.model.effect_count;
             if (member >= 0) {
+                const Candidate &c = all[members[(size_t)member]];
+                // The shape of a resonance has no slope where it is next to nothing.
+                bool size_only = c.effect->state_count > 0;
                 std::vector<int> wanted = own;
                 for (int number : free)
-                    if (number >= first && number < first + count)
+                    if (number >= first && number < first + count &&
+                        (!size_only || number == first + c.size))
                         wanted.push_back(number);
                 gain[members[(size_t)member]] =
                     promised(p, free, wanted) - penalty((int)(wanted.size() - own.size()));
@@ -253,6 +276,9 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Cand
     for (double stretch : {loose.hidden_stretch, 2.0}) {
         Fit fit(logs, loose);
         fit.options.hidden_stretch = stretch;
+        // A resonance goes from one optimum to the next.
+        if (candidate.linear && candidate.effect->state_count > 0)
+            fit.options.max_iterations *= 2;
         FitPoint trial_point = fit.adopt(base.point, model);
         if (fit.minimise(trial_point, free) && trial_point.cost < best) {
             best = trial_point.cost;
@@ -288,7 +314,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     for (Candidate &c : all)
         c.linear = c.linear && !how.only;
     tried_count = (int)all.size();
-    FitOptions loose;
+    FitOptions loose = fit_options();
+    loose.threads = 1;
     for (double &d : loose.drift)
         d = how.small ? base.drift : std::max(base.drift, 0.01);
     loose.max_iterations = QUICK_ITERATIONS;
@@ -310,12 +337,15 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         if (std::isfinite(gain[i]))
             order.push_back(i);
     std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
-    // Terms of the library are many; they must not crowd out the catalogue.
-    int room[2] = {options.finalists + 2, options.finalists / 2};
+    // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
+    int room[3] = {options.finalists + 2, options.finalists / 2, 3};
     for (size_t i : order) {
         bool same = std::any_of(tries.begin(), tries.end(),
-                                [&](size_t k) { return same_place(all[k], all[i]); });
-        int &left = room[is_library(all[i].effect)];
+                                [&](size_t k) { return same_start(all[k], all[i]); });
+        const bool resonance = all[i].effect->state_count > 0;
+        if (resonance && how.small && gain[i] < how.least)
+            continue;
+        int &left = room[resonance ? 2 : is_library(all[i].effect)];
         if (!same && left > 0) {
             tries.push_back(i);
             left--;
@@ -348,7 +378,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
             continue; // could not even be started
         bool seen = false;
         for (const Trial &f : finalists)
-            seen = seen || same_place(f.candidate, t.candidate);
+            seen = seen || same_start(f.candidate, t.candidate);
         bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && finalists.size() >= 2;
         bool library = is_library(t.candidate.effect);
         bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
@@ -390,7 +420,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
             Runner &r = runners[i];
             if (!r.running)
                 return;
-            FitOptions o;
+            FitOptions o = fit_options();
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
             o.max_passes = 400.0;
             o.threads = helpers;
@@ -422,7 +452,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
         // An effect that the fit has switched off is none.
         const mk_effect_use &last = r.best.point.model.effect[r.best.point.model.effect_count - 1];
         const mk_effect_info *effect = mk_effect(last.index);
-        int place = std::max(mk_effect_parameter_index(effect, "gain"), 0);
+        const int place = r.best.added.size;
         const mk_parameter_info &size = effect->parameter[place];
         bool off = std::isfinite(r.best.score) && size.min == 0.0 &&
                    last.value[place] < 1e-7 * std::max(size.initial, 1e-6);
@@ -431,7 +461,12 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
     }
     std::sort(out.begin(), out.end(),
               [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
-    return out;
+    std::vector<Hypothesis> one_each;
+    for (Hypothesis &h : out)
+        if (std::none_of(one_each.begin(), one_each.end(),
+                         [&](const Hypothesis &o) { return same_place(o.added, h.added); }))
+            one_each.push_back(std::move(h));
+    return one_each;
 }
 
 } // namespace mk

@@ -24,6 +24,7 @@ struct Hypothesis {
 };
 
 struct SearchOptions {
+    const mk_model *given = nullptr; // base parameters are somewhere near these
     int threads = 2;
     int finalists = 8; // candidates that get a full fit
     mk_progress_fn progress = nullptr;
@@ -87,6 +88,7 @@ class Search
     bool try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
                  double reference, Trial &trial);
     std::vector<Hypothesis> compete(double first_drift, std::vector<Trial> &finalists);
+    FitOptions fit_options() const;
     void finish(Fit &fit, Hypothesis &h) const;
     bool tick(double done, const char *what);
 };

@@ -336,11 +336,12 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
-    if (corrected && s.residual.size() == correction[l][i].residual.size() &&
-        s.x_end.size() == correction[l][i].x_end.size()) {
+    // States of further effects come after those of the point that the correction is from.
+    if (corrected && n == correction[l][i].residual.size() &&
+        s.x_end.size() >= correction[l][i].x_end.size()) {
         for (size_t r = 0; r < n; r++)
             s.residual[r] += correction[l][i].residual[r];
-        s.x_end += correction[l][i].x_end;
+        s.x_end.head(correction[l][i].x_end.size()) += correction[l][i].x_end;
     }
     s.sum2[0] = s.sum2[1] = 0.0;
     for (size_t r = 0; r < n; r++) {
@@ -439,9 +440,37 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     return q;
 }
 
+// Of a base parameter, in standard deviations: its logarithm against that of the known value. One
+// that vanishes is no great surprise: a friction may. The slope is per scaled parameter.
+double Fit::surprise(const FitPoint &point, int number, double &slope) const
+{
+    constexpr double SPREAD = 1.0, NOTHING = 0.05;
+    slope = 0.0;
+    if (!options.near || number >= mk_plant(point.model.plant)->parameter_count)
+        return 0.0;
+    double known = options.near->parameter[number], now = point.model.parameter[number];
+    if (!(known > 0.0) || !(now >= 0.0))
+        return 0.0;
+    slope = scale_of(point.model, number) / ((now + NOTHING * known) * SPREAD);
+    return std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
+}
+
+void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const
+{
+    for (size_t i = 0; i < free.size(); i++) {
+        double slope = 0.0, s = surprise(point, free[i], slope);
+        out.information((long)i, (long)i) += slope * slope;
+        out.gradient((long)i) -= slope * s;
+    }
+}
+
 double Fit::total_cost(const FitPoint &point) const
 {
     double sum = 0.0;
+    for (int i = 0; i < mk_plant(point.model.plant)->parameter_count; i++) {
+        double slope = 0.0, s = surprise(point, i, slope);
+        sum += 0.5 * s * s;
+    }
     int joints = mk_model_joints(&point.model);
     for (size_t l = 0; l < logs.size(); l++) {
         for (size_t i = 0; i < work[l].size(); i++) {
@@ -564,6 +593,7 @@ FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
 {
     shoot_all(point, free, true);
     FitPicture p = eliminate(point, (int)free.size(), 0.0);
+    add_surprise(point, free, p);
     p.cost = total_cost(point);
     p.evidence = p.cost + p.volume;
     return p;
@@ -797,6 +827,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
                 state_damping = std::max(10.0 * state_damping, 1e-3);
                 shoot_all(point, free, true);
                 p = eliminate(point, (int)free.size(), state_damping);
+                add_surprise(point, free, p);
             }
             if (attempt >= (contact ? 7 : 2))
                 length *= 0.4;

@@ -33,6 +33,9 @@ struct FitOptions {
     // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
     double max_passes = HUGE_VAL;
     int threads = 1;
+    // Model whose base parameters are right within a factor of some three, must outlive the fit: it
+    // keeps values that the data do not determine from running away. NULL: nothing is known.
+    const mk_model *near = nullptr;
 };
 
 // Where the stretches of one log start, and the states there.
@@ -141,6 +144,8 @@ class Fit
                    bool derivatives);
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;
+    double surprise(const FitPoint &point, int number, double &slope) const;
+    void add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const;
     Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;
     FitPicture eliminate(const FitPoint &point, int free_count, double damping);
     void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;
