@@ -37,6 +37,7 @@
     X(frame)                                                                                       \
     X(device)                                                                                      \
     X(board)                                                                                       \
+    X(standalone)                                                                                  \
     X(doctor)                                                                                      \
     X(usb)                                                                                         \
     X(parport)                                                                                     \

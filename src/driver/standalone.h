@@ -48,7 +48,9 @@ struct mk_standalone {
     uint32_t phase;
     float angle[MK_WIRE_JOINTS]; /* filtered, rad from rest */
     float speed[MK_WIRE_JOINTS];
+    float acceleration[MK_WIRE_JOINTS];
     float integral;
+    bool going_round;
 
     uint32_t recorded;
     struct mk_standalone_record record[MK_STANDALONE_RECORDS];

@@ -1,5 +1,7 @@
 #include "driver/wire.h"
 
+#include "driver/standalone.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -348,6 +350,68 @@ enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double 
     w->sequence++;
     return send_frame(w, MK_MSG_COMMAND, payload, sizeof payload,
                       monotonic_ns() + MK_WIRE_EXCHANGE_NS);
+}
+
+/* --- stand-alone control -------------------------------------------------------------------------
+ */
+
+enum mk_status mk_wire_setup(struct mk_wire *w, int controller, uint32_t period_us,
+                             unsigned record_every, int *gains, struct mk_error *err)
+{
+    uint8_t payload[8] = {(uint8_t)controller, (uint8_t)record_every};
+    struct mk_frame f;
+    mk_put32(payload + 4, period_us);
+    enum mk_status st = ask(w, MK_MSG_SETUP, payload, sizeof payload, &f, err);
+    if (st == MK_OK)
+        *gains = f.length > 0 ? f.payload[0] : 0;
+    return st;
+}
+
+enum mk_status mk_wire_gains(struct mk_wire *w, int first, const float *value, int n,
+                             struct mk_error *err)
+{
+    uint8_t payload[2 + 4 * MK_STANDALONE_GAINS] = {(uint8_t)first, (uint8_t)n};
+    if (first < 0 || n < 0 || n > MK_STANDALONE_GAINS)
+        return mk_error_set(err, MK_ERR_RANGE, "%d gains from %d on are too many", n, first);
+    for (int i = 0; i < n; i++) {
+        uint32_t bits;
+        memcpy(&bits, &value[i], sizeof bits);
+        mk_put32(payload + 2 + 4 * i, bits);
+    }
+    return ask(w, MK_MSG_GAINS, payload, 2 + 4 * (size_t)n, NULL, err);
+}
+
+enum mk_status mk_wire_start(struct mk_wire *w, struct mk_error *err)
+{
+    return ask(w, MK_MSG_START, NULL, 0, NULL, err);
+}
+
+enum mk_status mk_wire_halt(struct mk_wire *w, struct mk_error *err)
+{
+    return ask(w, MK_MSG_HALT, NULL, 0, NULL, err);
+}
+
+enum mk_status mk_wire_upload(struct mk_wire *w, uint32_t first, struct mk_standalone_record *out,
+                              int max, int *got, struct mk_error *err)
+{
+    uint8_t payload[5];
+    struct mk_frame f;
+    mk_put32(payload, first);
+    payload[4] = (uint8_t)(max < MK_UPLOAD_MAX ? max : MK_UPLOAD_MAX);
+    enum mk_status st = ask(w, MK_MSG_UPLOAD, payload, sizeof payload, &f, err);
+    if (st != MK_OK)
+        return st;
+    int n = f.length >= MK_UPLOAD_HEADER ? f.payload[4] : -1;
+    if (n < 0 || n > max || f.length != MK_UPLOAD_HEADER + n * MK_RECORD_SIZE)
+        return mk_error_set(err, MK_ERR_PROTO, "the board's records are malformed");
+    const uint8_t *p = f.payload + MK_UPLOAD_HEADER;
+    for (int i = 0; i < n; i++, p += MK_RECORD_SIZE)
+        out[i] = (struct mk_standalone_record){mk_get32(p),
+                                               {(int32_t)mk_get32(p + 4), (int32_t)mk_get32(p + 8)},
+                                               (int32_t)mk_get32(p + 12),
+                                               mk_get32(p + 16)};
+    *got = n;
+    return MK_OK;
 }
 
 /* --- slots of the board interface --------------------------------------------------------------

@@ -81,6 +81,19 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
                                    struct mk_wire_reading *out);
 enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double u);
 
+/* Stand-alone control by the board (enum mk_controller): choose, give gains, start, halt, fetch
+ * what was recorded. */
+struct mk_standalone_record;
+enum mk_status mk_wire_setup(struct mk_wire *w, int controller, uint32_t period_us,
+                             unsigned record_every, int *gains, struct mk_error *err);
+enum mk_status mk_wire_gains(struct mk_wire *w, int first, const float *value, int n,
+                             struct mk_error *err);
+enum mk_status mk_wire_start(struct mk_wire *w, struct mk_error *err);
+enum mk_status mk_wire_halt(struct mk_wire *w, struct mk_error *err);
+/* Fetches records from number `first` on, at most `max`; *got is 0 at the end. */
+enum mk_status mk_wire_upload(struct mk_wire *w, uint32_t first, struct mk_standalone_record *out,
+                              int max, int *got, struct mk_error *err);
+
 const char *mk_wire_fault_text(uint16_t fault);
 
 /* --- slots of the board interface; board->priv begins with a struct mk_wire --------------------

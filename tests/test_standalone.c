@@ -1,0 +1,246 @@
+/* Controllers on the board itself, as the original kit had them: gains down, start, halt, arrays
+ * up. The board runs on a simulated rig, the host reaches it through the virtual wire. */
+#include "suites.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "driver/standalone.h"
+#include "driver/wire.h"
+#include "mechkit/rig.h"
+
+static struct mk_model model;
+static struct mk_clock clock_;
+static struct mk_board *board;
+static struct mk_wire *wire;
+static struct mk_error err;
+
+static void use_rig(enum mk_plant_kind plant)
+{
+    mk_model_default(plant, &model);
+    mk_clock_init_simulated(&clock_);
+    const struct mk_board_config config = {.model = &model, .clock = &clock_};
+    err = (struct mk_error)MK_ERROR_INIT;
+    ck_assert_int_eq(mk_board_open(mk_board_backend_by_name("virtual"), &config, &board, &err),
+                     MK_OK);
+    wire = board->priv;
+    ck_assert_int_eq(board->ops->zero_counters(board, &err), MK_OK);
+}
+
+static void teardown(void)
+{
+    mk_board_close(board);
+    board = NULL;
+}
+
+static void pass_s(double s)
+{
+    mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + (int64_t)llround(s * 1e9));
+}
+
+static struct mk_wire_state look(void)
+{
+    struct mk_wire_state s;
+    ck_assert_int_eq(mk_wire_state(wire, &s, &err), MK_OK);
+    return s;
+}
+
+static int choose(enum mk_controller c)
+{
+    int gains = 0;
+    ck_assert_msg(mk_wire_setup(wire, c, 2000, 1, &gains, &err) == MK_OK, "%s", err.message);
+    return gains;
+}
+
+static void start(void)
+{
+    ck_assert_msg(mk_wire_start(wire, &err) == MK_OK, "%s", err.message);
+}
+
+static double true_state(int i)
+{
+    return mk_rig_state(mk_board_virtual_rig(board))[i];
+}
+
+/* --- the kit's setups
+ * ------------------------------------------------------------------------------- */
+
+static const struct {
+    enum mk_controller controller;
+    enum mk_plant_kind plant;
+    int joint;     /* that stands upright */
+    double target; /* sum of the angles up to it */
+} setups[] = {
+    {MK_CONTROLLER_PENDUBOT_MID, MK_PLANT_PENDUBOT, 1, M_PI_2},
+    {MK_CONTROLLER_PENDUBOT_TOP, MK_PLANT_PENDUBOT, 1, M_PI_2},
+    {MK_CONTROLLER_REACTION_WHEEL, MK_PLANT_REACTION_WHEEL, 0, M_PI},
+    {MK_CONTROLLER_FURUTA, MK_PLANT_FURUTA, 1, 0.0},
+};
+
+static double tilt(int i)
+{
+    double q = true_state(setups[i].joint);
+    if (setups[i].plant == MK_PLANT_PENDUBOT)
+        q += true_state(0);
+    return remainder(q - setups[i].target, 2.0 * M_PI);
+}
+
+START_TEST(the_board_swings_up_and_balances_by_itself)
+{
+    use_rig(setups[_i].plant);
+    choose(setups[_i].controller);
+    start();
+    pass_s(15.0); /* nobody asks: the cable may be out */
+    for (int k = 0; k < 50; k++) {
+        pass_s(0.1);
+        ck_assert_double_lt(fabs(tilt(_i)), 0.1);
+    }
+    struct mk_wire_state s = look();
+    ck_assert_uint_eq(s.phase, MK_STANDALONE_BALANCE);
+    ck_assert_uint_eq(s.status & MK_WIRE_ST_STANDALONE, MK_WIRE_ST_STANDALONE);
+    ck_assert_uint_eq(s.fault, MK_WIRE_FAULT_NONE);
+    ck_assert_int_eq(mk_wire_halt(wire, &err), MK_OK);
+    pass_s(5.0);
+    ck_assert_double_gt(fabs(tilt(_i)), 0.5);
+}
+END_TEST
+
+START_TEST(gains_can_be_exchanged_while_it_runs)
+{
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(choose(MK_CONTROLLER_PI_SPEED), 3);
+    start();
+    pass_s(5.0);
+    ck_assert_double_eq_tol(true_state(1), 50.0, 0.5);
+    const float reference = -20.0f;
+    ck_assert_int_eq(mk_wire_gains(wire, 2, &reference, 1, &err), MK_OK);
+    pass_s(5.0);
+    ck_assert_double_eq_tol(true_state(1), -20.0, 0.5);
+}
+END_TEST
+
+START_TEST(gains_that_are_none_are_refused_and_change_nothing)
+{
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    const float bad[] = {1.0f, NAN, 2.0f};
+    ck_assert_int_eq(mk_wire_gains(wire, 0, bad, 1, &err), MK_ERR_RANGE); /* nothing chosen */
+    choose(MK_CONTROLLER_PI_SPEED);
+    ck_assert_int_eq(mk_wire_gains(wire, 0, bad, 3, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_wire_gains(wire, 3, bad, 1, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_wire_gains(wire, 0, bad, 25, &err), MK_ERR_RANGE);
+    start();
+    pass_s(5.0);
+    ck_assert_double_eq_tol(true_state(1), 50.0, 0.5);
+}
+END_TEST
+
+START_TEST(the_arrays_come_up_whole)
+{
+    static struct mk_standalone_record r[600];
+    int gains, got = 0, n = 0;
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_wire_setup(wire, MK_CONTROLLER_PI_SPEED, 2000, 5, &gains, &err), MK_OK);
+    start();
+    pass_s(2.0);
+    ck_assert_int_eq(mk_wire_halt(wire, &err), MK_OK);
+    do {
+        ck_assert_int_eq(mk_wire_upload(wire, (uint32_t)n, r + n, 600 - n, &got, &err), MK_OK);
+        n += got;
+    } while (got > 0);
+    ck_assert_uint_eq((uint32_t)n, look().recorded);
+    ck_assert_int_eq(n, 201); /* both ends */
+    for (int k = 0; k < n; k++) {
+        ck_assert_uint_eq(r[k].sample, 5u * (uint32_t)k);
+        ck_assert_uint_eq(r[k].phase, MK_STANDALONE_TRACK);
+        ck_assert_int_le(r[k].micro, 10 * MK_WIRE_MICRO);
+        if (k > 0)
+            ck_assert_int_ge(r[k].count[0], r[k - 1].count[0]);
+    }
+    ck_assert_int_eq(r[0].count[0], 0);
+    ck_assert_int_eq(mk_wire_upload(wire, 10000, r, 1, &got, &err), MK_ERR_RANGE);
+}
+END_TEST
+
+/* --- who may do what
+ * -------------------------------------------------------------------------------- */
+
+START_TEST(while_the_board_controls_commands_of_the_host_do_not_act)
+{
+    struct mk_board_sample s;
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    choose(MK_CONTROLLER_PI_SPEED);
+    start();
+    for (int k = 0; k < 100; k++) {
+        pass_s(0.02);
+        ck_assert_int_eq(mk_board_exchange(board, -10.0, &s), MK_OK);
+    }
+    ck_assert_double_gt(true_state(1), 40.0);
+    ck_assert_int_eq(board->ops->zero_counters(board, &err), MK_ERR_STATE);
+    int gains;
+    ck_assert_int_eq(mk_wire_setup(wire, MK_CONTROLLER_PI_SPEED, 2000, 1, &gains, &err),
+                     MK_ERR_STATE);
+    ck_assert_int_eq(mk_wire_stream(wire, 2000, &err), MK_ERR_STATE);
+    ck_assert_int_eq(board->ops->safe_state(board), MK_OK);
+    ck_assert_uint_eq(look().status & MK_WIRE_ST_STANDALONE, 0);
+}
+END_TEST
+
+START_TEST(a_guarded_run_ends_when_the_guard_falls_silent)
+{
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(board->ops->set_watchdog(board, 200, &err), MK_OK);
+    choose(MK_CONTROLLER_PI_SPEED);
+    start();
+    for (int k = 0; k < 20; k++) {
+        pass_s(0.1);
+        ck_assert_uint_eq(look().fault, MK_WIRE_FAULT_NONE);
+    }
+    pass_s(0.5);
+    ck_assert_uint_eq(look().fault, MK_WIRE_FAULT_WATCHDOG);
+    ck_assert_uint_eq(look().status & MK_WIRE_ST_STANDALONE, 0);
+    ck_assert_int_eq(mk_wire_start(wire, &err), MK_ERR_STATE);
+}
+END_TEST
+
+START_TEST(a_link_that_goes_round_and_round_is_a_fault)
+{
+    use_rig(MK_PLANT_FURUTA);
+    choose(MK_CONTROLLER_FURUTA);
+    const float away[] = {-5.0f, -1.0f, -1.0f, 0.0f}; /* drives the arm round for good */
+    const float at_once[] = {1e6f, 4.0f, 1e6f};       /* balances wherever it is */
+    ck_assert_int_eq(mk_wire_gains(wire, 0, away, 4, &err), MK_OK);
+    ck_assert_int_eq(mk_wire_gains(wire, 19, at_once, 3, &err), MK_OK);
+    start();
+    pass_s(20.0);
+    ck_assert_uint_eq(look().fault, MK_WIRE_FAULT_TRAVEL);
+}
+END_TEST
+
+START_TEST(only_what_is_there_can_be_chosen)
+{
+    int gains;
+    use_rig(MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(mk_wire_start(wire, &err), MK_ERR_STATE);
+    ck_assert_int_eq(mk_wire_setup(wire, MK_CONTROLLER_NONE, 2000, 1, &gains, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_wire_setup(wire, 99, 2000, 1, &gains, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_wire_setup(wire, 1, 10, 1, &gains, &err), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_wire_setup(wire, 1, 2000, 0, &gains, &err), MK_ERR_RANGE);
+}
+END_TEST
+
+Suite *suite_standalone(void)
+{
+    Suite *s = suite_create("standalone");
+    TCase *t = tcase_create("standalone");
+    tcase_add_checked_fixture(t, NULL, teardown);
+    tcase_add_loop_test(t, the_board_swings_up_and_balances_by_itself, 0, 4);
+    tcase_add_test(t, gains_can_be_exchanged_while_it_runs);
+    tcase_add_test(t, gains_that_are_none_are_refused_and_change_nothing);
+    tcase_add_test(t, the_arrays_come_up_whole);
+    tcase_add_test(t, while_the_board_controls_commands_of_the_host_do_not_act);
+    tcase_add_test(t, a_guarded_run_ends_when_the_guard_falls_silent);
+    tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
+    tcase_add_test(t, only_what_is_there_can_be_chosen);
+    suite_add_tcase(s, t);
+    return s;
+}
