@@ -156,7 +156,7 @@ $(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -222,6 +222,14 @@ roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board
 	@$< $(SECONDS)
 fault-campaign: tests ## every fault at every request of a run over each bus, with the figures
 	@MECHKIT_CAMPAIGN=all $(TESTS) bus_faults
+
+.PHONY: pictures
+pictures: $(B)/shots $(APP) ## render the console's pictures in docs/img from a real run
+	@$< $(APP) docs/img
+SHOTS_OBJ := $(B)/tools/shots.o $(B)/tests/support/pty.o $(B)/tests/support/vt.o
+$(B)/tools/shots.o: CPPFLAGS_ALL += -Itests
+$(B)/shots: $(SHOTS_OBJ)
+	$(call say,LD)$(CC) $(OPT) $(LDFLAGS) -o $@ $^
 
 .PHONY: demo
 demo: ## run every setup on the virtual board, with logs and plots in build/demo

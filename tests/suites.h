@@ -25,6 +25,7 @@
     X(model_file)                                                                                  \
     X(console)                                                                                     \
     X(console_pty)                                                                                 \
+    X(tui)                                                                                         \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \

@@ -400,6 +400,101 @@ START_TEST(without_a_terminal_it_says_what_to_use_instead)
 }
 END_TEST
 
+/* --- chance ---------------------------------------------------------------------------------- */
+
+/* Seconds of it; ten minutes on demand. */
+static double monkey_seconds(void)
+{
+    const char *text = getenv("MECHKIT_MONKEY_S");
+    return text ? strtod(text, NULL) : 3.0;
+}
+
+/* No slash: nothing outside of the folder. */
+static void type_anything(unsigned *seed)
+{
+    static const char *const words[] = {"\x1b",
+                                        "\x1bOA",
+                                        "\x1bOB",
+                                        "\x1bOC",
+                                        "\x1bOD",
+                                        "\x1b[5~",
+                                        "\x1b[6~",
+                                        "\r",
+                                        "\t",
+                                        "r",
+                                        "r",
+                                        "h",
+                                        " ",
+                                        "a",
+                                        "s",
+                                        "g",
+                                        "d",
+                                        ":",
+                                        "s2\r",
+                                        "s4\r",
+                                        "s5\r",
+                                        "\xc3\xa9",
+                                        "\x1b[Z",
+                                        "\x0c",
+                                        "i",
+                                        "m",
+                                        "p",
+                                        "w\r",
+                                        ":wait 1\r",
+                                        ":set ",
+                                        "f",
+                                        "t",
+                                        "]",
+                                        "[",
+                                        "R\r",
+                                        "e",
+                                        ":gains 1 2 3 4\r",
+                                        "+",
+                                        "\x03",
+                                        ":show gains\r",
+                                        ":rate 1000\r"};
+    unsigned n = (unsigned)rand_r(seed);
+    char one[2] = {(char)(n / 64 % 95 + ' '), '\0'};
+    if (n % 3 == 0 && one[0] != '/' && one[0] != 'q')
+        pty_type(&term, one);
+    else
+        pty_type(&term, words[n / 64 % (sizeof words / sizeof words[0])]);
+}
+
+/* Whatever has been typed: h halts, and then nothing runs. */
+static void check_halt(void)
+{
+    pty_type(&term, "\x1b");
+    pty_run(&term, 0.15);
+    pty_type(&term, "\x1b");
+    pty_run(&term, 0.15);
+    pty_type(&term, "\x1b");
+    pty_run(&term, 0.15);
+    pty_type(&term, "h");
+    ck_assert(pty_hides(&term, " RUNNING ", LATER));
+}
+
+START_TEST(random_keys_break_nothing_and_halt_halts)
+{
+    double left = monkey_seconds();
+    unsigned seed = 1;
+    console((const char *const[]){"--setup", "pendubot-mid", NULL});
+    shows("READY");
+    for (int k = 1; left > 0.0; k++, left -= 0.02) {
+        type_anything(&seed);
+        pty_run(&term, 0.02);
+        if (k % 100 == 0)
+            check_halt();
+        ck_assert_msg(waitpid(term.child, &term.status, WNOHANG) == 0, "it has ended: %d",
+                      term.status);
+    }
+    check_halt();
+    pty_type(&term, ":quit\r");
+    ends_with(0);
+    ck_assert_uint_eq(term.vt.unknown, 0);
+}
+END_TEST
+
 Suite *suite_console_pty(void)
 {
     Suite *s = suite_create("console_pty");
@@ -426,5 +521,10 @@ Suite *suite_console_pty(void)
     tcase_add_test(kinds, it_outlives_a_storm_of_sizes);
     tcase_add_test(kinds, a_plain_terminal_gets_plain_characters_and_mono_no_colours);
     tcase_add_test(kinds, without_a_terminal_it_says_what_to_use_instead);
+    TCase *random = tcase_create("chance");
+    tcase_add_checked_fixture(random, in_new_folder, end_all);
+    tcase_set_timeout(random, 120.0 + 4.0 * monkey_seconds());
+    tcase_add_test(random, random_keys_break_nothing_and_halt_halts);
+    suite_add_tcase(s, random);
     return s;
 }

@@ -497,8 +497,10 @@ static void draw_time_axis(const struct span *v, struct canvas *c, struct tui_re
     for (int j = 0; j < width; j++)
         canvas_put(c, r.row, left + j, 0x2500, STYLE_DIM);
     canvas_text(c, r.row, r.col, LABEL_COLS, STYLE_DIM, "  seconds");
-    for (double t = step * ceil(v->t0 / step); t <= v->t1; t += step) {
+    double first = step * ceil(v->t0 / step);
+    for (int k = 0; k < width && first + k * step <= v->t1; k++) {
         char text[24];
+        double t = first + k * step;
         int at = left + (int)((t - v->t0) / span * (width - 1));
         int n = snprintf(text, sizeof text, "%.6g", fabs(t) < step * 1e-6 ? 0.0 : t);
         canvas_put(c, r.row, at, 0x253c, STYLE_DIM);
