@@ -164,7 +164,8 @@ static FILE *begin_svg(const char *path)
     fprintf(out,
             "<svg xmlns='http://www.w3.org/2000/svg' width='%d' height='%d' viewBox='0 0 %d %d'>\n"
             "<style>text{white-space:pre;font:13px 'DejaVu Sans Mono',Menlo,Consolas,monospace}"
-            "path{fill:none;stroke-width:1.7;stroke-linecap:round}</style>\n"
+            "rect{shape-rendering:crispEdges}path{fill:none;stroke-width:1.7;stroke-linecap:round}<"
+            "/style>\n"
             "<rect width='%d' height='%d' rx='8' fill='#16181b'/>\n",
             w, h, w, h, w, h);
     return out;
@@ -233,7 +234,7 @@ static void type(struct film *m, const char *keys)
     for (; *keys; keys++) {
         char key[2] = {*keys, '\0'};
         pty_type(&m->pty, key);
-        watch(m, 0.2, 5.0);
+        watch(m, 0.25, 4.0);
     }
 }
 
@@ -263,28 +264,28 @@ int main(int argc, char **argv)
               (const char *const[]){app, "console", "--out", "runs", NULL});
     until(&film, "choose a setup");
     type(&film, "s");
-    watch(&film, 0.8, 5.0);
+    watch(&film, 1.0, 1.0);
     type(&film, "\r");
     until(&film, "half a second");
-    watch(&film, 1.0, 5.0);
+    watch(&film, 2.0, 1.0);
     type(&film, "r");
     until(&film, "RUNNING");
-    watch(&film, 5.0, 5.0);
+    watch(&film, 5.0, 2.0);
     snprintf(path, sizeof path, "%s/console.svg", argv[2]);
     write_still(path, &film.frame[film.count - 1]);
     type(&film, "g+++d");
-    watch(&film, 1.0, 5.0);
+    watch(&film, 1.5, 2.0);
     type(&film, "\033");
-    watch(&film, 1.5, 5.0);
+    watch(&film, 1.5, 2.0);
     type(&film, "h");
     until(&film, "after the run");
-    watch(&film, 2.0, 2.0);
+    watch(&film, 2.0, 1.0);
     type(&film, "m");
     until(&film, "dotted");
-    watch(&film, 1.5, 2.0);
+    watch(&film, 2.0, 1.0);
     type(&film, "i");
     until(&film, "written to");
-    watch(&film, 2.5, 2.0);
+    watch(&film, 3.0, 1.0);
     snprintf(path, sizeof path, "%s/console-run.svg", argv[2]);
     write_film(path, &film);
     pty_type(&film.pty, "q");

@@ -13,7 +13,7 @@
 #include "console/host.h"
 
 #define LOOK_NS 100000000L
-#define END_PATIENCE_S 4.0 /* for the screen to end by itself after a signal */
+#define END_PATIENCE_S 2.0 /* for the screen to end by itself after a signal */
 
 /* Signals have one owner in a process. */
 static struct {

@@ -20,7 +20,7 @@
 #define PERIOD_NS 20000000L /* looks at the run and at the encoders so often */
 #define STILL_LOOKS 25      /* half a second of them */
 #define STILL_RAD 0.008     /* as the check before a start */
-#define FAST_S 0.1          /* of simulated time a period */
+#define FAST_S 0.2          /* of simulated time a period: ten times the clock */
 #define TAIL_S 1.0          /* a run that has a fault ends within */
 
 struct host {

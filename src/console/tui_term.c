@@ -81,6 +81,17 @@ static void set_modes(void)
     nodelay(stdscr, TRUE);
 }
 
+/* Text consoles have fonts of 256 or 512 characters, none of them Braille. */
+static bool has_braille(void)
+{
+    static const char *const without[] = {"linux", "vt", "ansi", "cons25", "dumb"};
+    const char *name = getenv("TERM");
+    for (size_t i = 0; name && i < sizeof without / sizeof without[0]; i++)
+        if (strncmp(name, without[i], strlen(without[i])) == 0)
+            return false;
+    return true;
+}
+
 enum mk_status term_open(const struct term_options *options, struct mk_error *err)
 {
     if (!isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO))
@@ -88,7 +99,7 @@ enum mk_status term_open(const struct term_options *options, struct mk_error *er
                             "the console needs a terminal; command files run without one: "
                             "mechkit run FILE");
     setlocale(LC_CTYPE, "");
-    term.unicode = !options->ascii && strcmp(nl_langinfo(CODESET), "UTF-8") == 0;
+    term.unicode = !options->ascii && strcmp(nl_langinfo(CODESET), "UTF-8") == 0 && has_braille();
     term.have_before = tcgetattr(STDIN_FILENO, &term.before) == 0;
     term.screen = newterm(NULL, stdout, stdin);
     if (!term.screen)
@@ -203,7 +214,9 @@ int term_key(int timeout_ms)
     struct pollfd fd = {.fd = STDIN_FILENO, .events = POLLIN};
     if (poll(&fd, 1, timeout_ms) <= 0)
         return TK_NONE;
-    if (fd.revents & (POLLHUP | POLLERR | POLLNVAL))
+    int waiting = 0;
+    bool ended = ioctl(STDIN_FILENO, FIONREAD, &waiting) != 0 || waiting == 0;
+    if ((fd.revents & (POLLHUP | POLLERR | POLLNVAL)) || ended)
         return TK_GONE;
     return read_key();
 }

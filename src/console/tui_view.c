@@ -42,7 +42,10 @@ static void name_state(const struct tui *t, struct title *out)
                  snap->sample.t);
     } else if (st->setup) {
         out->state = "READY";
-        snprintf(out->more, sizeof out->more, "motor off");
+        snprintf(out->more, sizeof out->more, "motor off%s",
+                 !st->looked || st->fast ? ""
+                 : st->still             ? ", links still"
+                                         : ", links move");
     }
 }
 
