@@ -15,6 +15,7 @@ CXX       ?= c++
 AR        ?= ar
 PKGCONFIG ?= pkg-config
 PYTHON    ?= python3
+CLANG     ?= clang
 CLANG_FORMAT ?= clang-format
 CLANG_TIDY   ?= clang-tidy
 
@@ -240,6 +241,19 @@ demo: ## run every setup on the virtual board, with logs and plots in build/demo
 		{ cat $(BUILD)/demo-build.log; exit 1; }
 	@tools/demo.sh $(BUILD)
 
+# The board's side of the protocol, from any bytes whatever; needs clang.
+.PHONY: fuzz
+FUZZ_SRC := $(addprefix src/driver/,frame.c device.c standalone.c standalone_laws.c)
+fuzz: $(BUILD)/fuzz/frame $(BUILD)/fuzz/device ## libFuzzer on frames and on the board's code (SECONDS=60 each)
+	@for t in frame device; do \
+		mkdir -p $(BUILD)/fuzz/corpus-$$t && \
+		$(BUILD)/fuzz/$$t -max_total_time=$(SECONDS) -verbosity=0 -print_final_stats=1 \
+			$(BUILD)/fuzz/corpus-$$t fuzz/corpus/$$t || exit 1; done
+$(BUILD)/fuzz/%: fuzz/fuzz_%.c $(FUZZ_SRC) $(wildcard src/driver/*.h)
+	@mkdir -p $(@D)
+	$(call say,FUZZ)$(CLANG) -std=c11 -O1 -g -fsanitize=fuzzer,address,undefined \
+		-fno-sanitize-recover=all -Isrc -Iinclude -o $@ $< $(FUZZ_SRC) -lm
+
 .PHONY: install uninstall
 install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
 	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
@@ -273,7 +287,7 @@ $(B)/libmkbench.so: tools/bench/bench_sim.cpp $(LIB)
 	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 .PHONY: format format-check
-FORMAT_FILES := $(shell find include src tests tools -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
+FORMAT_FILES := $(shell find include src tests tools fuzz -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
 format: ## format all sources
 	$(CLANG_FORMAT) -i $(FORMAT_FILES)
 format-check: ## fail when a source is not formatted

@@ -506,6 +506,7 @@ Suite *suite_board(void)
     suite_add_tcase(s, t);
 
     t = tcase_create("virtual");
+    tcase_set_timeout(t, 30);
     tcase_add_checked_fixture(t, setup, teardown);
     tcase_add_test(t, the_plant_takes_each_command_from_its_exchange_on);
     tcase_add_test(t, the_watchdog_bites_at_its_time_though_nobody_looks);
