@@ -261,11 +261,46 @@ START_TEST(a_searched_input_tells_more_than_a_sine_within_the_limits)
             ck_assert_double_le(e.figures.q_max[j], o.q_max[j] + 0.05);
         }
     }
-    o.threads = 1;
-    mk_excitation again = excited(m, o);
-    ck_assert_str_eq(e.input, again.input);
     mk_excitation_clear(&e);
-    mk_excitation_clear(&again);
+}
+END_TEST
+
+START_TEST(the_answer_does_not_depend_on_the_threads)
+{
+    mk_model m;
+    mk_excite_options o;
+    mk_model_default(MK_PLANT_FURUTA, &m);
+    mk_excite_default(&m, &o);
+    o.seconds = 2.0;
+    o.harmonics = 3;
+    o.evaluations = 200;
+    o.threads = 1;
+    mk_excitation alone = excited(m, o);
+    o.threads = 3;
+    mk_excitation together = excited(m, o);
+    ck_assert_str_eq(alone.input, together.input);
+    mk_excitation_clear(&alone);
+    mk_excitation_clear(&together);
+}
+END_TEST
+
+START_TEST(an_uncertain_model_promises_less)
+{
+    mk_model m;
+    mk_excite_options o;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    mk_excite_default(&m, &o);
+    o.seconds = 3.0;
+    o.harmonics = 3;
+    o.evaluations = 100;
+    mk_excitation sure = excited(m, o);
+    ck_assert(std::isnan(sure.worst_of_rigs));
+    o.spread = 0.1;
+    mk_excitation unsure = excited(m, o);
+    ck_assert_double_gt(unsure.worst_of_rigs, 1.02 * unsure.figures.worst);
+    ck_assert_str_ne(sure.input, unsure.input);
+    mk_excitation_clear(&sure);
+    mk_excitation_clear(&unsure);
 }
 END_TEST
 
@@ -280,6 +315,7 @@ START_TEST(what_is_out_of_range_is_refused_by_name)
     } rows[] = {{"harmonics", [](mk_excite_options *o) { o->harmonics = 1; }},
                 {"limit", [](mk_excite_options *o) { o->u_max = 11.0; }},
                 {"joint 1", [](mk_excite_options *o) { o->q_min[0] = 0.0; }},
+                {"spread", [](mk_excite_options *o) { o->spread = 0.9; }},
                 {" s:", [](mk_excite_options *o) { o->seconds = 0.0; }},
                 {"held", [](mk_excite_options *o) { memset(o->fixed, 1, sizeof o->fixed); }}};
     for (auto &row : rows) {
@@ -336,6 +372,8 @@ Suite *suite_excite(void)
     tcase_add_test(c, the_rig_follows_the_planned_trajectory);
     tcase_add_test(c, a_rig_with_a_free_joint_is_not_led_along_a_trajectory);
     tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 0, 3);
+    tcase_add_test(c, the_answer_does_not_depend_on_the_threads);
+    tcase_add_test(c, an_uncertain_model_promises_less);
     tcase_add_test(c, what_is_out_of_range_is_refused_by_name);
     tcase_add_test(c, the_command_files_run_and_log_what_was_planned);
     return s;

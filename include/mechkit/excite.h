@@ -22,6 +22,7 @@ extern "C" {
 #endif
 
 #define MK_EXCITE_MAX_HARMONICS 12
+#define MK_EXCITE_RIGS 4
 
 enum mk_excite_criterion {
     MK_EXCITE_WORST,     /* largest relative standard error */
@@ -47,6 +48,10 @@ struct mk_excite_options {
     double noise[MK_MAX_JOINTS]; /* standard deviation of a reading, rad */
     /* Process noise of the speeds, rad/s per sqrt(s): how far the rig is from its model. */
     double drift;
+    /* How far the parameters may be off, relative: the input must do well on the mean of the model
+     * and MK_EXCITE_RIGS models drawn around it, and keep to the limits on all. 0: trust the model.
+     * Information criteria only. */
+    double spread;
     bool fixed[MK_MAX_FIT_PARAMETERS]; /* parameters that will not be fitted (mechkit/ident.h) */
     const char *against;               /* signal to compare with; NULL: u_max sin(6 t) */
     int evaluations;                   /* most inputs to try */
@@ -79,6 +84,7 @@ struct mk_excitation {
     /* Of the regressor along a trajectory (report 3.1.2); NaN for a multisine. */
     double regressor_condition, regressor_condition_scaled;
     struct mk_excite_figures figures;
+    double worst_of_rigs; /* largest relative error on any model within `spread`; NaN without */
     char against[256];
     struct mk_excite_figures against_figures; /* NaN where that input runs away */
     int evaluations;

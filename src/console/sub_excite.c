@@ -17,25 +17,17 @@ struct options {
 
 enum { Q1 = 256, Q2, V1, V2 };
 
-static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                      {"out", required_argument, NULL, 'o'},
-                                      {"json", required_argument, NULL, 'j'},
-                                      {"criterion", required_argument, NULL, 'c'},
-                                      {"seconds", required_argument, NULL, 's'},
-                                      {"rate", required_argument, NULL, 'r'},
-                                      {"harmonics", required_argument, NULL, 'n'},
-                                      {"u-max", required_argument, NULL, 'u'},
-                                      {"q1", required_argument, NULL, Q1},
-                                      {"q2", required_argument, NULL, Q2},
-                                      {"v1", required_argument, NULL, V1},
-                                      {"v2", required_argument, NULL, V2},
-                                      {"drift", required_argument, NULL, 'd'},
-                                      {"fix", required_argument, NULL, 'f'},
-                                      {"against", required_argument, NULL, 'a'},
-                                      {"tries", required_argument, NULL, 't'},
-                                      {"seed", required_argument, NULL, 'S'},
-                                      {"threads", required_argument, NULL, 'T'},
-                                      {NULL, 0, NULL, 0}};
+static const struct option names[] = {
+    {"model", required_argument, NULL, 'm'},     {"out", required_argument, NULL, 'o'},
+    {"json", required_argument, NULL, 'j'},      {"criterion", required_argument, NULL, 'c'},
+    {"seconds", required_argument, NULL, 's'},   {"rate", required_argument, NULL, 'r'},
+    {"harmonics", required_argument, NULL, 'n'}, {"u-max", required_argument, NULL, 'u'},
+    {"q1", required_argument, NULL, Q1},         {"q2", required_argument, NULL, Q2},
+    {"v1", required_argument, NULL, V1},         {"v2", required_argument, NULL, V2},
+    {"drift", required_argument, NULL, 'd'},     {"spread", required_argument, NULL, 'p'},
+    {"fix", required_argument, NULL, 'f'},       {"against", required_argument, NULL, 'a'},
+    {"tries", required_argument, NULL, 't'},     {"seed", required_argument, NULL, 'S'},
+    {"threads", required_argument, NULL, 'T'},   {NULL, 0, NULL, 0}};
 
 /* Files come first: the model says what the other options start from. */
 static int parse_files(int argc, char **argv, struct options *o)
@@ -92,6 +84,8 @@ static double *number_option(int c, struct mk_excite_options *e)
         return &e->u_max;
     case 'd':
         return &e->drift;
+    case 'p':
+        return &e->spread;
     case V1:
         return &e->v_max[0];
     case V2:
@@ -198,6 +192,9 @@ static void print_result(const struct mk_excitation *e)
     for (int j = 0; j < plant->joints; j++)
         printf("  joint %d: %.3g .. %.3g rad, up to %.3g rad/s\n", j + 1, f->q_min[j], f->q_max[j],
                f->v_max[j]);
+    if (!isnan(e->worst_of_rigs))
+        printf("  with parameters off by up to the spread: up to %.4g %%\n",
+               100.0 * e->worst_of_rigs);
     if (g->worst > 0.0)
         printf("  the largest standard error is %.3g times smaller\n", g->worst / f->worst);
 }
@@ -238,6 +235,7 @@ static enum mk_status write_json(const struct mk_excitation *e, const char *path
     cJSON_AddItemToObject(o, "regressor_condition_number_scaled",
                           mk_json_number(e->regressor_condition_scaled));
     cJSON_AddItemToObject(o, "figures", figures_json(e, &e->figures));
+    cJSON_AddItemToObject(o, "worst_of_rigs", mk_json_number(e->worst_of_rigs));
     cJSON_AddStringToObject(o, "against", e->against);
     cJSON_AddItemToObject(o, "against_figures", figures_json(e, &e->against_figures));
     cJSON_AddItemToObject(o, "evaluations", mk_json_number(e->evaluations));

@@ -11,7 +11,9 @@
 #include <new>
 #include <thread>
 
+#include "base/random.h"
 #include "ident/cma_es.hpp"
+#include "ident/excite_cost.hpp"
 #include "ident/fit.hpp"
 #include "ident/information.hpp"
 #include "ident/waveforms.hpp"
@@ -34,6 +36,7 @@ constexpr double SEARCH_RATE_HZ = 200.0;
 constexpr int SEARCH_POINTS = 240; // of a trajectory's period
 constexpr double OVER = 10.0;      // weight of a limit's relative excess, against the log of a cost
 constexpr int STARTS = 3;
+constexpr double HIGHEST_BASE_HZ = 1.5; // of a multisine
 
 bool by_condition(enum mk_excite_criterion c)
 {
@@ -45,79 +48,11 @@ bool fully_actuated(const mk_model &model)
     return mk_plant(model.plant)->joints == 1;
 }
 
-// By how much of itself a value lies beyond a limit.
-double excess(double value, double limit)
-{
-    return std::max(0.0, value / limit - 1.0);
-}
-
-struct Extent {
-    double q_min[MK_MAX_JOINTS] = {}, q_max[MK_MAX_JOINTS] = {}, v_max[MK_MAX_JOINTS] = {};
-};
-
-double beyond_limits(const mk_model &model, const mk_excite_options &o, const Extent &e)
-{
-    const mk_plant_info *plant = mk_plant(model.plant);
-    double sum = 0.0;
-    for (int j = 0; j < plant->joints; j++) {
-        sum += excess(e.v_max[j], o.v_max[j]);
-        if (plant->joint_is_wheel[j])
-            continue;
-        double range = o.q_max[j] - o.q_min[j];
-        sum += std::max(0.0, e.q_max[j] - o.q_max[j]) / range;
-        sum += std::max(0.0, o.q_min[j] - e.q_min[j]) / range;
-    }
-    return sum;
-}
-
-// --- trajectories ---
-
-// The regressor along one period, summed.
-struct Led {
-    Eigen::MatrixXd normal;
-    Extent extent;
-    double u_max = 0.0;
-
-    double condition(bool scaled) const
-    {
-        VectorXd s = VectorXd::Ones(normal.rows());
-        if (scaled)
-            s = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-        Eigen::MatrixXd m = s.asDiagonal() * normal * s.asDiagonal();
-        VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(m).eigenvalues();
-        return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
-    }
-};
-
-Led lead(const mk_model &model, const Series &series, int points)
-{
-    long np = mk_plant(model.plant)->parameter_count;
-    Led led;
-    led.normal = Eigen::MatrixXd::Zero(np, np);
-    VectorXd row(np);
-    for (int k = 0; k < points; k++) {
-        double q, v, a, u;
-        series.at(TWO_PI / series.omega * k / points, q, v, a);
-        mk_plant_regressor(&model, &q, &v, &a, row.data());
-        mk_plant_inverse_dynamics(&model, &q, &v, &a, &u);
-        led.normal.selfadjointView<Eigen::Lower>().rankUpdate(row);
-        led.u_max = std::max(led.u_max, std::fabs(u));
-        Extent &e = led.extent;
-        e.q_min[0] = k ? std::min(e.q_min[0], q) : q;
-        e.q_max[0] = k ? std::max(e.q_max[0], q) : q;
-        e.v_max[0] = std::max(e.v_max[0], std::fabs(v));
-    }
-    led.normal = led.normal.selfadjointView<Eigen::Lower>();
-    return led;
-}
-
 // Unknowns: log of the frequency in Hz, then the series' amplitudes.
 Series series_of(const mk_model &model, const VectorXd &x)
 {
     return Series(TWO_PI * std::exp(x(0)), x.tail(x.size() - 1), mk_plant(model.plant)->rest[0]);
 }
-
-// --- inputs ---
 
 std::vector<double> sampled(const Multisine &wave, double seconds, double rate)
 {
@@ -126,26 +61,6 @@ std::vector<double> sampled(const Multisine &wave, double seconds, double rate)
         u[k] = wave.at((double)k / rate);
     return u;
 }
-
-double value_of(enum mk_excite_criterion criterion, const Eigen::MatrixXd &covariance)
-{
-    VectorXd variance = covariance.diagonal();
-    double n = (double)variance.size();
-    if (criterion == MK_EXCITE_WORST)
-        return std::sqrt(variance.maxCoeff());
-    if (criterion == MK_EXCITE_A)
-        return std::sqrt(variance.sum() / n);
-    VectorXd unit = variance.cwiseMax(1e-300).cwiseSqrt();
-    Eigen::MatrixXd correlation =
-        unit.cwiseInverse().asDiagonal() * covariance * unit.cwiseInverse().asDiagonal();
-    double log_det = 0.0;
-    VectorXd pivots = correlation.ldlt().vectorD();
-    for (long i = 0; i < variance.size(); i++)
-        log_det += std::log(unit(i)) + 0.5 * std::log(std::max(pivots(i), 1e-30));
-    return std::exp(log_det / n);
-}
-
-// --- the search ---
 
 class Excitation
 {
@@ -163,6 +78,7 @@ class Excitation
     {
         if (free.empty())
             return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: nothing to excite");
+        draw_rigs();
         VectorXd best;
         enum mk_status st = search(best, err);
         if (st != MK_OK)
@@ -174,13 +90,15 @@ class Excitation
         fill(u, out.figures);
         if (std::isnan(out.figures.worst))
             return mk_error_set(err, MK_ERR_NUMERIC, "the model runs away under every input");
-        return compare((size_t)u.size(), err);
+        out.worst_of_rigs = rigs.size() > 1 && !led ? worst_of_rigs(u) : UNKNOWN;
+        return compare(u.size(), err);
     }
 
   private:
     const mk_model &model;
     const mk_excite_options &o;
     mk_excitation &out;
+    std::vector<mk_model> rigs; // that the input is for: the model, and those around it
     std::vector<int> free;
     bool led;
     int threads;
@@ -203,26 +121,39 @@ class Excitation
         return std::log(l.condition(o.criterion == MK_EXCITE_CONDITION)) + OVER * over;
     }
 
+    // Parameters apart by up to `spread`, as far as they make a rig.
+    void draw_rigs()
+    {
+        rigs.assign(1, model);
+        mk_random random = {o.seed};
+        for (int tries = 0; o.spread > 0.0 && tries < 100 && rigs.size() <= MK_EXCITE_RIGS;
+             tries++) {
+            mk_model rig = model;
+            for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
+                rig.parameter[i] *= 1.0 + o.spread * (2.0 * mk_random_uniform(&random) - 1.0);
+            if (mk_model_check(&rig, nullptr) == MK_OK)
+                rigs.push_back(rig);
+        }
+    }
+
     double cost_input(const VectorXd &x) const
     {
         double rate = std::min(o.rate_hz, SEARCH_RATE_HZ);
-        double lowest = std::log(1.0 / o.seconds), highest = std::log(1.5);
+        double lowest = std::log(1.0 / o.seconds), highest = std::log(HIGHEST_BASE_HZ);
         double over = std::max(0.0, lowest - x(0)) + std::max(0.0, x(0) - highest);
         if (over > 1.0)
             return 100.0 + over;
         Multisine wave(o.u_max, TWO_PI * std::exp(x(0)), x.tail(x.size() - 1));
-        Foresight f =
-            foresee(model, sampled(wave, o.seconds, rate), 1.0 / rate, free, picture(rate));
-        if (!f.finite())
-            return HUGE_VAL;
-        Extent e;
-        for (int j = 0; j < MK_MAX_JOINTS; j++) {
-            e.q_min[j] = f.q_min[j];
-            e.q_max[j] = f.q_max[j];
-            e.v_max[j] = f.v_max[j];
+        std::vector<double> u = sampled(wave, o.seconds, rate);
+        double sum = 0.0;
+        for (const mk_model &rig : rigs) {
+            Foresight f = foresee(rig, u, 1.0 / rate, free, picture(rate));
+            if (!f.finite())
+                return HUGE_VAL;
+            over += beyond_limits(rig, o, extent_of(f));
+            sum += std::log(value_of(o.criterion, f.covariance));
         }
-        over += beyond_limits(model, o, e);
-        return std::log(value_of(o.criterion, f.covariance)) + OVER * over;
+        return sum / (double)rigs.size() + OVER * over;
     }
 
     // Wide searches from several frequencies, then a narrow one from the best.
@@ -342,6 +273,17 @@ class Excitation
         }
     }
 
+    double worst_of_rigs(const std::vector<double> &u) const
+    {
+        double worst = 0.0;
+        for (const mk_model &rig : rigs) {
+            Foresight f = foresee(rig, u, 1.0 / o.rate_hz, free, picture(o.rate_hz));
+            worst =
+                std::max(worst, f.finite() ? value_of(MK_EXCITE_WORST, f.covariance) : HUGE_VAL);
+        }
+        return worst;
+    }
+
     enum mk_status compare(size_t rows, mk_error *err)
     {
         char limit[MK_NUMBER_MAX];
@@ -379,6 +321,8 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
                             o.u_max, model.u_max);
     if (o.evaluations < 100)
         return mk_error_set(err, MK_ERR_RANGE, "%d tries: at least 100", o.evaluations);
+    if (!(o.spread >= 0.0 && o.spread <= 0.5))
+        return mk_error_set(err, MK_ERR_RANGE, "spread %g: from 0 to 0.5", o.spread);
     if (!(o.drift >= 0.0))
         return mk_error_set(err, MK_ERR_RANGE, "drift %g: not negative", o.drift);
     const mk_plant_info *plant = mk_plant(model.plant);
