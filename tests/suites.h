@@ -42,6 +42,7 @@
     X(doctor)                                                                                      \
     X(usb)                                                                                         \
     X(parport)                                                                                     \
+    X(boards_cli)                                                                                  \
     X(replug)                                                                                      \
     X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \

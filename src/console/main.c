@@ -155,6 +155,24 @@ static const struct subcommand subcommands[] = {
      "  --drive          two short pushes and a slow sweep: wiring, swapped encoders, cable drag\n"
      "  --fast           virtual board in simulated time\n",
      sub_doctor},
+    {"standalone", "let the board's own controller run, and fetch what it recorded",
+     "usage: mechkit standalone SETUP [options]\n"
+     "\n"
+     "The board controls the rig by itself, as the original kit did: the setup and its gains go\n"
+     "down, it starts, halts, and the recorded arrays come up as a log. The links must hang "
+     "still.\n"
+     "Setups: pendubot-mid, pendubot-top, reaction-wheel, furuta, pi-speed.\n"
+     "\n"
+     "  --board NAME     usb, parport, virtual (default)\n"
+     "  --device NAME    which board, when there are several\n"
+     "  --model M.ini    the rig; default: the rig of the setup with the report's parameters\n"
+     "  --gains LIST     the first gains of the setup (docs/protocol.md); default: the board's\n"
+     "  --seconds S      how long; default 10\n"
+     "  --rate HZ        samples per second; default 500\n"
+     "  --every N        samples a record; default: so that the arrays last\n"
+     "  --out LOG.csv    where the recorded arrays go; default: standalone.csv\n"
+     "  --fast           virtual board in simulated time\n",
+     sub_standalone},
     {"summary", "what happened in runs, a line a log",
      "usage: mechkit summary LOG.csv...\n"
      "\n"

@@ -27,6 +27,7 @@ int sub_identify(int argc, char **argv);
 int sub_explain(int argc, char **argv);
 int sub_boards(int argc, char **argv);
 int sub_doctor(int argc, char **argv);
+int sub_standalone(int argc, char **argv);
 int sub_excite(int argc, char **argv);
 int sub_measure(int argc, char **argv);
 int sub_export(int argc, char **argv);

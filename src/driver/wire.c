@@ -417,6 +417,11 @@ enum mk_status mk_wire_upload(struct mk_wire *w, uint32_t first, struct mk_stand
 /* --- slots of the board interface --------------------------------------------------------------
  */
 
+struct mk_wire *mk_wire_of(struct mk_board *board)
+{
+    return board->ops->identify == mk_wire_board_identify ? board->priv : NULL;
+}
+
 enum mk_status mk_wire_check_model(const struct mk_wire *w, const struct mk_model *model,
                                    struct mk_error *err)
 {

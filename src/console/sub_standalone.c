@@ -1,0 +1,336 @@
+/* mechkit standalone: the board's own controller, from setup to the uploaded arrays. */
+#include <getopt.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "console/doctor.h"
+#include "console/sub.h"
+#include "driver/standalone.h"
+#include "driver/wire.h"
+#include "mechkit/log.h"
+#include "mechkit/number.h"
+
+#define GUARD_MS 200      /* the board stops when the host falls silent for so long */
+#define GUARD_NS 20000000 /* between two looks */
+
+static const struct setup {
+    const char *name;
+    enum mk_controller controller;
+    enum mk_plant_kind plant;
+} setups[] = {
+    {"pendubot-mid", MK_CONTROLLER_PENDUBOT_MID, MK_PLANT_PENDUBOT},
+    {"pendubot-top", MK_CONTROLLER_PENDUBOT_TOP, MK_PLANT_PENDUBOT},
+    {"reaction-wheel", MK_CONTROLLER_REACTION_WHEEL, MK_PLANT_REACTION_WHEEL},
+    {"furuta", MK_CONTROLLER_FURUTA, MK_PLANT_FURUTA},
+    {"pi-speed", MK_CONTROLLER_PI_SPEED, MK_PLANT_INERTIA_WHEEL},
+};
+#define SETUPS (sizeof setups / sizeof setups[0])
+
+struct options {
+    const struct setup *setup;
+    const char *board, *device, *model, *gains, *out;
+    double seconds, rate_hz, every;
+    bool fast;
+};
+
+static volatile sig_atomic_t interrupted;
+
+static void on_signal(int number)
+{
+    (void)number;
+    interrupted = 1;
+}
+
+/* --- options -----------------------------------------------------------------------------------
+ */
+
+static int number_option(const char *name, const char *text, double low, double high, double *out)
+{
+    if (mk_parse_double_z(text, out) && *out >= low && *out <= high)
+        return EXIT_OK;
+    return report_usage("standalone", "--%s %s: expected a number from %g to %g", name, text, low,
+                        high);
+}
+
+static int take_option(struct options *o, int c, const char *value)
+{
+    switch (c) {
+    case 'b':
+        o->board = value;
+        return EXIT_OK;
+    case 'd':
+        o->device = value;
+        return EXIT_OK;
+    case 'm':
+        o->model = value;
+        return EXIT_OK;
+    case 'g':
+        o->gains = value;
+        return EXIT_OK;
+    case 'o':
+        o->out = value;
+        return EXIT_OK;
+    case 'f':
+        o->fast = true;
+        return EXIT_OK;
+    case 's':
+        return number_option("seconds", value, 0.01, 3600.0, &o->seconds);
+    case 'r':
+        return number_option("rate", value, 100.0, 2000.0, &o->rate_hz);
+    default:
+        return number_option("every", value, 1.0, 255.0, &o->every);
+    }
+}
+
+static int find_setup(const char *name, struct options *o)
+{
+    for (size_t i = 0; i < SETUPS; i++)
+        if (strcmp(setups[i].name, name) == 0)
+            o->setup = &setups[i];
+    return o->setup ? EXIT_OK : report_usage("standalone", "the board has no setup '%s'", name);
+}
+
+static int parse(int argc, char **argv, struct options *o)
+{
+    static const struct option names[] = {
+        {"board", required_argument, NULL, 'b'},   {"device", required_argument, NULL, 'd'},
+        {"model", required_argument, NULL, 'm'},   {"gains", required_argument, NULL, 'g'},
+        {"out", required_argument, NULL, 'o'},     {"fast", no_argument, NULL, 'f'},
+        {"seconds", required_argument, NULL, 's'}, {"rate", required_argument, NULL, 'r'},
+        {"every", required_argument, NULL, 'e'},   {NULL, 0, NULL, 0}};
+    int c;
+    opterr = 0;
+    optind = 1;
+    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
+        if (c == ':')
+            return report_usage("standalone", "%s needs a value", argv[optind - 1]);
+        if (c == '?')
+            return report_usage("standalone", "unknown option '%s'", argv[optind - 1]);
+        int code = take_option(o, c, optarg);
+        if (code != EXIT_OK)
+            return code;
+    }
+    if (optind + 1 != argc)
+        return report_usage("standalone", optind >= argc ? "which setup?" : "one setup at a time");
+    return find_setup(argv[optind], o);
+}
+
+/* --- the run -----------------------------------------------------------------------------------
+ */
+
+static enum mk_status send_gains(struct mk_wire *w, const char *list, int count,
+                                 struct mk_error *err)
+{
+    float value[MK_STANDALONE_GAINS];
+    int n = 0;
+    for (const char *p = list; p && *p;) {
+        p += strspn(p, " \t,");
+        size_t length = strcspn(p, " \t,");
+        double x;
+        if (length == 0)
+            break;
+        if (n >= count || !mk_parse_double(p, p + length, &x))
+            return mk_error_set(err, MK_ERR_RANGE,
+                                "--gains: '%.*s' is no number, or beyond the %d "
+                                "gains of this setup",
+                                (int)length, p, count);
+        value[n++] = (float)x;
+        p += length;
+    }
+    return n > 0 ? mk_wire_gains(w, 0, value, n, err) : MK_OK;
+}
+
+/* So that the arrays last for the whole run. */
+static unsigned record_every(const struct options *o)
+{
+    double every =
+        o->every > 0.0 ? o->every : ceil(o->seconds * o->rate_hz / (MK_STANDALONE_RECORDS - 1));
+    return (unsigned)fmin(every, 255.0);
+}
+
+static enum mk_status prepare(struct mk_board *board, struct mk_wire *w, const struct options *o,
+                              struct mk_error *err)
+{
+    int gains = 0;
+    enum mk_status st = board->ops->set_watchdog(board, GUARD_MS, err);
+    if (st == MK_OK)
+        st = board->ops->zero_counters(board, err);
+    if (st == MK_OK)
+        st = mk_wire_setup(w, (int)o->setup->controller, (uint32_t)lround(1e6 / o->rate_hz),
+                           record_every(o), &gains, err);
+    return st == MK_OK ? send_gains(w, o->gains, gains, err) : st;
+}
+
+/* Looks after the run; the board stops by itself when nobody does. */
+static enum mk_status guard(struct mk_board *board, struct mk_wire *w, double seconds,
+                            struct mk_error *err)
+{
+    int64_t end_ns = mk_clock_now_ns(board->clock) + (int64_t)(seconds * 1e9);
+    while (mk_clock_now_ns(board->clock) < end_ns && !interrupted) {
+        struct mk_wire_state s;
+        enum mk_status st = mk_wire_state(w, &s, err);
+        if (st != MK_OK)
+            return st;
+        if (s.fault)
+            return mk_error_set(err, MK_ERR_FAULT, "the board stopped %.2f s ago: %s",
+                                1e-9 * (double)(s.now_ns - s.fault_ns),
+                                mk_wire_fault_text(s.fault));
+        int64_t next_ns = mk_clock_now_ns(board->clock) + GUARD_NS;
+        mk_clock_sleep_until(board->clock, next_ns < end_ns ? next_ns : end_ns);
+    }
+    return MK_OK;
+}
+
+/* --- the arrays --------------------------------------------------------------------------------
+ */
+
+static enum mk_status describe(struct mk_log *log, const struct mk_wire *w,
+                               const struct mk_model *model, const struct options *o)
+{
+    char text[128];
+    enum mk_status st = mk_log_set_meta(log, "rig", mk_plant(model->plant)->name);
+    snprintf(text, sizeof text, "%g", o->rate_hz / record_every(o));
+    if (st == MK_OK)
+        st = mk_log_set_meta(log, "sample_rate_hz", text);
+    snprintf(text, sizeof text, "%d %d", model->encoder_cpr[0], model->encoder_cpr[1]);
+    if (st == MK_OK)
+        st = mk_log_set_meta(log, "encoder_cpr", text);
+    snprintf(text, sizeof text, "%.9g", model->u_to_torque);
+    if (st == MK_OK)
+        st = mk_log_set_meta(log, "u_to_torque", text);
+    snprintf(text, sizeof text, "%s, stand-alone", o->setup->name);
+    if (st == MK_OK)
+        st = mk_log_set_meta(log, "setup", text);
+    snprintf(text, sizeof text, "%s, %s, serial %s", w->identity.name, w->identity.firmware,
+             w->identity.serial[0] ? w->identity.serial : "-");
+    return st == MK_OK ? mk_log_set_meta(log, "board", text) : st;
+}
+
+static void fill(struct mk_log *log, const struct mk_standalone_record *r, const struct mk_model *m,
+                 double rate_hz)
+{
+    const struct mk_plant_info *plant = mk_plant(m->plant);
+    static const char *const q[] = {"q1", "q2"}, *const enc[] = {"enc1", "enc2"};
+    double *t = mk_log_add_column(log, "t"), *column;
+    for (size_t k = 0; k < log->rows && t; k++)
+        t[k] = r[k].sample / rate_hz;
+    for (int j = 0; j < plant->joints; j++) {
+        column = mk_log_add_column(log, q[j]);
+        for (size_t k = 0; k < log->rows && column; k++)
+            column[k] = plant->rest[j] + r[k].count[j] * 2.0 * M_PI / m->encoder_cpr[j];
+    }
+    column = mk_log_add_column(log, "u");
+    for (size_t k = 0; k < log->rows && column; k++)
+        column[k] = (double)r[k].micro / MK_WIRE_MICRO;
+    for (int j = 0; j < plant->joints; j++) {
+        column = mk_log_add_column(log, enc[j]);
+        for (size_t k = 0; k < log->rows && column; k++)
+            column[k] = r[k].count[j];
+    }
+    column = mk_log_add_column(log, "phase");
+    for (size_t k = 0; k < log->rows && column; k++)
+        column[k] = r[k].phase;
+}
+
+static enum mk_status fetch(struct mk_wire *w, const struct mk_model *model,
+                            const struct options *o, struct mk_error *err)
+{
+    struct mk_standalone_record *r = calloc(MK_STANDALONE_RECORDS, sizeof *r);
+    struct mk_log *log = NULL;
+    int got = 1;
+    uint32_t n = 0;
+    enum mk_status st = r ? MK_OK : mk_error_set(err, MK_ERR_NOMEM, "no memory for the arrays");
+    while (st == MK_OK && got > 0 && n < MK_STANDALONE_RECORDS) {
+        st = mk_wire_upload(w, n, r + n, (int)(MK_STANDALONE_RECORDS - n), &got, err);
+        n += st == MK_OK ? (uint32_t)got : 0;
+    }
+    if (st == MK_OK && (st = mk_log_create(n, &log)) != MK_OK)
+        mk_error_set(err, st, "no memory for the log");
+    if (st == MK_OK) {
+        fill(log, r, model, o->rate_hz);
+        st = describe(log, w, model, o);
+        if (st == MK_OK)
+            st = mk_log_write(o->out, log, err);
+    }
+    if (st == MK_OK)
+        printf("%u records are in %s, the last in phase %s\n", n, o->out,
+               n > 0 && r[n - 1].phase == MK_STANDALONE_BALANCE ? "balance" : "other than balance");
+    mk_log_free(log);
+    free(r);
+    return st;
+}
+
+/* --- all of it ---------------------------------------------------------------------------------
+ */
+
+static void quiet_line(void *user, enum doctor_verdict verdict, const char *what, const char *found,
+                       const char *advice)
+{
+    if (verdict == DOCTOR_PROBLEM)
+        mk_error_set(user, MK_ERR_FAULT, "%s: %s: %s", what, found, advice);
+}
+
+static enum mk_status run(struct mk_board *board, const struct mk_model *model,
+                          const struct options *o, struct mk_error *err)
+{
+    struct mk_wire *w = mk_wire_of(board);
+    struct doctor d = {.line = quiet_line, .user = err};
+    if (!w || !(w->capabilities & MK_WIRE_CAP_STANDALONE))
+        return mk_error_set(err, MK_ERR_NOTSUP, "board %s has no controllers of its own",
+                            board->ops->name);
+    if (!doctor_rest(&d, board, model))
+        return err->status;
+    enum mk_status st = prepare(board, w, o, err);
+    if (st == MK_OK)
+        st = mk_wire_start(w, err);
+    if (st != MK_OK)
+        return st;
+    enum mk_status ran = guard(board, w, o->seconds, err);
+    struct mk_error late = MK_ERROR_INIT;
+    st = mk_wire_halt(w, &late);
+    /* What was recorded is worth having whatever ended the run. */
+    if (st == MK_OK)
+        st = fetch(w, model, o, &late);
+    if (ran == MK_OK && st != MK_OK)
+        *err = late;
+    return ran != MK_OK ? ran : st;
+}
+
+int sub_standalone(int argc, char **argv)
+{
+    struct options o = {
+        .board = "virtual", .out = "standalone.csv", .seconds = 10.0, .rate_hz = 500.0};
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_model model;
+    struct mk_clock clock;
+    struct mk_board *board;
+    int code = parse(argc, argv, &o);
+    if (code != EXIT_OK)
+        return code;
+    const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
+    if (!ops)
+        return report_usage("standalone", "there is no board '%s'", o.board);
+    mk_model_default(o.setup->plant, &model);
+    if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
+        return report_error(&err);
+    if (o.fast)
+        mk_clock_init_simulated(&clock);
+    else
+        mk_clock_init_monotonic(&clock);
+    const struct sigaction action = {.sa_handler = on_signal};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    const struct mk_board_config config = {
+        .model = &model, .clock = &clock, .seed = 1, .device = o.device};
+    enum mk_status st = mk_board_open(ops, &config, &board, &err);
+    if (st == MK_OK) {
+        st = run(board, &model, &o, &err);
+        mk_board_close(board);
+    }
+    if (st != MK_OK)
+        report_error(&err);
+    return st == MK_OK ? EXIT_OK : EXIT_RUN_FAILED;
+}
