@@ -128,6 +128,21 @@ bool CauseSearch::stands_alone(const Round &round) const
     return follows(best) && nearest > chosen.score - best.score;
 }
 
+// A field with the best model in first place, as the one that has this cause.
+std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
+                                            std::vector<Hypothesis> field) const
+{
+    field.erase(std::remove_if(field.begin(), field.end(),
+                               [&](const Hypothesis &h) {
+                                   return h.added.effect == cause.effect &&
+                                          h.added.joint == cause.joint;
+                               }),
+                field.end());
+    field.insert(field.begin(), best);
+    field[0].added = cause;
+    return field;
+}
+
 // An earlier choice was made while another cause was still missing: would something else be
 // better in its place now, or nothing?
 void CauseSearch::reconsider()
@@ -163,7 +178,7 @@ void CauseSearch::reconsider()
             forget_lacks();
             rounds.push_back({std::move(field), lack_of(without)});
         } else {
-            rounds[i] = {std::move(field), lack_of(without)};
+            rounds[i] = {led_by(rounds[i].field[0].added, std::move(field)), lack_of(without)};
         }
     }
 }

@@ -56,6 +56,7 @@ class CauseSearch
     bool idle_without_last();
     void forget_lacks();
     bool stands_alone(const Round &round) const;
+    std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> field) const;
     void reconsider();
     static Lack lack_of(const Hypothesis &h) { return {h.score, h.picture.evidence}; }
 };
