@@ -90,6 +90,26 @@ START_TEST(back_emf_limits_torque_by_speed)
 }
 END_TEST
 
+/* An amplifier's gain comes before its limit, whichever is named first. */
+START_TEST(effects_act_in_their_physical_order_whatever_the_order_in_the_model)
+{
+    static const char *const order[2][2] = {{"saturation", "gain-asymmetry"},
+                                            {"gain-asymmetry", "saturation"}};
+    for (int i = 0; i < 2; i++) {
+        struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, order[i][0], 0);
+        ck_assert_int_eq(mk_model_add_effect(&m, order[i][1], 0, NULL), MK_OK);
+        m.effect[i].value[0] = 3.0;     /* limit */
+        m.effect[1 - i].value[0] = 0.2; /* ratio */
+        double x[2] = {0, 0}, dx[2], u[2] = {5.0, 0};
+        mk_model_rhs(&m, 0, x, u, dx);
+        ck_assert_double_eq_tol(m.parameter[0] * dx[1], 3.0, 1e-9);
+        u[0] = 2.0;
+        mk_model_rhs(&m, 0, x, u, dx);
+        ck_assert_double_eq_tol(m.parameter[0] * dx[1], 2.4, 1e-9);
+    }
+}
+END_TEST
+
 START_TEST(the_command_is_limited)
 {
     struct mk_model m;
@@ -286,6 +306,7 @@ Suite *suite_effects(void)
     tcase_add_test(t, a_rotor_behind_a_gear_adds_to_its_own_joint_alone);
     tcase_add_test(t, back_emf_limits_torque_by_speed);
     tcase_add_test(t, the_command_is_limited);
+    tcase_add_test(t, effects_act_in_their_physical_order_whatever_the_order_in_the_model);
     tcase_add_test(t, encoder_offset_is_added_and_taken_away);
     tcase_add_test(t, input_delay_is_for_the_simulation);
     tcase_add_test(t, backlash_passes_nothing_inside_the_gap_and_a_spring_beyond);

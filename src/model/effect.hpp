@@ -37,6 +37,8 @@ struct Compiled {
         int state, event; // offsets
         S p[MK_MAX_EFFECT_PARAMETERS];
     } effect[MK_MAX_EFFECTS];
+    int acting[MK_MAX_EFFECTS]; // places in `effect` in the order in which they act
+    const Effect &at(int i) const { return effect[acting[i]]; }
 };
 
 // One evaluation, as it passes through the stages.

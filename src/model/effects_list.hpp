@@ -1,4 +1,5 @@
-// The table of effects: one row each. The order is the order in which they act within a stage.
+// The table of effects: one row each. The order is the order in which they act within a stage,
+// whatever their order in a model.
 #ifndef MECHKIT_MODEL_EFFECTS_LIST_HPP
 #define MECHKIT_MODEL_EFFECTS_LIST_HPP
 
@@ -30,11 +31,11 @@
     X(ReflectedInertia)                                                                            \
     X(Backlash)                                                                                    \
     X(InputDelay)                                                                                  \
+    X(ActuatorLag)                                                                                 \
     X(Deadband)                                                                                    \
     X(GainAsymmetry)                                                                               \
     X(GainDrift)                                                                                   \
     X(TorqueRipple)                                                                                \
-    X(ActuatorLag)                                                                                 \
     X(Saturation)                                                                                  \
     X(BackEmfLimit)                                                                                \
     X(EncoderScale)                                                                                \

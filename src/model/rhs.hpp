@@ -40,6 +40,13 @@ inline Compiled<S> compile(const mk_model &model)
         for (int k = 0; k < info->parameter_count; k++)
             e.p[k] = S(use.value[k]);
     }
+    // Insertion sort by the table's order.
+    for (int i = 0; i < c.effect_count; i++) {
+        int k = i;
+        for (; k > 0 && c.at(k - 1).index > c.effect[i].index; k--)
+            c.acting[k] = c.acting[k - 1];
+        c.acting[k] = i;
+    }
     return c;
 }
 
@@ -72,11 +79,11 @@ inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const S &t, const S *
     f.motor_detached = false;
     f.base_acceleration = S(0.0);
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).frame)
-            stage(f, args_of(c.effect[i], x));
+        if (auto *stage = effect_ops<S>(c.at(i).index).frame)
+            stage(f, args_of(c.at(i), x));
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).command)
-            stage(f, args_of(c.effect[i], x));
+        if (auto *stage = effect_ops<S>(c.at(i).index).command)
+            stage(f, args_of(c.at(i), x));
 }
 
 // Accelerations of the joints from right-hand sides tau, mass matrix and h.
@@ -112,8 +119,8 @@ inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *
         f.tau[c.motor] += f.motor_torque;
     f.m11 = sum.m11, f.m12 = sum.m12, f.m22 = sum.m22;
     for (int i = 0; i < c.effect_count; i++) {
-        const EffectOps<S> &ops = effect_ops<S>(c.effect[i].index);
-        EffectArgs<S> e = args_of(c.effect[i], x);
+        const EffectOps<S> &ops = effect_ops<S>(c.at(i).index);
+        EffectArgs<S> e = args_of(c.at(i), x);
         if (ops.torque)
             ops.torque(f, e);
         if (ops.inertia)
@@ -127,8 +134,8 @@ inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *
         dx[c.joints + j] = f.a[j];
     }
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).derivative)
-            stage(f, args_of(c.effect[i], x), dx + c.effect[i].state);
+        if (auto *stage = effect_ops<S>(c.at(i).index).derivative)
+            stage(f, args_of(c.at(i), x), dx + c.at(i).state);
 }
 
 template <class S>
@@ -145,8 +152,8 @@ inline void events(const Compiled<S> &c, const S &t, const S *x, S *g)
     S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
     frame_begin(f, c, t, x, u);
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).events)
-            stage(f, args_of(c.effect[i], x), g + c.effect[i].event);
+        if (auto *stage = effect_ops<S>(c.at(i).index).events)
+            stage(f, args_of(c.at(i), x), g + c.at(i).event);
 }
 
 // The fastest rate that effects bring in at a state, 1/s.
@@ -158,8 +165,8 @@ inline double fastest_rate(const Compiled<S> &c, const S &t, const S *x)
     frame_begin(f, c, t, x, u);
     double fastest = 0.0;
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *rate = effect_ops<S>(c.effect[i].index).rate) {
-            double r = rate(f, args_of(c.effect[i], x));
+        if (auto *rate = effect_ops<S>(c.at(i).index).rate) {
+            double r = rate(f, args_of(c.at(i), x));
             fastest = r > fastest ? r : fastest;
         }
     return fastest;
@@ -174,8 +181,8 @@ inline void measure(const Compiled<S> &c, const S &t, const S *x, S *y)
     for (int j = 0; j < c.joints; j++)
         y[j] = x[j];
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).measure)
-            stage(f, args_of(c.effect[i], x), y);
+        if (auto *stage = effect_ops<S>(c.at(i).index).measure)
+            stage(f, args_of(c.at(i), x), y);
 }
 
 } // namespace MK_KERNEL_NS

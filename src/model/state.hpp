@@ -23,8 +23,8 @@ inline void initial_state(const Compiled<S> &c, const S *q, const S *v, S *x)
     Frame<S> f;
     frame_begin(f, c, S(0.0), x, u);
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *init = effect_ops<S>(c.effect[i].index).init)
-            init(f, args_of(c.effect[i], static_cast<const S *>(x)), x + c.effect[i].state);
+        if (auto *init = effect_ops<S>(c.at(i).index).init)
+            init(f, args_of(c.at(i), static_cast<const S *>(x)), x + c.at(i).state);
 }
 
 // What a torque at a joint meets: m11, m12, m22.
@@ -38,8 +38,8 @@ inline void mass_matrix(const Compiled<S> &c, const S &t, const S *x, S *m)
     with_plant(c.plant, [&](auto law) { law.law(f.m, c.g, sum); });
     f.m11 = sum.m11, f.m12 = sum.m12, f.m22 = sum.m22;
     for (int i = 0; i < c.effect_count; i++)
-        if (auto *stage = effect_ops<S>(c.effect[i].index).inertia)
-            stage(f, args_of(c.effect[i], x));
+        if (auto *stage = effect_ops<S>(c.at(i).index).inertia)
+            stage(f, args_of(c.at(i), x));
     m[0] = f.m11, m[1] = f.m12, m[2] = f.m22;
 }
 
