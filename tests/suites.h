@@ -54,7 +54,9 @@
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
     X(exchange)                                                                                    \
-    X(export_model)
+    X(export_model)                                                                                \
+    X(import)                                                                                      \
+    X(plot)
 
 #ifdef __cplusplus
 extern "C" {

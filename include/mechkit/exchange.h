@@ -89,6 +89,67 @@ MK_NODISCARD enum mk_status mk_export_c(const char *path, const struct mk_model 
 MK_NODISCARD enum mk_status mk_export_fmu(const char *path, const struct mk_model *model,
                                           bool *compiled, struct mk_error *err);
 
+/* --- import of measured data ------------------------------------------------------------------ */
+
+#define MK_IMPORT_COLUMNS 16
+
+/* One column of a log and where it comes from: sign * (value in `unit`) + offset. */
+struct mk_import_column {
+    char to[32];   /* column of the log: t, q1, q2, u, tau1, ... or any other name */
+    char from[64]; /* column of the file, by name or by number from 1 */
+    char unit[16]; /* "": the log's own */
+    double sign;   /* 1, -1, or any factor */
+    double offset; /* in the log's unit */
+};
+
+/* What the columns of a file mean (docs/formats.md, "Mapping"). */
+struct mk_import_map {
+    char separator, decimal; /* 0: found out from the file */
+    enum mk_plant_kind rig;
+    double u_to_torque;             /* N m per unit of command; 0: unknown */
+    int encoder_cpr[MK_MAX_JOINTS]; /* 0: unknown */
+    int count;
+    struct mk_import_column column[MK_IMPORT_COLUMNS];
+};
+
+/* Reads a mapping file. MK_ERR_NOTFOUND, MK_ERR_PARSE with file, line and what would be right. */
+MK_NODISCARD enum mk_status mk_import_map_read(const char *path, struct mk_import_map *out,
+                                               struct mk_error *err);
+/* Writes one; reads back equal. */
+MK_NODISCARD enum mk_status mk_import_map_write(const char *path, const struct mk_import_map *map,
+                                                const char *comment, struct mk_error *err);
+struct mk_import_column *mk_import_map_find(struct mk_import_map *map, const char *to);
+
+/* Reads a foreign file, text (also .gz) or .mat; text by map->separator and ->decimal, which it
+ * sets where they were open. A column's unit is what its name or a line of units says. */
+MK_NODISCARD enum mk_status mk_import_open(const char *path, struct mk_import_map *map,
+                                           struct mk_table **out, struct mk_error *err);
+/* Fills map->column from the names of the file's columns, for map->rig. MK_ERR_PARSE: time, an
+ * angle or the command is not to be recognised; the message lists the columns there are. */
+MK_NODISCARD enum mk_status mk_import_guess(const struct mk_table *table, const char *path,
+                                            struct mk_import_map *map, struct mk_error *err);
+/* The log that a map makes of a file. Time starts at 0. MK_ERR_PARSE: a column that is not there, a
+ * unit that does not fit, time that does not increase. The caller frees with mk_log_free. */
+MK_NODISCARD enum mk_status mk_import_apply(const struct mk_table *table, const char *path,
+                                            const struct mk_import_map *map, struct mk_log **out,
+                                            struct mk_error *err);
+
+#define MK_IMPORT_FINDINGS 8
+
+/* Something that cannot be as the map says. */
+struct mk_import_finding {
+    char what[256];     /* what is wrong, as the data show it */
+    char proposal[192]; /* the change to the map; "" when there is none to propose */
+    struct mk_import_map fixed;
+};
+
+/* Holds an imported log against what rigs of its kind can do: sample times, angles, gravity, the
+ * sign of the command, joints swapped. A fit of the textbook model to the accelerations says how
+ * well the columns go together; a change that makes them go together is proposed. Returns the
+ * number of findings, most certain first. 0: nothing speaks against the map. */
+int mk_import_check(const struct mk_table *table, const char *path, const struct mk_import_map *map,
+                    struct mk_import_finding *out);
+
 #ifdef __cplusplus
 }
 #endif

@@ -179,13 +179,19 @@ static const struct subcommand subcommands[] = {
      "Prints for each log: setup, length, when it was caught, how still it was held, command, and\n"
      "lateness of the loop.\n",
      sub_summary},
-    {"plot", "plot logs to SVG or PNG (needs gnuplot)",
-     "usage: mechkit plot LOG.csv --out FILE.svg|FILE.png [options]\n"
+    {"plot", "draw logs as SVG, PNG or in the terminal (needs gnuplot)",
+     "usage: mechkit plot LOG.csv... [--out FILE.svg|FILE.png] [options]\n"
      "\n"
-     "Angles, command and phase plane of a run; the hand-over is marked.\n"
+     "Angles, command and phase plane of up to eight runs over each other; the hand-over of a\n"
+     "single one is marked. Without --out it is drawn in the terminal.\n"
      "\n"
-     "  --with PRED.csv  draw a prediction over the angles (mechkit simulate)\n"
-     "  --title TEXT     default: setup and rig\n",
+     "  --with PRED.csv  a prediction over the angles (mechkit simulate), and its error\n"
+     "  --spectrum       spectra of command and angles, and the response between them: gain, "
+     "phase\n"
+     "                   and coherence (Welch)\n"
+     "  --phase          phase plane of every joint\n"
+     "  --title TEXT     default: setup and rig\n"
+     "  --size WxH       pixels, or characters of a panel in the terminal\n",
      sub_plot},
     {"export", "logs and models for MATLAB, Octave, C and others",
      "usage: mechkit export LOG.csv... --out FILE.mat|FILE.csv [options]\n"
@@ -206,6 +212,22 @@ static const struct subcommand subcommands[] = {
      "  --separator C    of a CSV: , (default), tab, or ; with decimal commas\n"
      "  --plain          a CSV without # lines of metadata\n",
      sub_export},
+    {"import", "logs from other people's files, and whether they can be true",
+     "usage: mechkit import FILE --map M.map|--rig KIND [--out LOG.csv] [options]\n"
+     "\n"
+     "Reads text with columns (also .gz) or a .mat file. A mapping says which column is what, in\n"
+     "which unit, sign and offset (docs/formats.md); without one the names of the columns do. "
+     "Says\n"
+     "what was assumed and checks it against how rigs move: unit of time and angles, gravity, "
+     "sign\n"
+     "of the command, joints swapped. What cannot be is not written, and a mend is proposed: exit\n"
+     "code 1.\n"
+     "\n"
+     "  --rig KIND         inertia-wheel, pendulum, pendubot, reaction-wheel or furuta\n"
+     "  --write-map M.map  the mapping, with what is proposed\n"
+     "  --force            write the log whatever speaks against it\n"
+     "  --json FILE        what was assumed and found; \"-\": standard output\n",
+     sub_import},
     {"robustness", "catch and hold rigs that differ from what the controller believes",
      "usage: mechkit robustness [options]\n"
      "\n"

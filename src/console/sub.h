@@ -31,6 +31,7 @@ int sub_standalone(int argc, char **argv);
 int sub_excite(int argc, char **argv);
 int sub_measure(int argc, char **argv);
 int sub_export(int argc, char **argv);
+int sub_import(int argc, char **argv);
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */

@@ -1,27 +1,29 @@
-/* mechkit plot: a run as SVG or PNG, drawn by gnuplot. */
+/* mechkit plot: logs as SVG or PNG, or in the terminal, drawn by gnuplot. */
 #include <errno.h>
 #include <getopt.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "console/plot.h"
 #include "console/sub.h"
-#include "mechkit/ctrl.h"
-#include "mechkit/log.h"
-#include "mechkit/model.h"
 
 struct options {
-    const char *log, *out, *with, *title;
+    struct plot plot;
+    const char *with;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static int parse_options(int argc, char **argv, struct options *o)
 {
     static const struct option names[] = {{"out", required_argument, NULL, 'o'},
                                           {"with", required_argument, NULL, 'w'},
                                           {"title", required_argument, NULL, 't'},
+                                          {"size", required_argument, NULL, 's'},
+                                          {"spectrum", no_argument, NULL, 'f'},
+                                          {"phase", no_argument, NULL, 'p'},
                                           {NULL, 0, NULL, 0}};
     int c;
     opterr = 0;
@@ -29,13 +31,27 @@ static int parse(int argc, char **argv, struct options *o)
     while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
         switch (c) {
         case 'o':
-            o->out = optarg;
+            o->plot.out = optarg;
             break;
         case 'w':
             o->with = optarg;
             break;
         case 't':
-            o->title = optarg;
+            o->plot.title = optarg;
+            break;
+        case 's': {
+            char rest;
+            if (sscanf(optarg, "%dx%d%c", &o->plot.width, &o->plot.height, &rest) != 2 ||
+                o->plot.width < 20 || o->plot.width > 20000 || o->plot.height < 5 ||
+                o->plot.height > 20000)
+                return report_usage("plot", "--size %s: expected WIDTHxHEIGHT", optarg);
+            break;
+        }
+        case 'f':
+            o->plot.kind = PLOT_SPECTRUM;
+            break;
+        case 'p':
+            o->plot.kind = PLOT_PHASE;
             break;
         case ':':
             return report_usage("plot", "%s needs a value", argv[optind - 1]);
@@ -43,15 +59,8 @@ static int parse(int argc, char **argv, struct options *o)
             return report_usage("plot", "unknown option '%s'", argv[optind - 1]);
         }
     }
-    if (optind + 1 != argc)
-        return report_usage("plot", optind < argc ? "one log at a time" : "which log?");
-    o->log = argv[optind];
-    if (!o->out)
-        return report_usage("plot", "--out is missing");
     return EXIT_OK;
 }
-
-/* --- script ------------------------------------------------------------------------------ */
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -59,147 +68,49 @@ static bool ends_with(const char *text, const char *end)
     return n >= m && strcmp(text + n - m, end) == 0;
 }
 
-/* Text in a single-quoted gnuplot string: quotes doubled, control characters gone. */
-static void quote(FILE *f, const char *text)
+static int parse(int argc, char **argv, struct options *o)
 {
-    fputc('\'', f);
-    for (; *text; text++) {
-        if (*text == '\'')
-            fputc('\'', f);
-        fputc((unsigned char)*text < ' ' ? ' ' : *text, f);
+    int code = parse_options(argc, argv, o);
+    if (code != EXIT_OK)
+        return code;
+    struct plot *p = &o->plot;
+    p->count = argc - optind;
+    if (p->count < 1)
+        return report_usage("plot", "which log?");
+    if (p->count > PLOT_MAX_LOGS)
+        return report_usage("plot", "at most %d logs in one plot", PLOT_MAX_LOGS);
+    for (int i = 0; i < p->count; i++) {
+        const char *slash = strrchr(argv[optind + i], '/');
+        p->names[i] = slash ? slash + 1 : argv[optind + i];
     }
-    fputc('\'', f);
+    if (p->out && !ends_with(p->out, ".svg") && !ends_with(p->out, ".png"))
+        return report_usage("plot", "--out %s: expected a name that ends in .svg or .png", p->out);
+    if (o->with && p->count > 1)
+        return report_usage("plot", "--with is for one log");
+    if (o->with && p->kind == PLOT_SPECTRUM)
+        return report_usage("plot", "--with and --spectrum do not go together");
+    return EXIT_OK;
 }
 
-static void put_value(FILE *f, const double *column, size_t row)
+/* What a picture or a terminal has room for, where the user does not say. */
+static void find_size(struct plot *p)
 {
-    if (!column || isnan(column[row]))
-        fputs(" NaN", f);
-    else
-        fprintf(f, " %.9g", column[row]);
-}
-
-/* A block of data: t q1 q2 u dq1 dq2 ref. */
-static void put_data(FILE *f, const char *name, const struct mk_log *log)
-{
-    static const char *const columns[] = {"t", "q1", "q2", "u", "dq1", "dq2", "ref"};
-    size_t step = log->rows / 4000 + 1; /* more points than pixels help nobody */
-    fprintf(f, "%s << EOD\n", name);
-    for (size_t r = 0; r < log->rows; r += step) {
-        for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
-            put_value(f, mk_log_get(log, columns[c]), r);
-        fputc('\n', f);
-    }
-    fputs("EOD\n", f);
-}
-
-/* First row of the last stretch of balancing; NAN: there is none. */
-static double hand_over(const struct mk_log *log)
-{
-    const double *phase = mk_log_get(log, "phase"), *t = mk_log_get(log, "t");
-    for (size_t r = 0; phase && r < log->rows; r++)
-        if (phase[r] == MK_PHASE_BALANCE)
-            return t[r];
-    return (double)NAN;
-}
-
-static void put_styles(FILE *f, const struct options *o)
-{
-    if (ends_with(o->out, ".png"))
-        fputs("set terminal pngcairo size 1100,760 font 'DejaVu Sans,11' background '#ffffff'\n",
-              f);
-    else
-        fputs("set terminal svg size 1100,760 dynamic font 'DejaVu Sans,12' background '#ffffff'\n",
-              f);
-    fputs("set output ", f);
-    quote(f, o->out);
-    fputs("\nset style line 1 lc rgb '#0072b2' lw 1.6\n"
-          "set style line 2 lc rgb '#d55e00' lw 1.6\n"
-          "set style line 3 lc rgb '#009e73' lw 1.2\n"
-          "set style line 4 lc rgb '#777777' lw 1.2 dt 2\n"
-          "set style line 5 lc rgb '#000000' lw 1.0 dt 3\n"
-          "set grid lc rgb '#e4e4e4' lt 1\nset border 3 lc rgb '#555555'\nset tics nomirror\n"
-          "set key top right opaque samplen 2 spacing 1.1\n",
-          f);
-}
-
-static void put_angle_panel(FILE *f, int joint, bool wheel, bool with)
-{
-    const char *what = wheel ? "wheel speed dq" : "q";
-    int column = wheel ? 4 + joint : 1 + joint;
-    fprintf(f, "set ylabel '%s%d [rad%s]'\nplot $run using 1:%d with lines ls %d title '%s%d'",
-            what, joint, wheel ? "/s" : "", column, joint, wheel ? "dq" : "q", joint);
-    if (with)
-        fprintf(f, ", $with using 1:%d with lines ls 4 title 'model'", column);
-    fputc('\n', f);
-}
-
-static void put_panels(FILE *f, const struct options *o, const struct mk_log *log, bool with)
-{
-    const char *rig = mk_log_find_meta(log, "rig"), *setup = mk_log_find_meta(log, "setup");
-    const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
-    bool two = mk_log_get(log, "q2") != NULL;
-    bool wheel1 = plant && plant->joint_is_wheel[0], wheel2 = plant && plant->joint_is_wheel[1];
-    int phase = wheel2 || !two ? 1 : 2;
-    char title[200];
-    snprintf(title, sizeof title, "%s%s%s", setup ? setup : "", setup && rig ? " on a " : "",
-             rig ? rig : "");
-    fputs("set multiplot title ", f);
-    quote(f, o->title ? o->title : title[0] ? title : o->log);
-    fputs(" font ',14'\nset lmargin 9\n", f);
-    if (!with)
-        fputs("set key off\n", f); /* the axes say it */
-    double caught = hand_over(log);
-    if (!isnan(caught)) {
-        fprintf(f, "set arrow 1 from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 5\n",
-                caught, caught);
-        fprintf(f, "set label 1 ' caught at %.2f s' at first %.6g, graph 0.94 font ',9'\n", caught,
-                caught);
-    }
-    double height = two ? 0.30 : 0.45, y = 0.94 - height;
-    fprintf(f, "set size 0.66,%g\nset format x ''\n", height);
-    for (int j = 1; j <= (two ? 2 : 1); j++, y -= height) {
-        fprintf(f, "set origin 0,%g\n", y);
-        put_angle_panel(f, j, j == 1 ? wheel1 : wheel2, with);
-        fputs("unset label 1\n", f);
-    }
-    fprintf(f, "set format x '%%g'\nset xlabel 't [s]'\nset size 0.66,%g\nset origin 0,0\n",
-            y + height);
-    fputs("set ylabel 'u [command units]'\nplot $run using 1:4 with steps ls 3 title 'u'\n", f);
-    fputs("unset arrow 1\nset size 0.34,0.60\nset origin 0.66,0.2\nset lmargin 8\n", f);
-    fprintf(
-        f,
-        "set xlabel 'q%d [rad]'\nset ylabel 'dq%d [rad/s]'\nset key off\nset title 'phase plane' "
-        "font ',10'\n",
-        phase, phase);
-    fprintf(f, "plot $run using %d:%d with lines ls %d", 1 + phase, 4 + phase, phase);
-    if (!isnan(caught))
-        fprintf(f, ", $run using ($1>=%.9g?$%d:NaN):%d with lines lc rgb '#000000' lw 1.6", caught,
-                1 + phase, 4 + phase);
-    fputs("\nunset multiplot\nunset output\n", f);
-}
-
-static enum mk_status write_script(const char *path, const struct options *o,
-                                   const struct mk_log *log, const struct mk_log *with,
-                                   struct mk_error *err)
-{
-    FILE *f = fopen(path, "w");
-    if (!f)
-        return mk_error_errno(err, errno, path, "cannot write");
-    put_styles(f, o);
-    put_data(f, "$run", log);
-    if (with)
-        put_data(f, "$with", with);
-    put_panels(f, o, log, with != NULL);
-    if (fclose(f) != 0)
-        return mk_error_errno(err, errno, path, "cannot write");
-    return MK_OK;
+    struct winsize window;
+    if (p->width > 0)
+        return;
+    p->width = 1100, p->height = 760;
+    if (p->out)
+        return;
+    p->width = 100, p->height = 22;
+    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col >= 40)
+        p->width = window.ws_col;
 }
 
 /* --- gnuplot ----------------------------------------------------------------------------- */
 
 static enum mk_status run_gnuplot(const char *script, struct mk_error *err)
 {
+    fflush(stdout);
     pid_t child = fork();
     if (child < 0)
         return mk_error_errno(err, errno, NULL, "cannot start gnuplot");
@@ -217,15 +128,16 @@ static enum mk_status run_gnuplot(const char *script, struct mk_error *err)
     return mk_error_set(err, MK_ERR_EXPECT, "gnuplot failed");
 }
 
-static enum mk_status draw(const struct options *o, const struct mk_log *log,
-                           const struct mk_log *with, struct mk_error *err)
+static enum mk_status draw(const struct plot *plot, struct mk_error *err)
 {
     char path[] = "/tmp/mechkit-plot-XXXXXX";
     int fd = mkstemp(path);
-    if (fd < 0)
+    FILE *f = fd < 0 ? NULL : fdopen(fd, "w");
+    if (!f)
         return mk_error_errno(err, errno, path, "cannot make a temporary file");
-    close(fd);
-    enum mk_status st = write_script(path, o, log, with, err);
+    enum mk_status st = plot_script(f, plot, err);
+    if (fclose(f) != 0 && st == MK_OK)
+        st = mk_error_errno(err, errno, path, "cannot write");
     if (st == MK_OK)
         st = run_gnuplot(path, err);
     unlink(path);
@@ -235,21 +147,25 @@ static enum mk_status draw(const struct options *o, const struct mk_log *log,
 int sub_plot(int argc, char **argv)
 {
     struct options o = {0};
+    struct mk_log *logs[PLOT_MAX_LOGS] = {NULL}, *with = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    enum mk_status st = MK_OK;
     int code = parse(argc, argv, &o);
     if (code != EXIT_OK)
         return code;
-    if (!ends_with(o.out, ".svg") && !ends_with(o.out, ".png"))
-        return report_usage("plot", "--out %s: expected a name that ends in .svg or .png", o.out);
-    struct mk_log *log = NULL, *with = NULL;
-    struct mk_error err = MK_ERROR_INIT;
-    enum mk_status st = mk_log_read(o.log, &log, &err);
-    if (st == MK_OK && !mk_log_get(log, "q1"))
-        st = mk_error_at(&err, MK_ERR_PARSE, o.log, 0, 0, "the log has no column q1");
+    char **paths = argv + optind;
+    find_size(&o.plot);
+    for (int i = 0; st == MK_OK && i < o.plot.count; i++) {
+        st = mk_log_read(paths[i], &logs[i], &err);
+        o.plot.logs[i] = logs[i];
+    }
     if (st == MK_OK && o.with)
         st = mk_log_read(o.with, &with, &err);
+    o.plot.with = with;
     if (st == MK_OK)
-        st = draw(&o, log, with, &err);
-    mk_log_free(log);
+        st = draw(&o.plot, &err);
+    for (int i = 0; i < o.plot.count; i++)
+        mk_log_free(logs[i]);
     mk_log_free(with);
     return st == MK_OK ? EXIT_OK : report_error(&err);
 }

@@ -2,7 +2,9 @@
 #ifndef MECHKIT_EXCHANGE_UNIT_H
 #define MECHKIT_EXCHANGE_UNIT_H
 
-#include <stdbool.h>
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 enum quantity {
     QUANTITY_NONE, /* counts, flags, whatever has no unit here */
@@ -31,4 +33,7 @@ const char *units_of(enum quantity quantity);
  * when it takes an u_to_torque that is not known (0). */
 double unit_size(const struct unit *unit, enum quantity quantity, double u_to_torque);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

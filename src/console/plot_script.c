@@ -1,0 +1,311 @@
+/* The panels of a plot, and where they go. On a terminal they come one below the other. */
+#include "console/plot.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "console/plot_data.h"
+#include "mechkit/ctrl.h"
+#include "mechkit/model.h"
+
+struct layout {
+    FILE *f;
+    const struct plot *p;
+    bool wheel[2];
+    int joints;
+    double caught; /* time of the hand-over; NaN: none, or several logs */
+};
+
+/* --- pieces ------------------------------------------------------------------------------ */
+
+static bool ends_with(const char *text, const char *end)
+{
+    size_t n = strlen(text), m = strlen(end);
+    return n >= m && strcmp(text + n - m, end) == 0;
+}
+
+/* Text in a single-quoted gnuplot string: quotes doubled, control characters gone. */
+static void quote(FILE *f, const char *text)
+{
+    fputc('\'', f);
+    for (; *text; text++) {
+        if (*text == '\'')
+            fputc('\'', f);
+        fputc((unsigned char)*text < ' ' ? ' ' : *text, f);
+    }
+    fputc('\'', f);
+}
+
+static void put_terminal(const struct layout *l)
+{
+    const struct plot *p = l->p;
+    if (!p->out)
+        fprintf(l->f, "set terminal dumb noenhanced size %d,%d\n", p->width - 1, p->height);
+    else if (ends_with(p->out, ".png"))
+        fprintf(l->f,
+                "set terminal pngcairo noenhanced size %d,%d font 'DejaVu Sans,11' background "
+                "'#ffffff'\n",
+                p->width, p->height);
+    else
+        fprintf(l->f,
+                "set terminal svg noenhanced size %d,%d dynamic font 'DejaVu Sans,12' background "
+                "'#ffffff'\n",
+                p->width, p->height);
+    if (p->out) {
+        fputs("set output ", l->f);
+        quote(l->f, p->out);
+        fputc('\n', l->f);
+    }
+}
+
+/* Colours that most eyes tell apart: Okabe and Ito. */
+static void put_styles(FILE *f, bool picture)
+{
+    static const char *const colours[] = {"0072b2", "d55e00", "009e73", "cc79a7",
+                                          "56b4e9", "e69f00", "000000", "f0e442"};
+    for (int i = 0; i < PLOT_MAX_LOGS; i++)
+        fprintf(f, "set style line %d lc rgb '#%s' lw 1.6 pt 7 ps 0.4\n", i + 1, colours[i]);
+    fputs("set style line 20 lc rgb '#777777' lw 1.2 dt 2\n"
+          "set style line 21 lc rgb '#000000' lw 1.0 dt 3\n"
+          "set border 3 lc rgb '#555555'\nset tics nomirror\nset lmargin 11\n"
+          "set key above horizontal samplen 2\n",
+          f);
+    if (picture)
+        fputs("set grid lc rgb '#e4e4e4' lt 1\n", f);
+}
+
+static void put_title(const struct layout *l)
+{
+    const struct mk_log *log = l->p->logs[0];
+    const char *rig = mk_log_find_meta(log, "rig"), *setup = mk_log_find_meta(log, "setup");
+    char title[200];
+    if (l->p->count > 1)
+        snprintf(title, sizeof title, "%d runs%s%s", l->p->count, rig ? " on a " : "",
+                 rig ? rig : "");
+    else
+        snprintf(title, sizeof title, "%s%s%s", setup ? setup : "", setup && rig ? " on a " : "",
+                 rig ? rig : "");
+    if (!l->p->out)
+        return;
+    fputs("set multiplot title ", l->f);
+    quote(l->f, l->p->title ? l->p->title : title[0] ? title : l->p->names[0]);
+    fputs(" font ',14'\n", l->f);
+}
+
+/* Where the next panel goes: shares of the picture from its left lower corner. */
+static void place(const struct layout *l, double x, double y, double width, double height)
+{
+    if (l->p->out)
+        fprintf(l->f, "set origin %g,%g\nset size %g,%g\n", x, y * 0.94, width, height * 0.94);
+}
+
+/* "plot" of every log's block: columns x and y of it, one line style a log (first + i). */
+static void put_curves(const struct layout *l, const char *block, int x, int y, const char *with,
+                       int first)
+{
+    fputs("plot ", l->f);
+    for (int i = 0; i < l->p->count; i++) {
+        fprintf(l->f, "%s%s%d using %d:%d with %s ls %d title ", i ? ", " : "", block, i, x, y,
+                with, (first + i - 1) % PLOT_MAX_LOGS + 1);
+        quote(l->f, l->p->names[i]);
+    }
+}
+
+static void mark_hand_over(const struct layout *l, bool label)
+{
+    if (isnan(l->caught))
+        return;
+    fprintf(l->f, "set arrow 1 from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 21\n",
+            l->caught, l->caught);
+    if (label)
+        fprintf(l->f, "set label 1 ' caught at %.2f s' at first %.6g, graph 0.94 font ',9'\n",
+                l->caught, l->caught);
+    else
+        fputs("unset label 1\n", l->f);
+}
+
+/* --- panels ------------------------------------------------------------------------------ */
+
+static void put_angle(const struct layout *l, int j)
+{
+    int column = (l->wheel[j] ? PLOT_DQ1 : PLOT_Q1) + j, first = l->p->count > 1 ? 1 : 1 + j;
+    fprintf(l->f, "set ylabel '%s%d [rad%s]'\n", l->wheel[j] ? "wheel speed dq" : "q", j + 1,
+            l->wheel[j] ? "/s" : "");
+    put_curves(l, "$log", PLOT_T, column, "lines", first);
+    if (l->p->with)
+        fprintf(l->f, ", $with using %d:%d with lines ls 20 title 'model'", PLOT_T, column);
+    fputc('\n', l->f);
+}
+
+static void put_command(const struct layout *l)
+{
+    const char *label = "command";
+    plot_command(l->p->logs[0], &label);
+    fprintf(l->f, "set ylabel '%s'\n", label);
+    put_curves(l, "$log", PLOT_T, PLOT_U, "steps", l->p->count > 1 ? 1 : 3);
+    fputc('\n', l->f);
+}
+
+static void put_difference(const struct layout *l)
+{
+    fputs("set ylabel 'error [rad]'\nplot ", l->f);
+    for (int j = 0; j < l->joints; j++)
+        fprintf(l->f, "%s$difference using 1:%d with lines ls %d title 'q%d'", j ? ", " : "",
+                PLOT_DIFFERENCE + j, j + 1, j + 1);
+    fputc('\n', l->f);
+}
+
+static void put_phase_plane(const struct layout *l, int j)
+{
+    fprintf(l->f, "set xlabel 'q%d [rad]'\nset ylabel 'dq%d [rad/s]'\n", j + 1, j + 1);
+    put_curves(l, "$log", PLOT_Q1 + j, PLOT_DQ1 + j, "lines", l->p->count > 1 ? 1 : 1 + j);
+    if (!isnan(l->caught))
+        fprintf(l->f,
+                ", $log0 using ($1>=%.9g?$%d:NaN):%d with lines lc rgb '#000000' lw 1.6 notitle",
+                l->caught, PLOT_Q1 + j, PLOT_DQ1 + j);
+    if (l->p->with)
+        fprintf(l->f, ", $with using %d:%d with lines ls 20 title 'model'", PLOT_Q1 + j,
+                PLOT_DQ1 + j);
+    fputs("\nunset xlabel\n", l->f);
+}
+
+/* --- whole plots ------------------------------------------------------------------------- */
+
+static void put_run(const struct layout *l)
+{
+    bool several = l->p->count > 1 || l->p->with;
+    int panels = l->joints + 1 + (l->p->with != NULL);
+    double height = 1.0 / panels, y = 1.0;
+    fputs(several ? "set key on\n" : "set key off\n", l->f);
+    if (l->p->out)
+        fputs("set format x ''\n", l->f);
+    for (int j = 0; j < l->joints; j++) {
+        place(l, 0, y -= height, 0.66, height);
+        mark_hand_over(l, j == 0);
+        put_angle(l, j);
+        fputs("set key off\n", l->f); /* once is enough */
+    }
+    if (l->p->with) {
+        place(l, 0, y -= height, 0.66, height);
+        fputs("unset label 1\nset key on\n", l->f);
+        put_difference(l);
+        fputs("set key off\n", l->f);
+    }
+    place(l, 0, 0, 0.66, y);
+    fputs("unset label 1\nset format x '%g'\nset xlabel 't [s]'\n", l->f);
+    put_command(l);
+    fputs("unset arrow 1\nunset xlabel\nset title 'phase plane' font ',10'\n", l->f);
+    place(l, 0.66, 0.2, 0.34, 0.62);
+    put_phase_plane(l, l->joints == 2 && !l->wheel[1] ? 1 : 0);
+}
+
+static void put_portraits(const struct layout *l)
+{
+    fputs(l->p->count > 1 || l->p->with ? "set key on\n" : "set key off\n", l->f);
+    for (int j = 0; j < l->joints; j++) {
+        place(l, (double)j / l->joints, 0, 1.0 / l->joints, 1.0);
+        put_phase_plane(l, j);
+    }
+}
+
+/* One of the rows of put_spectra, for joint j. */
+static void put_spectrum_panel(const struct layout *l, int j, int column)
+{
+    char block[16], label[48];
+    snprintf(block, sizeof block, "$joint%d_", j + 1);
+    snprintf(label, sizeof label, "%s%d [%s^2/Hz]", l->wheel[j] ? "dq" : "q", j + 1,
+             l->wheel[j] ? "(rad/s)" : "rad");
+    const char *text = column == PLOT_PSD_U       ? "command [1/Hz]"
+                       : column == PLOT_PSD_Q     ? label
+                       : column == PLOT_GAIN      ? "gain"
+                       : column == PLOT_PHASE_LAG ? "phase [deg]"
+                                                  : "coherence";
+    bool bottom = column == PLOT_COHERENCE, dots = column == PLOT_GAIN || column == PLOT_PHASE_LAG;
+    fprintf(l->f, "set ylabel '%s'\nset autoscale y\nset ytics autofreq\n", text);
+    fputs(column <= PLOT_GAIN ? "set logscale y\n" : "unset logscale y\n", l->f);
+    if (column == PLOT_PHASE_LAG)
+        fputs("set yrange [-180:180]\nset ytics 90\n", l->f);
+    if (bottom)
+        fputs("set yrange [0:1]\nset ytics 0.5\nset xlabel 'f [Hz]'\n", l->f);
+    fputs(bottom || !l->p->out ? "set format x '%g'\n" : "set format x ''\n", l->f);
+    put_curves(l, block, PLOT_F, column, dots ? "points" : "lines", 1 + (l->p->count > 1 ? 0 : j));
+    fputs("\nunset xlabel\nset key off\n", l->f);
+}
+
+static void put_spectra(const struct layout *l)
+{
+    static const int rows[] = {PLOT_PSD_U, PLOT_PSD_Q, PLOT_GAIN, PLOT_PHASE_LAG, PLOT_COHERENCE};
+    const int count = (int)(sizeof rows / sizeof rows[0]);
+    fputs("set logscale x\nset format y '%g'\n", l->f);
+    fputs(l->p->count > 1 ? "set key on\n" : "set key off\n", l->f);
+    for (int j = 0; j < l->joints; j++)
+        for (int k = 0; k < count; k++) {
+            place(l, (double)j / l->joints, 1.0 - (double)(k + 1) / count, 1.0 / l->joints,
+                  1.0 / count);
+            put_spectrum_panel(l, j, rows[k]);
+        }
+}
+
+static enum mk_status put_data(const struct layout *l, struct mk_error *err)
+{
+    const struct plot *p = l->p;
+    char name[24];
+    enum mk_status st = MK_OK;
+    for (int i = 0; st == MK_OK && i < p->count; i++) {
+        snprintf(name, sizeof name, "$log%d", i);
+        if (p->kind != PLOT_SPECTRUM)
+            plot_put_log(l->f, name, p->logs[i]);
+        for (int j = 0; st == MK_OK && p->kind == PLOT_SPECTRUM && j < l->joints; j++) {
+            snprintf(name, sizeof name, "$joint%d_%d", j + 1, i);
+            st = plot_put_spectrum(l->f, name, p->logs[i], j, l->wheel[j], err);
+        }
+    }
+    if (p->with) {
+        plot_put_log(l->f, "$with", p->with);
+        plot_put_difference(l->f, "$difference", p->logs[0], p->with);
+    }
+    return st;
+}
+
+/* First row of balancing; NaN: there is none. */
+static double hand_over(const struct mk_log *log)
+{
+    const double *phase = mk_log_get(log, "phase"), *t = mk_log_get(log, "t");
+    for (size_t r = 0; phase && r < log->rows; r++)
+        if (phase[r] == MK_PHASE_BALANCE)
+            return t[r];
+    return (double)NAN;
+}
+
+enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *err)
+{
+    struct layout l = {.f = f, .p = plot};
+    const char *rig = mk_log_find_meta(plot->logs[0], "rig");
+    const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
+    l.joints = mk_log_get(plot->logs[0], "q2") ? 2 : 1;
+    for (int j = 0; plant && j < l.joints; j++)
+        l.wheel[j] = plant->joint_is_wheel[j];
+    l.caught = plot->count == 1 ? hand_over(plot->logs[0]) : (double)NAN;
+    for (int i = 0; i < plot->count; i++)
+        if (!mk_log_get(plot->logs[i], l.joints == 2 ? "q2" : "q1") ||
+            !mk_log_get(plot->logs[i], "q1"))
+            return mk_error_at(err, MK_ERR_PARSE, plot->logs[i]->path, 0, 0,
+                               "the log has no column %s",
+                               mk_log_get(plot->logs[i], "q1") ? "q2" : "q1");
+    put_terminal(&l);
+    put_styles(f, plot->out != NULL);
+    enum mk_status st = put_data(&l, err);
+    if (st != MK_OK)
+        return st;
+    put_title(&l);
+    if (plot->kind == PLOT_RUN)
+        put_run(&l);
+    else if (plot->kind == PLOT_PHASE)
+        put_portraits(&l);
+    else
+        put_spectra(&l);
+    if (plot->out)
+        fputs("unset multiplot\nunset output\n", f);
+    return MK_OK;
+}

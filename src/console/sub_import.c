@@ -1,0 +1,197 @@
+/* mechkit import: logs from other people's files, and whether they can be what they are said to be.
+ */
+#include <getopt.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "console/sub.h"
+#include "mechkit/exchange.h"
+#include "mechkit/json.h"
+
+struct options {
+    const char *file, *out, *map, *rig, *fixed, *json;
+    bool force;
+};
+
+static int parse(int argc, char **argv, struct options *o)
+{
+    static const struct option names[] = {{"out", required_argument, NULL, 'o'},
+                                          {"map", required_argument, NULL, 'm'},
+                                          {"rig", required_argument, NULL, 'r'},
+                                          {"write-map", required_argument, NULL, 'w'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"force", no_argument, NULL, 'f'},
+                                          {NULL, 0, NULL, 0}};
+    int c;
+    opterr = 0;
+    optind = 1;
+    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
+        switch (c) {
+        case 'o':
+            o->out = optarg;
+            break;
+        case 'm':
+            o->map = optarg;
+            break;
+        case 'r':
+            o->rig = optarg;
+            break;
+        case 'w':
+            o->fixed = optarg;
+            break;
+        case 'j':
+            o->json = optarg;
+            break;
+        case 'f':
+            o->force = true;
+            break;
+        case ':':
+            return report_usage("import", "%s needs a value", argv[optind - 1]);
+        default:
+            return report_usage("import", "unknown option '%s'", argv[optind - 1]);
+        }
+    }
+    if (optind + 1 != argc)
+        return report_usage("import", optind < argc ? "one file at a time" : "which file?");
+    o->file = argv[optind];
+    if (!o->map && !o->rig)
+        return report_usage("import", "--map or --rig is missing");
+    if (o->map && o->rig)
+        return report_usage("import", "the rig stands in the map: --map or --rig, not both");
+    if (!o->out && !o->fixed && !o->json)
+        return report_usage("import", "--out, --write-map or --json is missing");
+    return EXIT_OK;
+}
+
+/* --- what was assumed ------------------------------------------------------------------- */
+
+static void print_column(const struct mk_import_column *c)
+{
+    printf("  %-5s = ", c->to);
+    if (c->sign == -1.0)
+        fputs("-", stdout);
+    else if (c->sign != 1.0)
+        printf("%g * ", c->sign);
+    printf("%s", c->from);
+    if (*c->unit)
+        printf(" [%s]", c->unit);
+    if (c->offset != 0.0)
+        printf(" %c %.6g", c->offset < 0.0 ? '-' : '+', c->offset < 0.0 ? -c->offset : c->offset);
+    putchar('\n');
+}
+
+static void print_map(const struct options *o, const struct mk_import_map *map,
+                      const struct mk_table *table)
+{
+    printf("%s: %zu rows, taken for a %s%s\n", o->file, table->rows, mk_plant(map->rig)->name,
+           o->map ? "" : ", columns by their names");
+    for (int i = 0; i < map->count; i++)
+        print_column(&map->column[i]);
+}
+
+static void print_findings(const struct mk_import_finding *findings, int count)
+{
+    for (int i = 0; i < count; i++) {
+        printf("implausible: %s\n", findings[i].what);
+        if (*findings[i].proposal)
+            printf("  proposed: %s\n", findings[i].proposal);
+    }
+}
+
+static enum mk_status write_report(const struct options *o, const struct mk_import_map *map,
+                                   const struct mk_import_finding *findings, int count,
+                                   struct mk_error *err)
+{
+    cJSON *root = cJSON_CreateObject(), *columns = cJSON_AddObjectToObject(root, "columns");
+    cJSON *list = cJSON_AddArrayToObject(root, "findings");
+    cJSON_AddStringToObject(root, "file", o->file);
+    cJSON_AddStringToObject(root, "rig", mk_plant(map->rig)->name);
+    for (int i = 0; i < map->count; i++) {
+        const struct mk_import_column *c = &map->column[i];
+        cJSON *item = cJSON_AddObjectToObject(columns, c->to);
+        cJSON_AddStringToObject(item, "column", c->from);
+        cJSON_AddStringToObject(item, "unit", c->unit);
+        cJSON_AddItemToObject(item, "sign", mk_json_number(c->sign));
+        cJSON_AddItemToObject(item, "offset", mk_json_number(c->offset));
+    }
+    for (int i = 0; i < count; i++) {
+        cJSON *item = cJSON_CreateObject();
+        cJSON_AddStringToObject(item, "what", findings[i].what);
+        cJSON_AddStringToObject(item, "proposal", findings[i].proposal);
+        cJSON_AddItemToArray(list, item);
+    }
+    enum mk_status st = mk_json_write(o->json, root, err);
+    cJSON_Delete(root);
+    return st;
+}
+
+/* --- the command ------------------------------------------------------------------------ */
+
+static enum mk_status find_map(const struct options *o, struct mk_import_map *map,
+                               struct mk_table **table, struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    memset(map, 0, sizeof *map);
+    if (o->map)
+        st = mk_import_map_read(o->map, map, err);
+    else
+        map->rig = mk_plant_by_name(o->rig)->kind;
+    if (st == MK_OK)
+        st = mk_import_open(o->file, map, table, err);
+    if (st == MK_OK && !o->map)
+        st = mk_import_guess(*table, o->file, map, err);
+    return st;
+}
+
+static enum mk_status write_outputs(const struct options *o, const struct mk_log *log,
+                                    const struct mk_import_map *map,
+                                    const struct mk_import_finding *findings, int count,
+                                    struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    if (o->out && (count == 0 || o->force))
+        st = mk_log_write(o->out, log, err);
+    if (st == MK_OK && o->fixed)
+        st = mk_import_map_write(o->fixed, count > 0 ? &findings[count - 1].fixed : map, NULL, err);
+    if (st == MK_OK && o->json)
+        st = write_report(o, map, findings, count, err);
+    return st;
+}
+
+int sub_import(int argc, char **argv)
+{
+    struct options o = {0};
+    int code = parse(argc, argv, &o);
+    if (code != EXIT_OK)
+        return code;
+    if (o.rig && !mk_plant_by_name(o.rig))
+        return report_usage("import",
+                            "--rig %s: expected inertia-wheel, pendulum, pendubot, "
+                            "reaction-wheel or furuta",
+                            o.rig);
+    struct mk_import_map map;
+    struct mk_import_finding findings[MK_IMPORT_FINDINGS];
+    struct mk_table *table = NULL;
+    struct mk_log *log = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    int count = 0;
+    enum mk_status st = find_map(&o, &map, &table, &err);
+    if (st == MK_OK)
+        st = mk_import_apply(table, o.file, &map, &log, &err);
+    if (st == MK_OK) {
+        bool quiet = o.json && strcmp(o.json, "-") == 0;
+        count = mk_import_check(table, o.file, &map, findings);
+        if (!quiet) {
+            print_map(&o, &map, table);
+            print_findings(findings, count);
+        }
+        st = write_outputs(&o, log, &map, findings, count, &err);
+        if (st == MK_OK && count > 0 && o.out && !quiet)
+            puts(o.force ? "written all the same" : "not written: mend the map, or use --force");
+    }
+    mk_log_free(log);
+    mk_table_free(table);
+    if (st != MK_OK)
+        return report_error(&err);
+    return count > 0 && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
+}

@@ -1,0 +1,359 @@
+#include "exchange/consistency.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace mk
+{
+namespace
+{
+
+constexpr double HALF_WINDOW = 0.08; // s of readings on either side that give an acceleration
+constexpr size_t MOST_POINTS = 800;
+constexpr double BEYOND_DOUBT = 4.0; // standard errors
+
+struct Point {
+    double q[2] = {0, 0}, v[2] = {0, 0}, a[2] = {0, 0}, u[2] = {0, 0};
+};
+
+struct Columns {
+    const double *t, *q[2], *u[2];
+    size_t rows;
+};
+
+Columns columns_of(const mk_log &log)
+{
+    Columns c = {
+        mk_log_get(&log, "t"), {mk_log_get(&log, "q1"), mk_log_get(&log, "q2")}, {}, log.rows};
+    static const char *const names[][2] = {{"u1", "u2"}, {"tau1", "tau2"}, {"u", ""}, {"tau", ""}};
+    for (const auto &pair : names)
+        if (!c.u[0] && mk_log_get(&log, pair[0])) {
+            c.u[0] = mk_log_get(&log, pair[0]);
+            c.u[1] = mk_log_get(&log, pair[1]);
+        }
+    return c;
+}
+
+// A weight over the readings within `half` of t0, (1 - s^2)^5, and its first two derivatives.
+// Applied to both sides of an equation of motion it needs no derivative of a reading: value, speed
+// and acceleration of the same smoothed motion.
+struct Window {
+    size_t first, last; // rows [first, last)
+    double t0, half;
+};
+
+// Value, slope and curvature of column y seen through the window; false where a reading is missing.
+bool look(const double *t, const double *y, const Window &w, double *out)
+{
+    double sum[3] = {0, 0, 0}, area = 0.0, base = y[(w.first + w.last) / 2];
+    for (size_t r = w.first; r < w.last; r++) {
+        double s = (t[r] - w.t0) / w.half, c = 1.0 - s * s;
+        double width = 0.5 * (t[r + 1] - t[r - 1]), c3 = c * c * c;
+        double weight = c3 * c * c, first = -10.0 * s * c3 * c, second = c3 * (90.0 * s * s - 10.0);
+        if (!std::isfinite(y[r]))
+            return false;
+        area += width * weight;
+        sum[0] += width * weight * (y[r] - base);
+        sum[1] -= width * first * (y[r] - base);
+        sum[2] += width * second * (y[r] - base);
+    }
+    out[0] = base + sum[0] / area;
+    out[1] = sum[1] / (area * w.half);
+    out[2] = sum[2] / (area * w.half * w.half);
+    return w.last - w.first >= 7 && std::isfinite(out[2]);
+}
+
+std::vector<Point> points_of(const Columns &c, int joints)
+{
+    std::vector<Point> points;
+    double span = c.t[c.rows - 1] - c.t[0], dt = span / static_cast<double>(c.rows - 1);
+    double half = std::max(HALF_WINDOW, 5.0 * dt);
+    size_t stride = std::max<size_t>(1, c.rows / MOST_POINTS), first = 0, last = 0;
+    for (size_t r = 0; r < c.rows; r += stride) {
+        while (first < r && c.t[first] < c.t[r] - half)
+            first++;
+        while (last < c.rows && c.t[last] <= c.t[r] + half)
+            last++;
+        if (c.t[r] - half < c.t[0] || c.t[r] + half > c.t[c.rows - 1])
+            continue;
+        Point p;
+        double f[3];
+        bool good = first > 0 && last < c.rows;
+        const Window w = {first, last, c.t[r], half};
+        for (int j = 0; j < joints && good; j++) {
+            good = look(c.t, c.q[j], w, f);
+            p.q[j] = f[0], p.v[j] = f[1], p.a[j] = f[2];
+        }
+        for (int i = 0; i < 2 && good; i++)
+            if (c.u[i]) {
+                good = look(c.t, c.u[i], w, f);
+                p.u[i] = f[0];
+            }
+        if (good)
+            points.push_back(p);
+    }
+    return points;
+}
+
+// The textbook plant, with friction of its own at a joint that no motor of the plant drives.
+class Fit
+{
+  public:
+    Fit(enum mk_plant_kind kind, const std::vector<Point> &points) : points_(points)
+    {
+        mk_model_default(kind, &model_);
+        plant_ = mk_plant(kind);
+        n_ = plant_->joints;
+        np_ = plant_->parameter_count;
+        extra_ = n_ == 2 ? 2 : 0;
+    }
+    bool solve(double span);
+    double acceleration_error() const;
+    // A parameter that must be positive and is negative beyond doubt.
+    int wrong_sign() const;
+
+  private:
+    const std::vector<Point> &points_;
+    mk_model model_;
+    const mk_plant_info *plant_;
+    int n_, np_, extra_;
+    VectorXd p_, deviation_;
+
+    int passive() const { return 1 - plant_->motor_joint; }
+    void rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[2]) const;
+};
+
+void Fit::rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[2]) const
+{
+    double flat[2 * MK_MAX_PARAMETERS];
+    mk_plant_regressor(&model_, p.q, p.v, p.a, flat);
+    for (int j = 0; j < n_; j++) {
+        std::memset(phi[j], 0, sizeof phi[j]);
+        std::copy(flat + j * np_, flat + (j + 1) * np_, phi[j]);
+        tau[j] = j == plant_->motor_joint ? p.u[0] : p.u[1];
+    }
+    if (n_ == 2) {
+        phi[passive()][np_] = p.v[passive()];
+        phi[passive()][np_ + 1] = std::tanh(MK_FRICTION_STEEPNESS * p.v[passive()]);
+    }
+    if (plant_->motor_joint == 1)
+        tau[0] = 0.0;
+}
+
+bool Fit::solve(double span)
+{
+    const int unknowns = np_ + extra_;
+    MatrixXd gram = MatrixXd::Zero(unknowns, unknowns);
+    VectorXd right = VectorXd::Zero(unknowns);
+    double squares = 0.0;
+    for (const Point &p : points_) {
+        double row[2][MK_MAX_PARAMETERS + 2], tau[2];
+        rows(p, row, tau);
+        for (int j = 0; j < n_; j++) {
+            Eigen::Map<VectorXd> phi(row[j], unknowns);
+            gram += phi * phi.transpose();
+            right += phi * tau[j];
+            squares += tau[j] * tau[j];
+        }
+    }
+    VectorXd scale = gram.diagonal().cwiseSqrt();
+    for (double &x : scale)
+        x = x > 0.0 && std::isfinite(x) ? 1.0 / x : 1.0;
+    Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
+    // Directions that the motion says nothing about stay at zero, their deviation at a large
+    // number.
+    VectorXd values = eigen.eigenvalues(), inverse = values, variance = values;
+    for (int i = 0; i < unknowns; i++) {
+        bool seen = values[i] > 1e-10 * values[unknowns - 1];
+        inverse[i] = seen ? 1.0 / values[i] : 0.0;
+        variance[i] = seen ? 1.0 / values[i] : 1e10 / values[unknowns - 1];
+    }
+    const MatrixXd axes = scale.asDiagonal() * eigen.eigenvectors();
+    p_ = axes * (inverse.asDiagonal() * (axes.transpose() * right));
+    if (!p_.allFinite())
+        return false;
+    // Neighbouring points share their readings: as many of them count as windows fit in.
+    double windows = std::max(1.0, span / (2.0 * HALF_WINDOW));
+    double independent = std::min(windows, static_cast<double>(points_.size())) * n_;
+    double rest = std::max(0.0, squares - 2.0 * p_.dot(right) + p_.dot(gram * p_));
+    double share = independent / (static_cast<double>(points_.size()) * n_);
+    double noise = rest * share / std::max(1.0, independent - unknowns);
+    deviation_ = ((axes * variance.asDiagonal()).cwiseProduct(axes).rowwise().sum() * noise / share)
+                     .cwiseSqrt();
+    return true;
+}
+
+// With angles as in docs/formats.md these are sums of masses, lengths and inertias.
+int Fit::wrong_sign() const
+{
+    static const unsigned positive[MK_PLANT_COUNT] = {1u, 3u, 31u, 7u, 15u};
+    int worst = -1;
+    double most = BEYOND_DOUBT;
+    for (int i = 0; i < np_; i++) {
+        double doubt = -p_[i] / deviation_[i];
+        if ((positive[plant_->kind] >> i & 1u) && doubt > most) {
+            most = doubt;
+            worst = i;
+        }
+    }
+    return worst;
+}
+
+// Mean of what is left when the largest tenth is out: where the fitted mass matrix is all but
+// singular, single accelerations go anywhere.
+double trimmed_mean(std::vector<double> &values)
+{
+    size_t keep = values.size() - values.size() / 10;
+    std::nth_element(values.begin(), values.begin() + static_cast<long>(keep) - 1, values.end());
+    double sum = 0.0;
+    for (size_t i = 0; i < keep; i++)
+        sum += values[i];
+    return sum / static_cast<double>(keep);
+}
+
+double Fit::acceleration_error() const
+{
+    mk_model m = model_;
+    std::copy(p_.data(), p_.data() + np_, m.parameter);
+    std::vector<double> error[2], motion[2];
+    for (const Point &p : points_) {
+        double tau[2] = {p.u[0], p.u[1]}, a[2];
+        if (plant_->motor_joint == 1)
+            tau[0] = 0.0, tau[1] = p.u[0];
+        if (n_ == 2)
+            tau[passive()] -= p_[np_] * p.v[passive()] +
+                              p_[np_ + 1] * std::tanh(MK_FRICTION_STEEPNESS * p.v[passive()]);
+        mk_plant_acceleration(&m, p.q, p.v, tau, a);
+        for (int j = 0; j < n_; j++) {
+            double e = (a[j] - p.a[j]) * (a[j] - p.a[j]);
+            error[j].push_back(std::isfinite(e) ? e : HUGE_VAL);
+            motion[j].push_back(p.a[j] * p.a[j]);
+        }
+    }
+    double total = 0.0;
+    for (int j = 0; j < n_; j++) {
+        double e = trimmed_mean(error[j]) / trimmed_mean(motion[j]);
+        total += e < 2.0 ? e : 2.0; // NaN counts as the worst
+    }
+    return total / n_;
+}
+
+// Counts per revolution that the steps of a column speak of: the smallest step that readings make.
+// 0: they are not in steps.
+double counts_of(const double *y, size_t rows)
+{
+    std::vector<double> steps;
+    for (size_t r = 1; r < rows; r++) {
+        double step = std::fabs(y[r] - y[r - 1]);
+        if (step > 1e-9)
+            steps.push_back(step);
+    }
+    if (steps.size() < 20)
+        return 0.0;
+    // Rounded text blurs the steps: a low quantile is the step if many are within a tenth of it.
+    std::sort(steps.begin(), steps.end());
+    double step = steps[steps.size() / 50];
+    size_t like_it = 0;
+    for (double s : steps)
+        like_it += std::fabs(s - step) < 0.1 * step;
+    return like_it * 50 > steps.size() ? 2.0 * M_PI / step : 0.0;
+}
+
+// Encoders have from 100 to 100000 counts.
+bool counts_can_be(const Columns &c, int joints)
+{
+    for (int j = 0; j < joints; j++) {
+        double counts = counts_of(c.q[j], c.rows);
+        if (counts != 0.0 && (counts < 100.0 || counts > 1e5))
+            return false;
+    }
+    return true;
+}
+
+// Standing still for the first tenth of a second without a command, a rig hangs.
+bool hangs(const Columns &c, const mk_plant_info *plant)
+{
+    size_t rows = 0;
+    double most = 0.0;
+    for (size_t r = 0; r < c.rows; r++)
+        if (c.u[0] && std::isfinite(c.u[0][r]))
+            most = std::max(most, std::fabs(c.u[0][r]));
+    while (rows < c.rows && c.t[rows] - c.t[0] < 0.1)
+        rows++;
+    for (int j = 0; j < plant->joints; j++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (size_t r = 0; r < rows; r++) {
+            if (std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
+                return true;
+            low = std::fmin(low, c.q[j][r]);
+            high = std::fmax(high, c.q[j][r]);
+        }
+        bool level = plant->joint_is_wheel[j] || (plant->kind == MK_PLANT_FURUTA && j == 0);
+        double off = std::remainder(0.5 * (low + high) - plant->rest[j], 2.0 * M_PI);
+        if (rows > 3 && high - low < 0.02 && !level && std::fabs(off) > 0.5)
+            return false;
+    }
+    return true;
+}
+
+} // namespace
+
+bool speed_is_against(const mk_log &log, int joint)
+{
+    const double *t = mk_log_get(&log, "t"), *q = mk_log_get(&log, joint ? "q2" : "q1");
+    const double *v = mk_log_get(&log, joint ? "dq2" : "dq1");
+    if (!t || !q || !v)
+        return false;
+    // Slopes over a hundredth of a second: over one sample they are counts.
+    size_t step = static_cast<size_t>(0.005 / std::max(1e-6, sample_time(log))) + 1;
+    double vv = 0.0, vs = 0.0, ss = 0.0;
+    for (size_t r = step; r + step < log.rows; r++) {
+        double slope = (q[r + step] - q[r - step]) / (t[r + step] - t[r - step]);
+        if (!std::isfinite(slope) || !std::isfinite(v[r]))
+            continue;
+        vv += v[r] * v[r], vs += v[r] * slope, ss += slope * slope;
+    }
+    return vs < -0.5 * std::sqrt(vv * ss);
+}
+
+double sample_time(const mk_log &log)
+{
+    const double *t = mk_log_get(&log, "t");
+    std::vector<double> dt;
+    for (size_t r = 1; r < log.rows; r++)
+        dt.push_back(t[r] - t[r - 1]);
+    if (dt.empty())
+        return 0.0;
+    std::nth_element(dt.begin(), dt.begin() + static_cast<long>(dt.size() / 2), dt.end());
+    return dt[dt.size() / 2];
+}
+
+Consistency consistency(const mk_log &log, enum mk_plant_kind kind)
+{
+    Consistency out;
+    const mk_plant_info *plant = mk_plant(kind);
+    Columns c = columns_of(log);
+    for (int j = 0; j < plant->joints; j++)
+        if (!c.q[j])
+            return out;
+    if (!c.t || !c.u[0] || c.rows < 50)
+        return out;
+    out.hangs = hangs(c, plant);
+    out.speeds = !speed_is_against(log, 0) && !speed_is_against(log, 1);
+    out.counts = counts_can_be(c, plant->joints);
+    std::vector<Point> points = points_of(c, plant->joints);
+    Fit fit(kind, points);
+    if (points.size() < 60 || !fit.solve(c.t[c.rows - 1] - c.t[0]))
+        return out;
+    out.known = true;
+    out.error = fit.acceleration_error();
+    out.wrong_sign = fit.wrong_sign();
+    return out;
+}
+
+} // namespace mk

@@ -1,0 +1,259 @@
+/* Mapping files: which column of a foreign file is what. */
+#include <ctype.h>
+#include <errno.h>
+#include <ini.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/out_file.h"
+#include "exchange/unit.h"
+#include "mechkit/exchange.h"
+#include "mechkit/number.h"
+
+struct mk_import_column *mk_import_map_find(struct mk_import_map *map, const char *to)
+{
+    for (int i = 0; i < map->count; i++)
+        if (strcmp(map->column[i].to, to) == 0)
+            return &map->column[i];
+    return NULL;
+}
+
+/* --- reading ----------------------------------------------------------------------------- */
+
+struct reader {
+    const char *path;
+    FILE *file;
+    int line;
+    struct mk_import_map map;
+    bool has_rig;
+    enum mk_status status;
+    struct mk_error *err;
+};
+
+static char *next_line(char *buffer, int size, void *user)
+{
+    struct reader *r = user;
+    r->line++;
+    return fgets(buffer, size, r->file);
+}
+
+/* inih goes on after a failure; the first one is told. */
+static int refuse(struct reader *r, const char *what, const char *section, const char *key)
+{
+    if (r->status == MK_OK)
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "[%s] %s: %s", section,
+                                key, what);
+    return 0;
+}
+
+static int on_source(struct reader *r, const char *key, const char *value)
+{
+    if (strcmp(key, "separator") == 0) {
+        if (strcmp(value, "tab") == 0)
+            r->map.separator = '\t';
+        else if (strcmp(value, "space") == 0)
+            r->map.separator = ' ';
+        else if (strcmp(value, "comma") == 0 || strcmp(value, ",") == 0)
+            r->map.separator = ',';
+        else if (strcmp(value, "semicolon") == 0)
+            r->map.separator = ';';
+        else
+            return refuse(r, "expected comma, semicolon, tab or space", "source", key);
+        return 1;
+    }
+    if (strcmp(key, "decimal") == 0) {
+        if (strcmp(value, "point") != 0 && strcmp(value, "comma") != 0)
+            return refuse(r, "expected point or comma", "source", key);
+        r->map.decimal = *value == 'p' ? '.' : ',';
+        return 1;
+    }
+    return refuse(r, "unknown key: separator, decimal", "source", key);
+}
+
+static int on_rig(struct reader *r, const char *key, const char *value)
+{
+    if (strcmp(key, "kind") == 0) {
+        const struct mk_plant_info *plant = mk_plant_by_name(value);
+        if (!plant)
+            return refuse(r, "expected inertia-wheel, pendulum, pendubot, reaction-wheel or furuta",
+                          "rig", key);
+        r->map.rig = plant->kind;
+        r->has_rig = true;
+        return 1;
+    }
+    if (strcmp(key, "u_to_torque") == 0)
+        return (mk_parse_double_z(value, &r->map.u_to_torque) && r->map.u_to_torque > 0.0) ||
+               refuse(r, "expected N m per unit of command, above 0", "rig", key);
+    if (strcmp(key, "encoder_cpr") == 0) {
+        int n = sscanf(value, "%d %d", &r->map.encoder_cpr[0], &r->map.encoder_cpr[1]);
+        return (n >= 1 && r->map.encoder_cpr[0] > 0 && (n < 2 || r->map.encoder_cpr[1] > 0)) ||
+               refuse(r, "expected counts per revolution of each joint", "rig", key);
+    }
+    return refuse(r, "unknown key: kind, u_to_torque, encoder_cpr", "rig", key);
+}
+
+static int on_column(struct reader *r, const char *section, const char *key, const char *value)
+{
+    struct mk_import_column *c = mk_import_map_find(&r->map, section);
+    if (!c) {
+        if (r->map.count == MK_IMPORT_COLUMNS || strlen(section) >= sizeof c->to)
+            return refuse(r, "too many columns, or too long a name", section, key);
+        c = &r->map.column[r->map.count++];
+        *c = (struct mk_import_column){.sign = 1.0};
+        snprintf(c->to, sizeof c->to, "%s", section);
+    }
+    if (strcmp(key, "column") == 0) {
+        snprintf(c->from, sizeof c->from, "%s", value);
+        return 1;
+    }
+    if (strcmp(key, "unit") == 0) {
+        const struct unit *unit = unit_by_name(value);
+        enum quantity quantity = quantity_of_column(section);
+        if (!unit || unit_size(unit, quantity, 1.0) == 0.0) {
+            char text[128];
+            snprintf(text, sizeof text, "%s is no unit of %s: %s", value, section,
+                     units_of(quantity));
+            return refuse(r, text, section, key);
+        }
+        snprintf(c->unit, sizeof c->unit, "%s", value);
+        return 1;
+    }
+    if (strcmp(key, "sign") == 0)
+        return (mk_parse_double_z(value, &c->sign) && c->sign != 0.0) ||
+               refuse(r, "expected 1, -1 or another factor", section, key);
+    if (strcmp(key, "offset") == 0)
+        return mk_parse_double_z(value, &c->offset) || refuse(r, "expected a number", section, key);
+    return refuse(r, "unknown key: column, unit, sign, offset", section, key);
+}
+
+static int on_entry(void *user, const char *section, const char *key, const char *value)
+{
+    struct reader *r = user;
+    if (r->status != MK_OK)
+        return 0;
+    if (strcmp(section, "source") == 0)
+        return on_source(r, key, value);
+    if (strcmp(section, "rig") == 0)
+        return on_rig(r, key, value);
+    return on_column(r, section, key, value);
+}
+
+static enum mk_status check(struct reader *r)
+{
+    static const char *const commands[] = {"u", "u1", "tau", "tau1"};
+    bool has_command = false;
+    for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++)
+        has_command |= mk_import_map_find(&r->map, commands[i]) != NULL;
+    const char *missing = !r->has_rig                          ? "[rig] kind"
+                          : !mk_import_map_find(&r->map, "t")  ? "[t]"
+                          : !mk_import_map_find(&r->map, "q1") ? "[q1]"
+                          : mk_plant(r->map.rig)->joints > 1 && !mk_import_map_find(&r->map, "q2")
+                              ? "[q2]"
+                          : !has_command ? "[u] (or [tau])"
+                                         : NULL;
+    if (missing)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
+    for (int i = 0; i < r->map.count; i++)
+        if (!*r->map.column[i].from)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "[%s] column is missing",
+                               r->map.column[i].to);
+    return MK_OK;
+}
+
+enum mk_status mk_import_map_read(const char *path, struct mk_import_map *out, struct mk_error *err)
+{
+    struct reader r = {.path = path, .err = err};
+    r.file = fopen(path, "r");
+    if (!r.file)
+        return mk_error_errno(err, errno, path, "cannot read the mapping");
+    int bad = ini_parse_stream(next_line, &r, on_entry, &r);
+    if (r.status == MK_OK && bad != 0)
+        r.status = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r.line, 0,
+                               "expected `key = value` or `[section]`");
+    fclose(r.file);
+    if (r.status == MK_OK)
+        r.status = check(&r);
+    if (r.status == MK_OK)
+        *out = r.map;
+    return r.status;
+}
+
+/* --- writing ----------------------------------------------------------------------------- */
+
+static void put_comment(FILE *f, const char *comment)
+{
+    for (const char *line = comment; line && *line;) {
+        size_t n = strcspn(line, "\n");
+        fprintf(f, "# %.*s\n", (int)n, line);
+        line += n + (line[n] == '\n');
+    }
+}
+
+static void put_number(FILE *f, const char *key, double value)
+{
+    char text[MK_NUMBER_MAX];
+    mk_format_double(text, value);
+    fprintf(f, "%s = %s\n", key, text);
+}
+
+static void put_map(FILE *f, const struct mk_import_map *map)
+{
+    const char *separator = map->separator == ','    ? "comma"
+                            : map->separator == ';'  ? "semicolon"
+                            : map->separator == '\t' ? "tab"
+                                                     : "space";
+    if (map->separator || map->decimal)
+        fputs("[source]\n", f);
+    if (map->separator)
+        fprintf(f, "separator = %s\n", separator);
+    if (map->decimal)
+        fprintf(f, "decimal = %s\n", map->decimal == ',' ? "comma" : "point");
+    fprintf(f, "%s[rig]\nkind = %s\n", map->separator || map->decimal ? "\n" : "",
+            mk_plant(map->rig)->name);
+    if (map->u_to_torque > 0.0)
+        put_number(f, "u_to_torque", map->u_to_torque);
+    if (map->encoder_cpr[0] > 0)
+        fprintf(f, "encoder_cpr = %d", map->encoder_cpr[0]);
+    if (map->encoder_cpr[0] > 0 && map->encoder_cpr[1] > 0)
+        fprintf(f, " %d", map->encoder_cpr[1]);
+    if (map->encoder_cpr[0] > 0)
+        fputc('\n', f);
+    for (int i = 0; i < map->count; i++) {
+        const struct mk_import_column *c = &map->column[i];
+        fprintf(f, "\n[%s]\ncolumn = %s\n", c->to, c->from);
+        if (*c->unit)
+            fprintf(f, "unit = %s\n", c->unit);
+        if (c->sign != 1.0)
+            put_number(f, "sign", c->sign);
+        if (c->offset != 0.0)
+            put_number(f, "offset", c->offset);
+    }
+}
+
+enum mk_status mk_import_map_write(const char *path, const struct mk_import_map *map,
+                                   const char *comment, struct mk_error *err)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *f = open_memstream(&text, &size);
+    if (!f)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+    put_comment(f, comment);
+    put_map(f, map);
+    if (fclose(f) != 0) {
+        free(text);
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+    }
+    struct mk_out_file file;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st == MK_OK) {
+        st = mk_out_file_write(&file, text, size, err);
+        if (st == MK_OK)
+            st = mk_out_file_commit(&file, err);
+        else
+            mk_out_file_abandon(&file);
+    }
+    free(text);
+    return st;
+}

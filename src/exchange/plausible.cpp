@@ -1,0 +1,346 @@
+// What a mapping gets wrong: changes to it are tried, and the one under which the columns go
+// together is proposed.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <initializer_list>
+#include <memory>
+#include <new>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "exchange/consistency.hpp"
+#include "exchange/unit.h"
+#include "mechkit/exchange.h"
+#include "mechkit/number.h"
+
+using namespace mk;
+
+namespace
+{
+
+struct Change {
+    mk_import_map map;
+    std::string what; // what is wrong if this change puts it right
+};
+
+using Log = std::unique_ptr<mk_log, decltype(&mk_log_free)>;
+
+class Checker
+{
+  public:
+    Checker(const mk_table *table, const char *path, const mk_import_map &map)
+        : table_(table), path_(path), map_(map)
+    {
+    }
+    std::vector<mk_import_finding> findings;
+    void run();
+
+  private:
+    const mk_table *table_;
+    const char *path_;
+    mk_import_map map_; // with the changes found so far
+
+    Log apply(const mk_import_map &map) const
+    {
+        mk_log *log = nullptr;
+        if (mk_import_apply(table_, path_, &map, &log, nullptr) != MK_OK)
+            log = nullptr;
+        return Log(log, mk_log_free);
+    }
+    Consistency judge(const mk_import_map &map) const
+    {
+        Log log = apply(map);
+        return log ? consistency(*log, map.rig) : Consistency();
+    }
+    void find(const std::string &what, const mk_import_map *fixed);
+    void check_time();
+    void check_speeds();
+    void check_motion();
+};
+
+// --- changes -------------------------------------------------------------------------------------
+
+mk_import_column *column(mk_import_map &map, const char *to)
+{
+    return mk_import_map_find(&map, to);
+}
+
+class Changes
+{
+  public:
+    explicit Changes(const mk_import_map &map) : map_(map) {}
+    std::vector<Change> all;
+
+    void flip(std::initializer_list<const char *> names, const char *what)
+    {
+        mk_import_map m = map_;
+        bool any = false;
+        for (const char *name : names)
+            if (mk_import_column *c = column(m, name)) {
+                c->sign = -c->sign;
+                any = true;
+            }
+        if (any)
+            all.push_back({m, what});
+    }
+    // The columns change places, what is done to them does not; or with all that is done to them.
+    void swap(const char *one, const char *other, bool whole, const char *what)
+    {
+        swap({{one, other}}, whole, what);
+    }
+    void swap(std::initializer_list<std::pair<const char *, const char *>> pairs, bool whole,
+              const char *what)
+    {
+        mk_import_map m = map_;
+        bool any = false;
+        for (const auto &pair : pairs) {
+            mk_import_column *a = column(m, pair.first), *b = column(m, pair.second);
+            if (!a || !b)
+                continue;
+            any = true;
+            std::swap(a->from, b->from);
+            if (whole) {
+                std::swap(a->unit, b->unit);
+                std::swap(a->sign, b->sign);
+                std::swap(a->offset, b->offset);
+            }
+        }
+        if (any)
+            all.push_back({m, what});
+    }
+    void unit(std::initializer_list<const char *> names, const char *unit, const char *what)
+    {
+        mk_import_map m = map_;
+        bool any = false;
+        for (const char *name : names)
+            if (mk_import_column *c = column(m, name)) {
+                if (strcmp(*c->unit ? c->unit : "rad", unit) == 0)
+                    continue;
+                snprintf(c->unit, sizeof c->unit, "%s", unit);
+                any = true;
+            }
+        if (any)
+            all.push_back({m, what});
+    }
+    void shift(const char *name, double by, const char *what)
+    {
+        mk_import_map m = map_;
+        if (mk_import_column *c = column(m, name)) {
+            c->offset = std::remainder(c->offset + by, 2.0 * M_PI);
+            if (std::fabs(c->offset) < 1e-12)
+                c->offset = 0.0;
+            all.push_back({m, what});
+        }
+    }
+
+  private:
+    const mk_import_map &map_;
+};
+
+std::vector<Change> changes_of(const mk_import_map &map)
+{
+    Changes c(map);
+    bool two = mk_plant(map.rig)->joints == 2;
+    c.flip({"u", "u1", "tau", "tau1"}, "the command pushes the wrong way");
+    c.flip({"q1"}, "q1 counts the wrong way");
+    c.flip({"q1", "dq1"}, "q1 counts the wrong way");
+    c.unit({"q1", "q2"}, "deg", "the angles are in degrees");
+    c.unit({"q1", "q2"}, "rad", "the angles are in radians");
+    c.unit({"q1", "q2"}, "rev", "the angles are in revolutions");
+    for (double by : {M_PI / 2, -M_PI / 2, M_PI})
+        c.shift("q1", by, "q1 is counted from elsewhere");
+    c.swap("q1", "u", false, "q1 and the command are swapped");
+    c.swap("q1", "tau", false, "q1 and the command are swapped");
+    c.swap("q1", "tau1", false, "q1 and the command are swapped");
+    if (!two)
+        return std::move(c.all);
+    c.flip({"q2"}, "q2 counts the wrong way");
+    c.flip({"q2", "dq2"}, "q2 counts the wrong way");
+    for (bool whole : {false, true}) {
+        c.swap({{"q1", "q2"}, {"dq1", "dq2"}}, whole, "the joints are swapped");
+        c.swap({{"q1", "q2"}, {"dq1", "dq2"}, {"tau1", "tau2"}, {"u1", "u2"}}, whole,
+               "the joints are swapped, their commands too");
+    }
+    c.swap({{"tau1", "tau2"}, {"u1", "u2"}}, false, "the commands of the joints are swapped");
+    c.swap("q2", "u", false, "q2 and the command are swapped");
+    c.swap("q2", "tau1", false, "q2 and the command are swapped");
+    c.unit({"q1"}, "deg", "q1 is in degrees");
+    c.unit({"q2"}, "deg", "q2 is in degrees");
+    c.unit({"q1"}, "rad", "q1 is in radians");
+    c.unit({"q2"}, "rad", "q2 is in radians");
+    for (double by : {M_PI, M_PI / 2, -M_PI / 2})
+        c.shift("q2", by, "q2 is counted from elsewhere");
+    c.flip({"u2", "tau2"}, "the torque on joint 2 pushes the wrong way");
+    c.flip({"q1", "dq1", "q2", "dq2"}, "both joints count the wrong way");
+    return std::move(c.all);
+}
+
+// "[q1] sign = -1, [q2] column = theta": what differs in `now`.
+std::string difference(const mk_import_map &before, const mk_import_map &now)
+{
+    std::string out;
+    auto put = [&](const mk_import_column &c, const char *key, const std::string &value) {
+        out += (out.empty() ? "[" : ", [") + std::string(c.to) + "] " + key + " = " + value;
+    };
+    auto number = [](double value) {
+        char text[MK_NUMBER_MAX];
+        mk_format_double(text, value);
+        return std::string(text);
+    };
+    for (int i = 0; i < now.count; i++) {
+        const mk_import_column &a = before.column[i], &b = now.column[i];
+        if (strcmp(a.from, b.from) != 0)
+            put(b, "column", b.from);
+        if (strcmp(a.unit, b.unit) != 0)
+            put(b, "unit", *b.unit ? b.unit : native_unit(quantity_of_column(b.to)));
+        if (a.sign != b.sign)
+            put(b, "sign", number(b.sign));
+        if (a.offset != b.offset)
+            put(b, "offset", number(b.offset));
+    }
+    return out;
+}
+
+// --- checks --------------------------------------------------------------------------------------
+
+void Checker::find(const std::string &what, const mk_import_map *fixed)
+{
+    mk_import_finding f = {};
+    snprintf(f.what, sizeof f.what, "%s", what.c_str());
+    f.fixed = map_;
+    if (fixed) {
+        f.fixed = *fixed;
+        snprintf(f.proposal, sizeof f.proposal, "%s", difference(map_, *fixed).c_str());
+        map_ = *fixed;
+    }
+    findings.push_back(f);
+}
+
+// Labs sample at 20 Hz to 20 kHz: between the units of time lie factors of a thousand.
+void Checker::check_time()
+{
+    Log log = apply(map_);
+    if (!log || log->rows < 3)
+        return;
+    double dt = sample_time(*log);
+    if (dt >= 5e-5 && dt <= 0.11)
+        return;
+    char what[200];
+    snprintf(what, sizeof what, "samples come every %.3g s: the unit of time is another", dt);
+    for (const char *unit : {"s", "ms", "us", "ns"}) {
+        mk_import_map m = map_;
+        snprintf(column(m, "t")->unit, sizeof m.column[0].unit, "%s", unit);
+        Log other = apply(m);
+        double then = other ? sample_time(*other) : 0.0;
+        if (then >= 2e-4 && then <= 0.05)
+            return find(what, &m);
+    }
+    find(what, nullptr);
+}
+
+// Speeds that still run against their angles when the angles are right.
+void Checker::check_speeds()
+{
+    for (int j = 0; j < 2; j++) {
+        Log log = apply(map_);
+        if (!log || !speed_is_against(*log, j))
+            continue;
+        const std::string name = j ? "dq2" : "dq1";
+        mk_import_map m = map_;
+        column(m, name.c_str())->sign *= -1.0;
+        find(name + " runs against the slope of " + name.substr(1), &m);
+    }
+}
+
+// What speaks against a map beside the fit.
+int doubts(const Consistency &c)
+{
+    return !c.hangs + !c.counts + !c.speeds;
+}
+
+bool better(const Consistency &a, const Consistency &b)
+{
+    // Within a tenth of each other: the one with fewer doubts, then the first.
+    bool alike = a.error < 1.1 * b.error + 0.01 && b.error < 1.1 * a.error + 0.01;
+    if (alike && doubts(a) != doubts(b))
+        return doubts(a) < doubts(b);
+    return !alike && a.error < b.error;
+}
+
+std::string complaint(const mk_import_map &map, const Consistency &as_is)
+{
+    char text[200];
+    if (as_is.wrong_sign >= 0)
+        snprintf(text, sizeof text, "%s (%s) comes out negative",
+                 mk_plant(map.rig)->parameter[as_is.wrong_sign].name,
+                 mk_plant(map.rig)->parameter[as_is.wrong_sign].help);
+    else if (!as_is.counts)
+        snprintf(text, sizeof text, "no encoder has steps like these");
+    else if (!as_is.speeds)
+        snprintf(text, sizeof text, "a speed runs against the slope of its angle");
+    else if (!as_is.hangs)
+        snprintf(text, sizeof text, "it stands still at the start where no %s hangs",
+                 mk_plant(map.rig)->name);
+    else
+        snprintf(text, sizeof text,
+                 "the columns do not move as one %s: %.0f %% of the accelerations "
+                 "are unexplained",
+                 mk_plant(map.rig)->name, 100.0 * std::fmin(1.0, as_is.error));
+    return text;
+}
+
+void Checker::check_motion()
+{
+    Consistency as_is = judge(map_);
+    if (!as_is.known)
+        return;
+    Consistency best;
+    best.error = 4.0;
+    const Change *fix = nullptr;
+    std::vector<Change> changes = changes_of(map_);
+    for (const Change &change : changes) {
+        Consistency c = judge(change.map);
+        if (c.known && c.wrong_sign < 0 && doubts(c) <= doubts(as_is) && better(c, best)) {
+            best = c;
+            fix = &change;
+        }
+    }
+    // A map that only fits badly may be of a rig that the textbook does not know well: it is left
+    // alone unless another fits far better.
+    bool wrong = as_is.wrong_sign >= 0;
+    bool worth =
+        fix && (wrong ? best.error < as_is.error + 0.1
+                : doubts(best) < doubts(as_is)
+                    ? best.error < 1.1 * as_is.error + 0.01
+                    : best.error < 0.15 && best.error < 0.3 * as_is.error && as_is.error > 0.05);
+    if (worth)
+        find(complaint(map_, as_is) + ": " + fix->what, &fix->map);
+    else if (wrong && as_is.error < 0.3)
+        find(complaint(map_, as_is), nullptr);
+}
+
+void Checker::run()
+{
+    check_time();
+    check_motion();
+    check_speeds();
+}
+
+} // namespace
+
+int mk_import_check(const mk_table *table, const char *path, const mk_import_map *map,
+                    mk_import_finding *out)
+try {
+    Checker checker(table, path, *map);
+    checker.run();
+    int n = 0;
+    for (const mk_import_finding &f : checker.findings)
+        if (n < MK_IMPORT_FINDINGS)
+            out[n++] = f;
+    return n;
+} catch (const std::bad_alloc &) {
+    return 0;
+}

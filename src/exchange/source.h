@@ -1,0 +1,32 @@
+/* Files of other programs as tables: columns under the names they have there. */
+#ifndef MECHKIT_EXCHANGE_SOURCE_H
+#define MECHKIT_EXCHANGE_SOURCE_H
+
+#include "mechkit/exchange.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* How a text file is written; what is 0 is found out. */
+struct source_format {
+    char separator; /* , ; tab or blank */
+    char decimal;   /* . or , */
+};
+
+/* Reads a text file with a column a field. Lines that start with # or % are comments. The first
+ * other line names the columns unless it is numbers; then they are "1", "2", ... A unit may stand
+ * with a name, "angle [deg]" or "time_ms", or in a line of its own below. A field that is no number
+ * is NaN. On return *format says what was found. MK_ERR_PARSE names the line. */
+MK_NODISCARD enum mk_status source_read_text(const char *path, struct source_format *format,
+                                             struct mk_table **out, struct mk_error *err);
+
+/* Reads a MAT file: vectors under their names, fields as "run.signals.q1", columns of a matrix as
+ * "Y(:,2)". All of them must have the same length; the length that most have wins. */
+MK_NODISCARD enum mk_status source_read_mat(const char *path, struct mk_table **out,
+                                            struct mk_error *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

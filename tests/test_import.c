@@ -1,0 +1,394 @@
+/* Other people's files: formats, mappings, and wrong mappings found out. */
+#include "suites.h"
+
+#include <glob.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "mechkit/exchange.h"
+#include "mechkit/sim.h"
+#include "support/files.h"
+#include "support/program.h"
+
+#define MAPS MK_SOURCE_DIR "/models/measured/"
+
+/* --- formats ----------------------------------------------------------------------------- */
+
+static void check_file(const char *name, const char *text, const char *rig)
+{
+    char out[2048];
+    struct mk_log *log;
+    const char *csv = scratch("imported.csv");
+    int code = run_mechkit(out, sizeof out, "import %s --rig %s --force --out %s",
+                           scratch_text(name, text), rig, csv);
+    ck_assert_msg(code == 0, "%s: %s", name, out);
+    ck_assert_int_eq(mk_log_read(csv, &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "rig"), rig);
+    const double *t = mk_log_get(log, "t"), *q1 = mk_log_get(log, "q1"), *u = mk_log_get(log, "u");
+    ck_assert_msg(t && q1 && u, "%s: %s", name, out);
+    ck_assert_uint_eq(log->rows, 3);
+    ck_assert_double_eq_tol(t[0], 0.0, 1e-12);
+    ck_assert_double_eq_tol(t[2], 0.004, 1e-12);
+    ck_assert_double_eq_tol(q1[1], 0.5, 1e-9);
+    ck_assert_double_eq_tol(u[2], -1.5, 1e-12);
+    if (strcmp(rig, "pendubot") == 0)
+        ck_assert(isnan(mk_log_get(log, "q2")[1]));
+    mk_log_free(log);
+}
+
+START_TEST(files_are_read_as_their_writers_wrote_them)
+{
+    check_file("plain.csv", "t,q1,u\n0,0,0\n0.002,0.5,1\n0.004,1,-1.5\n", "pendulum");
+    check_file("spreadsheet.csv",
+               "Zeit;Winkel;theta;Voltage\n5,000;9;0;0\n5,002;9;0,5;1\n"
+               "5,004;9;1,0;-1,5\n",
+               "pendulum");
+    check_file("units.csv", "time_ms,Theta [deg],u\n0,0,0\n2,28.64788975654116,1\n4,57,-1.5\n",
+               "pendulum");
+    check_file("unit_row.csv",
+               "% by a colleague\ntime\tposition\tcommand\nms\tdeg\tV\n0\t0\t0\n"
+               "2\t28.64788975654116\t1\n4\t57\t-1.5\n",
+               "pendulum");
+    check_file("blanks.txt",
+               "time   theta1 theta2  u\r\n0 0 0 0\r\n  0.002 0.5 nan 1\r\n"
+               "0.004 1 0 -1.5\r\n",
+               "pendubot");
+    check_file("gaps.csv",
+               "\"timestamp\",\"q1\",\"q2\",\"u\"\n0,0,0,0\n0.002,0.5,,1\n"
+               "0.004,1,0,-1.5\n",
+               "pendubot");
+}
+END_TEST
+
+START_TEST(a_file_without_names_goes_by_numbers_of_columns)
+{
+    char out[2048];
+    const char *file = scratch_text("bare.csv", "0,9,7,1\n2,9,8,1\n4,9,9,2\n");
+    const char *map = scratch_text("bare.map", "[rig]\nkind = pendulum\nu_to_torque = 0.5\n"
+                                               "[t]\ncolumn = 1\nunit = ms\n[q1]\ncolumn = 3\n"
+                                               "sign = -1\noffset = 0.25\n[u]\ncolumn = 4\n"
+                                               "unit = Nm\n");
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "import %s --rig pendulum --json -", file), 3);
+    ck_assert_msg(strstr(out, "which column is time") && strstr(out, "1, 2, 3, 4"), "%s", out);
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map,
+                           scratch("bare_log.csv"));
+    ck_assert_msg(code == 0, "%s", out);
+    char *log = slurp_file(scratch("bare_log.csv"));
+    ck_assert_ptr_nonnull(strstr(log, "t,q1,u\n0,-6.75,2\n0.002,-7.75,2\n0.004,-8.75,4\n"));
+    free(log);
+}
+END_TEST
+
+START_TEST(a_mat_file_of_our_own_comes_back)
+{
+    char out[2048];
+    struct mk_log *was, *is;
+    const char *log = open_loop_log("pendubot", "1.5*sin(6*t)", 0.5);
+    for (int v = 0; v < 2; v++) {
+        int code = run_mechkit(out, sizeof out,
+                               "export %s --columns t:ms,q1:deg,q2,u --format %s "
+                               "--out %s",
+                               log, v ? "v7.3" : "v5", scratch("a.mat"));
+        ck_assert_msg(code == 0, "%s", out);
+        const char *map = scratch_text(
+            "mat.map", "[rig]\nkind = pendubot\n[t]\ncolumn = mk.signals.t\nunit = ms\n"
+                       "[q1]\ncolumn = Y2\nunit = deg\n[q2]\ncolumn = mk.signals.q2\n"
+                       "[u]\ncolumn = mk.Y(:,4)\n");
+        code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --force", scratch("a.mat"),
+                           map, scratch("back.csv"));
+        ck_assert_int_eq(code, 3);
+        ck_assert_msg(strstr(out, "which column is q1"), "%s", out);
+        map = scratch_text("mat.map",
+                           "[rig]\nkind = pendubot\n[t]\ncolumn = mk.signals.t\nunit = ms\n"
+                           "[q1]\ncolumn = mk.Y(:,2)\nunit = deg\n"
+                           "[q2]\ncolumn = mk.signals.q2\n[u]\ncolumn = mk.Y(:,4)\n");
+        code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --force", scratch("a.mat"),
+                           map, scratch("back.csv"));
+        ck_assert_msg(code == 0, "%s", out);
+        ck_assert_int_eq(mk_log_read(log, &was, NULL), MK_OK);
+        ck_assert_int_eq(mk_log_read(scratch("back.csv"), &is, NULL), MK_OK);
+        for (size_t r = 0; r < was->rows; r++) {
+            ck_assert_double_eq_tol(mk_log_get(is, "t")[r], mk_log_get(was, "t")[r], 1e-12);
+            ck_assert_double_eq_tol(mk_log_get(is, "q1")[r], mk_log_get(was, "q1")[r], 1e-12);
+            ck_assert_double_eq(mk_log_get(is, "u")[r], mk_log_get(was, "u")[r]);
+        }
+        mk_log_free(was);
+        mk_log_free(is);
+    }
+}
+END_TEST
+
+START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
+{
+    static const struct {
+        const char *text, *says;
+    } bad[] = {
+        {"[rig]\nkind = segway\n", ":2: [rig] kind: expected inertia-wheel"},
+        {"[rig]\nkind = pendulum\n[t]\ncolumn = t\nunit = deg\n",
+         ":5: [t] unit: deg is no unit of t"},
+        {"[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = q\nsign = up\n",
+         ":7: [q1] sign: expected"},
+        {"[rig]\nkind = pendulum\n[t]\nfrom = t\n", ":4: [t] from: unknown key"},
+        {"[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = q\n",
+         "[u] (or [tau]) is missing"},
+        {"[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\ncolumn = q\n", "[q2] is missing"},
+        {"[t]\ncolumn = t\n", "[rig] kind is missing"},
+        {"[source]\nseparator = dash\n", ":2: [source] separator"},
+        {"kind\n", ":1: expected"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        char out[1024];
+        int code = run_mechkit(out, sizeof out, "import %s --map %s --json -",
+                               scratch_text("x.csv", "t,q,u\n0,0,0\n1,1,1\n"),
+                               scratch_text("bad.map", bad[i].text));
+        ck_assert_msg(code == 3 && strstr(out, bad[i].says), "%s: %d %s", bad[i].text, code, out);
+    }
+}
+END_TEST
+
+START_TEST(a_mapping_reads_back_as_it_was_written)
+{
+    struct mk_import_map map, again;
+    ck_assert_int_eq(mk_import_map_read(MAPS "pendulum-dfki.map", &map, NULL), MK_OK);
+    map.separator = ';', map.decimal = ',';
+    map.column[1].sign = -0.1;
+    ck_assert_int_eq(mk_import_map_write(scratch("copy.map"), &map, "two\nlines", NULL), MK_OK);
+    ck_assert_int_eq(mk_import_map_read(scratch("copy.map"), &again, NULL), MK_OK);
+    ck_assert_int_eq(memcmp(&map, &again, sizeof map), 0);
+}
+END_TEST
+
+/* --- plausibility ------------------------------------------------------------------------- */
+
+struct mistake {
+    const char *name;
+    void (*make)(struct mk_import_map *map);
+};
+
+static struct mk_import_column *at(struct mk_import_map *map, const char *to)
+{
+    struct mk_import_column *c = mk_import_map_find(map, to);
+    ck_assert_msg(c != NULL, "no [%s]", to);
+    return c;
+}
+
+static struct mk_import_column *command(struct mk_import_map *map)
+{
+    static const char *const names[] = {"u", "tau", "tau1"};
+    for (int i = 0; i < 3; i++)
+        if (mk_import_map_find(map, names[i]))
+            return at(map, names[i]);
+    ck_abort_msg("no command");
+}
+
+static void turn_q1(struct mk_import_map *m)
+{
+    at(m, "q1")->sign = -1.0;
+}
+static void turn_q2(struct mk_import_map *m)
+{
+    at(m, "q2")->sign = -1.0;
+}
+static void turn_command(struct mk_import_map *m)
+{
+    command(m)->sign = -1.0;
+}
+static void take_degrees(struct mk_import_map *m)
+{
+    strcpy(at(m, "q1")->unit, "deg");
+    if (mk_import_map_find(m, "q2"))
+        strcpy(at(m, "q2")->unit, "deg");
+}
+static void take_degrees_of_q2(struct mk_import_map *m)
+{
+    strcpy(at(m, "q2")->unit, "deg");
+}
+static void take_milliseconds(struct mk_import_map *m)
+{
+    strcpy(at(m, "t")->unit, "ms");
+}
+static void take_microseconds(struct mk_import_map *m)
+{
+    strcpy(at(m, "t")->unit, "us");
+}
+static void swap_joints(struct mk_import_map *m)
+{
+    char keep[64];
+    strcpy(keep, at(m, "q1")->from);
+    strcpy(at(m, "q1")->from, at(m, "q2")->from);
+    strcpy(at(m, "q2")->from, keep);
+}
+static void swap_command(struct mk_import_map *m)
+{
+    char keep[64];
+    strcpy(keep, at(m, "q1")->from);
+    strcpy(at(m, "q1")->from, command(m)->from);
+    strcpy(command(m)->from, keep);
+}
+static void shift_q1(struct mk_import_map *m)
+{
+    at(m, "q1")->offset += M_PI / 2;
+}
+
+static const struct mistake mistakes[] = {
+    {"q1 turned", turn_q1},
+    {"command turned", turn_command},
+    {"degrees", take_degrees},
+    {"milliseconds", take_milliseconds},
+    {"microseconds", take_microseconds},
+    {"q1 and command swapped", swap_command},
+    {"q1 from elsewhere", shift_q1},
+    {"q2 turned", turn_q2}, /* from here on of rigs with two joints */
+    {"q2 in degrees", take_degrees_of_q2},
+    {"joints swapped", swap_joints},
+};
+#define MISTAKES (sizeof mistakes / sizeof mistakes[0])
+#define FIRST_OF_TWO 7
+
+static bool same_unit(const char *a, const char *b, const char *native)
+{
+    return strcmp(*a ? a : native, *b ? b : native) == 0;
+}
+
+/* Whether two maps say the same about the columns of the motion. */
+static bool same_motion(struct mk_import_map *a, struct mk_import_map *b)
+{
+    static const char *const names[] = {"t", "q1", "q2", "u", "tau", "tau1"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        struct mk_import_column *x = mk_import_map_find(a, names[i]);
+        struct mk_import_column *y = mk_import_map_find(b, names[i]);
+        if (!x)
+            continue;
+        double turns = (x->offset - y->offset) / (2 * M_PI);
+        if (strcmp(x->from, y->from) != 0 || x->sign != y->sign ||
+            !same_unit(x->unit, y->unit, names[i][0] == 't' && !names[i][1] ? "s" : "rad") ||
+            fabs(turns - round(turns)) > 1e-9)
+            return false;
+    }
+    return true;
+}
+
+/* Makes each mistake and wants it found, and the right map proposed. */
+static void check_mistakes(const char *path, const char *map_path)
+{
+    struct mk_import_map right;
+    struct mk_table *table;
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_import_finding f[MK_IMPORT_FINDINGS];
+    ck_assert_msg(mk_import_map_read(map_path, &right, &err) == MK_OK, "%s", err.message);
+    ck_assert_msg(mk_import_open(path, &right, &table, &err) == MK_OK, "%s", err.message);
+    int found = mk_import_check(table, path, &right, f);
+    ck_assert_msg(found == 0, "%s: %s: %s", path, f[0].what, f[0].proposal);
+    size_t count = mk_import_map_find(&right, "q2") ? MISTAKES : FIRST_OF_TWO;
+    for (size_t i = 0; i < count; i++) {
+        struct mk_import_map wrong = right;
+        if (mistakes[i].make == shift_q1 && right.rig == MK_PLANT_FURUTA)
+            continue; /* where the arm's zero is makes no difference */
+        mistakes[i].make(&wrong);
+        found = mk_import_check(table, path, &wrong, f);
+        ck_assert_msg(found > 0, "%s: %s: nothing was found", path, mistakes[i].name);
+        ck_assert_msg(same_motion(&f[found - 1].fixed, &right), "%s: %s: %s, proposed %s", path,
+                      mistakes[i].name, f[0].what, f[0].proposal);
+    }
+    mk_table_free(table);
+}
+
+START_TEST(ten_wrong_mappings_of_a_rig_are_found_and_put_right)
+{
+    static const char *const rigs[] = {"pendubot", "furuta", "pendulum"};
+    const char *map =
+        scratch_text("own.map", _i == 2 ? "[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = "
+                                          "q1\n[dq1]\ncolumn = dq1\n[u]\ncolumn = u\n"
+                                        : "[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\ncolumn = "
+                                          "q1\n[q2]\ncolumn = q2\n[u]\ncolumn = u\n");
+    if (_i == 1)
+        map = scratch_text("own.map", "[rig]\nkind = furuta\n[t]\ncolumn = t\n[q1]\ncolumn = q1\n"
+                                      "[q2]\ncolumn = q2\n[dq1]\ncolumn = dq1\n[u]\ncolumn = u\n");
+    check_mistakes(open_loop_log(rigs[_i], "4*sin(5*t)+2*sin(13*t)", 8.0), map);
+}
+END_TEST
+
+START_TEST(measured_files_import_with_their_mappings)
+{
+    static const char *const sets[][2] = {{"double-pendulum-dfki-a0", "double-pendulum-dfki.map"},
+                                          {"pendubot-dfki-c1-sysid", "double-pendulum-dfki.map"},
+                                          {"pendubot-dfki-c1-swingup", "double-pendulum-dfki.map"},
+                                          {"furuta-qube-servo1", "furuta-qube-servo1.map"},
+                                          {"single-pendulum-dfki", "pendulum-dfki.map"}};
+    char pattern[1100], out[4096];
+    const char *data = shared_path("data");
+    if (!data) {
+        fprintf(stderr, "measured_files_import_with_their_mappings: skipped, no ../shared/data\n");
+        return;
+    }
+    snprintf(pattern, sizeof pattern, "%s/%s/*.csv", data, sets[_i][0]);
+    glob_t found;
+    ck_assert_int_eq(glob(pattern, 0, NULL, &found), 0);
+    for (size_t k = 0; k < found.gl_pathc; k++) {
+        int code = run_mechkit(out, sizeof out, "import %s --map " MAPS "%s --out %s",
+                               found.gl_pathv[k], sets[_i][1], scratch("log.csv"));
+        ck_assert_msg(code == 0, "%s", out);
+    }
+    globfree(&found);
+}
+END_TEST
+
+START_TEST(ten_wrong_mappings_of_a_measured_file_are_found_and_put_right)
+{
+    static const char *const files[][2] = {
+        {"data/pendubot-dfki-c1-sysid/run_143601.csv", MAPS "double-pendulum-dfki.map"},
+        {"data/single-pendulum-dfki/direct_collocation.csv", MAPS "pendulum-dfki.map"},
+        {"data/furuta-qube-servo1/ep_150615.csv", MAPS "furuta-qube-servo1.map"}};
+    const char *path = shared_path(files[_i][0]);
+    if (!path) {
+        fprintf(stderr, "wrong mappings of a measured file: skipped, no ../shared/data\n");
+        return;
+    }
+    char keep[1024];
+    snprintf(keep, sizeof keep, "%s", path);
+    check_mistakes(keep, files[_i][1]);
+}
+END_TEST
+
+START_TEST(what_cannot_be_is_not_written_unless_forced)
+{
+    char out[4096];
+    const char *log = open_loop_log("pendubot", "4*sin(5*t)+2*sin(13*t)", 8.0);
+    const char *map = scratch_text("wrong.map", "[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\n"
+                                                "column = q1\n[q2]\ncolumn = q2\n[u]\ncolumn = u\n"
+                                                "sign = -1\n");
+    const char *to = scratch("never.csv"), *mended = scratch("mended.map");
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --write-map %s", log, map,
+                           to, mended);
+    ck_assert_msg(code == 1 && strstr(out, "proposed: [u] sign = 1"), "%d %s", code, out);
+    ck_assert_int_ne(access(to, F_OK), 0);
+    code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", log, mended, to);
+    ck_assert_msg(code == 0 && access(to, F_OK) == 0, "%s", out);
+    code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --force", log, map, to);
+    ck_assert_msg(code == 0 && strstr(out, "implausible"), "%s", out);
+}
+END_TEST
+
+Suite *suite_import(void)
+{
+    Suite *s = suite_create("import");
+    TCase *c = tcase_create("files");
+    tcase_set_timeout(c, 60);
+    tcase_add_test(c, files_are_read_as_their_writers_wrote_them);
+    tcase_add_test(c, a_file_without_names_goes_by_numbers_of_columns);
+    tcase_add_test(c, a_mat_file_of_our_own_comes_back);
+    tcase_add_test(c, mistakes_in_a_mapping_are_told_with_their_line);
+    tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
+    suite_add_tcase(s, c);
+    c = tcase_create("plausibility");
+    tcase_set_timeout(c, 240);
+    tcase_add_loop_test(c, ten_wrong_mappings_of_a_rig_are_found_and_put_right, 0, 3);
+    tcase_add_loop_test(c, measured_files_import_with_their_mappings, 0, 5);
+    tcase_add_loop_test(c, ten_wrong_mappings_of_a_measured_file_are_found_and_put_right, 0, 3);
+    tcase_add_test(c, what_cannot_be_is_not_written_unless_forced);
+    suite_add_tcase(s, c);
+    return s;
+}

@@ -1,0 +1,195 @@
+/* Spectra against signals whose spectra are known, and plots as a user gets them. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/spectrum.h"
+#include "support/files.h"
+#include "support/program.h"
+
+enum { N = 16384 };
+
+static double noise(void)
+{
+    static unsigned long long state = 7;
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (double)(state >> 11) / 9007199254740992.0 - 0.5;
+}
+
+START_TEST(a_transform_is_the_sum_that_defines_it)
+{
+    enum { M = 64 };
+    double re[M], im[M], was_re[M], was_im[M];
+    for (int i = 0; i < M; i++) {
+        was_re[i] = re[i] = noise();
+        was_im[i] = im[i] = noise();
+    }
+    mk_fft(re, im, M);
+    for (int k = 0; k < M; k++) {
+        double r = 0, m = 0;
+        for (int i = 0; i < M; i++) {
+            double c = cos(2 * M_PI * i * k / M), s = -sin(2 * M_PI * i * k / M);
+            r += was_re[i] * c - was_im[i] * s;
+            m += was_re[i] * s + was_im[i] * c;
+        }
+        ck_assert_double_eq_tol(re[k], r, 1e-12);
+        ck_assert_double_eq_tol(im[k], m, 1e-12);
+    }
+}
+END_TEST
+
+START_TEST(a_spectrum_holds_the_power_of_its_signal_at_its_frequency)
+{
+    static double x[N], y[N];
+    const double rate = 1000, f = 62.5, amplitude = 3;
+    struct mk_spectrum s;
+    for (int i = 0; i < N; i++) {
+        x[i] = amplitude * sin(2 * M_PI * f * i / rate) + 5; /* a mean is no power */
+        y[i] = noise();
+    }
+    ck_assert_int_eq(mk_spectrum_welch(x, y, N, rate, 1024, &s), MK_OK);
+    ck_assert_uint_eq(s.count, 512);
+    ck_assert_double_eq_tol(s.f[s.count - 1], rate / 2, 1e-9);
+    double px = 0, py = 0, near = 0;
+    for (size_t k = 0; k < s.count; k++) {
+        px += s.xx[k] * s.f[0];
+        py += s.yy[k] * s.f[0];
+        near += fabs(s.f[k] - f) < 2.5 * s.f[0] ? s.xx[k] * s.f[0] : 0;
+    }
+    ck_assert_double_eq_tol(px, amplitude * amplitude / 2, 1e-6);
+    ck_assert_double_eq_tol(near, px, 1e-6);
+    ck_assert_double_eq_tol(py, 1.0 / 12, 0.003);
+    mk_spectrum_free(&s);
+}
+END_TEST
+
+START_TEST(the_response_of_a_filter_is_its_own)
+{
+    static double x[N], y[N];
+    struct mk_spectrum s;
+    double state = 0;
+    for (int i = 0; i < N; i++) {
+        x[i] = noise();
+        y[i] = state; /* one sample late: the phase runs beyond -180 degrees */
+        state = 0.9 * state + 0.1 * x[i];
+    }
+    ck_assert_int_eq(mk_spectrum_welch(x, y, N, 1000, 512, &s), MK_OK);
+    for (size_t k = 20; k < s.count; k += 10) {
+        double w = 2 * M_PI * s.f[k] / 1000;
+        double re = 1 - 0.9 * cos(w), im = 0.9 * sin(w), phase = -atan2(im, re) - w;
+        ck_assert_double_eq_tol(s.gain[k], 0.1 / hypot(re, im), 0.02 * 0.1 / hypot(re, im));
+        ck_assert_double_eq_tol(s.phase[k], phase, 0.02);
+        ck_assert_double_gt(s.coherence[k], 0.98);
+    }
+    mk_spectrum_free(&s);
+    ck_assert_int_eq(mk_spectrum_welch(x, y, 8, 1000, 0, &s), MK_ERR_RANGE);
+}
+END_TEST
+
+/* --- plots ------------------------------------------------------------------------------- */
+
+static bool no_gnuplot(const char *test)
+{
+    return !have_program("gnuplot", test);
+}
+
+static void check_svg(const char *args, const char *const *texts)
+{
+    char out[4096];
+    const char *svg = scratch("plot.svg");
+    int code = run_mechkit(out, sizeof out, "plot %s --out %s", args, svg);
+    ck_assert_msg(code == 0 && !*out, "%s: %s", args, out);
+    char *text = slurp_file(svg);
+    ck_assert_ptr_nonnull(text);
+    for (; *texts; texts++)
+        ck_assert_msg(strstr(text, *texts) != NULL, "%s: no '%s' in the plot", args, *texts);
+    ck_assert_ptr_nonnull(strstr(text, "</svg>"));
+    free(text);
+}
+
+START_TEST(every_kind_of_plot_is_drawn)
+{
+    if (no_gnuplot("every_kind_of_plot_is_drawn"))
+        return;
+    char args[1200], one[256], two[256];
+    snprintf(one, sizeof one, "%s", open_loop_log("pendubot", "1.5*sin(6*t)", 1.0));
+    snprintf(two, sizeof two, "%s", open_loop_log("furuta", "1.5*sin(9*t)", 1.0));
+    check_svg(one, (const char *const[]){"q1 [rad]", "q2 [rad]", "u [command units]", "dq2 [rad/s]",
+                                         "open-loop on a pendubot", NULL});
+    snprintf(args, sizeof args, "%s %s --title 'it''s two'", one, two);
+    check_svg(args, (const char *const[]){"pendubot.csv", "furuta.csv", "its two", NULL});
+    snprintf(args, sizeof args, "%s --spectrum", one);
+    check_svg(args, (const char *const[]){"coherence", "phase [deg]", "q2 [rad^2/Hz]", NULL});
+    snprintf(args, sizeof args, "%s %s --phase --size 900x400", one, two);
+    check_svg(args, (const char *const[]){"dq1 [rad/s]", "dq2 [rad/s]", "2 runs", NULL});
+    char out[4096];
+    int code = run_mechkit(
+        out, sizeof out, "simulate --model %s/models/pendubot.ini --input %s --out %s --window 0.5",
+        MK_SOURCE_DIR, one, scratch("pred.csv"));
+    ck_assert_msg(code == 0, "%s", out);
+    snprintf(args, sizeof args, "%s --with %s", one, scratch("pred.csv"));
+    check_svg(args, (const char *const[]){"model", "error [rad]", NULL});
+}
+END_TEST
+
+START_TEST(a_plot_without_a_file_is_drawn_in_the_terminal)
+{
+    if (no_gnuplot("a_plot_without_a_file_is_drawn_in_the_terminal"))
+        return;
+    static char out[16384];
+    const char *log = open_loop_log("pendulum", "1.5*sin(6*t)", 1.0);
+    int code = run_mechkit(out, sizeof out, "plot %s --size 60x15", log);
+    ck_assert_int_eq(code, 0);
+    int lines = 0, longest = 0;
+    for (const char *line = out; *line; line += strcspn(line, "\n") + 1, lines++)
+        longest = (int)strcspn(line, "\n") > longest ? (int)strcspn(line, "\n") : longest;
+    ck_assert_int_le(longest, 60);
+    ck_assert_int_ge(lines, 3 * 15);
+}
+END_TEST
+
+START_TEST(a_plot_that_cannot_be_is_refused_before_it_is_drawn)
+{
+    const char *no_angle = scratch_text("no_angle.csv", "t,u\n0,1\n1,2\n");
+    const char *no_command = scratch_text("no_command.csv", "t,q1\n0,1\n1,2\n");
+    static const struct {
+        const char *args, *says;
+        int code;
+    } bad[] = {{"", "which log", 2},
+               {"x.csv --out x.pdf", "ends in .svg or .png", 2},
+               {"x.csv --size big", "expected WIDTHxHEIGHT", 2},
+               {"x.csv y.csv --with z.csv", "--with is for one log", 2},
+               {"1 2 3 4 5 6 7 8 9", "at most 8 logs", 2},
+               {"/nowhere.csv", "nowhere", 3}};
+    char out[2048];
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        int code = run_mechkit(out, sizeof out, "plot %s", bad[i].args);
+        ck_assert_msg(code == bad[i].code && strstr(out, bad[i].says), "%s: %d %s", bad[i].args,
+                      code, out);
+    }
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "plot %s", no_angle), 3);
+    ck_assert_ptr_nonnull(strstr(out, "no column q1"));
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "plot %s --spectrum", no_command), 3);
+    ck_assert_ptr_nonnull(strstr(out, "spectra need a command"));
+}
+END_TEST
+
+Suite *suite_plot(void)
+{
+    Suite *s = suite_create("plot");
+    TCase *c = tcase_create("spectrum");
+    tcase_add_test(c, a_transform_is_the_sum_that_defines_it);
+    tcase_add_test(c, a_spectrum_holds_the_power_of_its_signal_at_its_frequency);
+    tcase_add_test(c, the_response_of_a_filter_is_its_own);
+    suite_add_tcase(s, c);
+    c = tcase_create("plots");
+    tcase_set_timeout(c, 120);
+    tcase_add_test(c, every_kind_of_plot_is_drawn);
+    tcase_add_test(c, a_plot_without_a_file_is_drawn_in_the_terminal);
+    tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
+    suite_add_tcase(s, c);
+    return s;
+}
