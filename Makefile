@@ -264,8 +264,11 @@ install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged unde
 	install -m 644 $(LIB) $(DESTDIR)$(LIBDIR)/libmechkit.a
 	install -m 644 include/mechkit/*.h $(DESTDIR)$(INCLUDEDIR)/mechkit
 	install -m 644 man/mechkit.1 $(DESTDIR)$(MANDIR)/man1/mechkit.1
+	tools/man-pages.sh $(APP) $(DESTDIR)$(MANDIR)/man1
+	install -d $(DESTDIR)$(DATADIR)/bash-completion/completions
+	install -m 644 tools/mechkit.bash $(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit
 	install -m 644 models/*.ini $(DESTDIR)$(DATADIR)/mechkit/models
-	install -m 644 models/measured/*.ini $(DESTDIR)$(DATADIR)/mechkit/models/measured
+	install -m 644 models/measured/*.ini models/measured/*.map $(DESTDIR)$(DATADIR)/mechkit/models/measured
 	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
 	install -m 644 tools/matlab_export/*.m $(DESTDIR)$(DATADIR)/mechkit/matlab
 	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
@@ -276,7 +279,8 @@ install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged unde
 		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \
-		$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit.1 \
+		$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit*.1 \
+		$(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit \
 		$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-mechkit.rules
 
