@@ -269,11 +269,11 @@ START_TEST(octave_s_model_predicts_what_simulate_predicts)
         ck_assert_msg(code == 0, "%s", out);
         code = run_mechkit(out, sizeof out, "export --model %s --out %s", ini, scratch("rig.m"));
         ck_assert_msg(code == 0, "%s", out);
-        code =
-            run_command(out, sizeof out,
-                        "octave-cli --no-gui --quiet --no-init-file --path %s/tools/matlab_export "
-                        "%s/tests/octave/test_models.m %s %s %s",
-                        MK_SOURCE_DIR, MK_SOURCE_DIR, scratch("rig.m"), log, scratch("pred.csv"));
+        code = run_command(out, sizeof out,
+                           "MECHKIT=%s octave-cli --no-gui --quiet --no-init-file --path "
+                           "%s/tools/matlab_export %s/tests/octave/test_models.m %s %s %s %s",
+                           MK_TEST_APP, MK_SOURCE_DIR, MK_SOURCE_DIR, scratch("rig.m"), log,
+                           scratch("pred.csv"), ini);
         ck_assert_msg(code == 0 && strstr(out, "the model agrees"), "%s", out);
     }
 }
