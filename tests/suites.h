@@ -43,6 +43,7 @@
     X(usb)                                                                                         \
     X(parport)                                                                                     \
     X(boards_cli)                                                                                  \
+    X(bus_runs)                                                                                    \
     X(replug)                                                                                      \
     X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \

@@ -134,11 +134,11 @@ static void teardown(void)
     emu_bench_free(&bench);
 }
 
-/* Faults that go on for so many requests, from every `stride`th on. The tests take every fifth
+/* Faults that go on for so many requests, from every `stride`th on. The tests take every seventh
  * request, others with each kind; `make fault-campaign` takes all. */
 static const struct plan {
     unsigned count, stride;
-} plans[] = {{1, 5}, {7, 17}};
+} plans[] = {{1, 7}, {7, 23}};
 
 static void campaign(const char *bus, enum emu_fault fault, struct plan plan)
 {
