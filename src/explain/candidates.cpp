@@ -357,7 +357,9 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
         const mk_effect_info *effect = mk_effect_by_name(row.name);
         if (!effect || !(effect->plants & (1u << model.plant)))
             continue;
-        int first = effect->joint_rule == MK_EFFECT_JOINT_ANY ? 1 : 0;
+        // All joints are one where there is but one.
+        bool some = effect->joint_rule != MK_EFFECT_JOINT_NONE && plant->joints == 1;
+        int first = effect->joint_rule == MK_EFFECT_JOINT_ANY || some ? 1 : 0;
         int last = effect->joint_rule == MK_EFFECT_JOINT_NONE ? 0 : plant->joints;
         for (int joint = first; joint <= last; joint++) {
             if (!is_library(effect) && present(model, effect, joint))

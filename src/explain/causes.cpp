@@ -60,14 +60,8 @@ void CauseSearch::run()
         most_tried = std::max(most_tried, search.tried());
         if (round.field.empty())
             return;
-        size_t chosen = pick(round.field);
-        // A nameless term on top of named causes that already follow the data names nothing.
-        bool idle =
-            !rounds.empty() && follows(best) && is_library(round.field[chosen].added.effect);
-        if (idle || round.field[chosen].score > best.score - needed)
+        if (!choose(round.field, needed))
             return;
-        std::swap(round.field[0], round.field[chosen]);
-        search.polish(round.field[0], true);
         before = best;
         best = round.field[0];
         forget_lacks();
@@ -109,6 +103,24 @@ bool CauseSearch::follows(const Hypothesis &h) const
     double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * ROUGH : ROUGH;
     double most = touches ? std::min(rough, SMALL_PART * refit.drift) : 0.0;
     return h.drift <= std::max(IMMATERIAL, most);
+}
+
+// Brings what is to be named to the front of the field; false if nothing there earns a name.
+bool CauseSearch::choose(std::vector<Hypothesis> &field, double needed)
+{
+    while (!field.empty()) {
+        size_t chosen = pick(field);
+        // A nameless term on top of named causes that already follow the data names nothing.
+        bool idle = !rounds.empty() && follows(best) && is_library(field[chosen].added.effect);
+        if (idle || field[chosen].score > best.score - needed)
+            return false;
+        std::swap(field[0], field[chosen]);
+        search.polish(field[0], true);
+        if (!Search::vanished(field[0]))
+            return true;
+        field.erase(field.begin());
+    }
+    return false;
 }
 
 void CauseSearch::forget_lacks()
@@ -216,7 +228,7 @@ Lack CauseSearch::without(size_t cause)
 
 void CauseSearch::polish_rivals()
 {
-    constexpr double NEAR = 25.0;
+    constexpr double NEAR = 50.0;
     for (Round &r : rounds) {
         for (size_t i = 1; i < r.field.size() && i <= 3; i++)
             if (r.field[i].score < r.field[0].score + NEAR)

@@ -54,6 +54,7 @@ class CauseSearch
     bool remove(size_t cause, Hypothesis &without);
 
     bool idle_without_last();
+    bool choose(std::vector<Hypothesis> &field, double needed);
     void forget_lacks();
     bool stands_alone(const Round &round) const;
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> field) const;

@@ -95,8 +95,9 @@ class Explainer
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
         put_back_lost_counts(so, refit);
-        causes = std::make_unique<CauseSearch>(model, *search, refit);
-        causes->run();
+        search_causes(refit);
+        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
+            search_causes(refit);
         causes->polish_rivals();
         out.tried = causes->tried();
         if (search->cancelled)
@@ -165,15 +166,41 @@ class Explainer
                            "nothing moves in this log: there is nothing to explain");
     }
 
+    void search_causes(const Hypothesis &refit)
+    {
+        causes = std::make_unique<CauseSearch>(model, *search, refit);
+        causes->run();
+    }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
         lost = find_lost_counts(model, training, so, refit, ENOUGH);
-        if (lost.joint == 0)
-            return;
-        fit_logs = std::move(lost.logs);
-        training.clear();
+        if (lost.joint > 0)
+            use_mended_logs(so, refit);
+    }
+    // How large the steps are was seen by a model that lacked other causes: again with those. True
+    // if that makes another search worth while.
+    bool tune_lost_counts(const SearchOptions &so, Hypothesis &refit)
+    {
+        constexpr double SAME = 0.05; // counts
+        std::vector<const FitLog *> raw;
         for (const FitLog &log : fit_logs)
+            raw.push_back(&log);
+        const mk_model extended = causes->best.point.model;
+        LostCounts again = find_lost_counts(extended, raw, so, causes->refit, -HUGE_VAL);
+        double moved = std::fabs(again.step - lost.step);
+        if (again.joint != lost.joint || moved < SAME * training[0]->count[lost.joint - 1])
+            return false;
+        again.gain = lost.gain;
+        lost = std::move(again);
+        use_mended_logs(so, refit);
+        return true;
+    }
+    void use_mended_logs(const SearchOptions &so, Hypothesis &refit)
+    {
+        training.clear();
+        for (const FitLog &log : lost.logs)
             training.push_back(&log);
+        causes.reset();
         search = std::make_unique<Search>(training, so);
         if (!search->refit(model, nullptr, refit))
             refit = lost.fit;

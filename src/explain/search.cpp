@@ -390,6 +390,13 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     return compete(how.small ? base.drift : std::max(base.drift, 0.1), finalists);
 }
 
+bool Search::vanished(const Hypothesis &h)
+{
+    const mk_effect_use &last = h.point.model.effect[h.point.model.effect_count - 1];
+    const mk_parameter_info &size = mk_effect(last.index)->parameter[h.added.size];
+    return size.min == 0.0 && last.value[h.added.size] < 1e-7 * std::max(size.initial, 1e-6);
+}
+
 // Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
 std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finalists)
 {
@@ -449,14 +456,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
     std::vector<Hypothesis> out;
     for (Runner &r : runners) {
         work += r.work;
-        // An effect that the fit has switched off is none.
-        const mk_effect_use &last = r.best.point.model.effect[r.best.point.model.effect_count - 1];
-        const mk_effect_info *effect = mk_effect(last.index);
-        const int place = r.best.added.size;
-        const mk_parameter_info &size = effect->parameter[place];
-        bool off = std::isfinite(r.best.score) && size.min == 0.0 &&
-                   last.value[place] < 1e-7 * std::max(size.initial, 1e-6);
-        if (std::isfinite(r.best.score) && !off)
+        if (std::isfinite(r.best.score) && !vanished(r.best))
             out.push_back(std::move(r.best));
     }
     std::sort(out.begin(), out.end(),

@@ -54,6 +54,8 @@ class Search
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
+    // Whether a fit has switched the added effect off.
+    static bool vanished(const Hypothesis &h);
     int tried() const { return tried_count; } // candidates of the last extension
     // All fits so far, in passes over the data (FitOptions::max_passes): counted, so that what is
     // left out for want of time does not depend on the machine.

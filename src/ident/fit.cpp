@@ -16,6 +16,7 @@ namespace
 {
 
 constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
+constexpr double MOUNT = 0.1;         // what a base does, of what the other states do
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
 constexpr double EXACTING = 0.02;     // drift below which errors of the integration show
@@ -46,6 +47,21 @@ struct Fit::Segment {
     MatrixXd F, P, C, A_next, G;
     VectorXd a, mu;
 };
+
+// How far effects' states are left to themselves: standard deviations over those of a joint's
+// parts.
+static VectorXd state_freedom(const mk_model &model)
+{
+    VectorXd freedom = VectorXd::Ones(mk_model_state_count(&model));
+    long at = 2 * mk_model_joints(&model);
+    for (int e = 0; e < model.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(model.effect[e].index);
+        if (info->stages & MK_STAGE_FRAME)
+            freedom.segment(at, info->state_count).setConstant(MOUNT);
+        at += info->state_count;
+    }
+    return freedom;
+}
 
 // What long steps change in a stretch.
 struct Fit::Correction {
@@ -408,11 +424,11 @@ void Fit::coarsen(const FitPoint &point)
 VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) const
 {
     const mk_model &m = point.model;
-    long ns = mk_model_state_count(&m), joints = mk_model_joints(&m);
+    long joints = mk_model_joints(&m);
     const Segment &s = work[l][node];
     double span = s.end - s.begin;
     double loose = std::max(POSITION_STD, LOOSE * std::max(options.drift[0], options.drift[1]));
-    VectorXd q = VectorXd::Constant(ns, loose * loose);
+    VectorXd q = (loose * state_freedom(m)).cwiseAbs2();
     for (long j = 0; j < joints; j++) {
         q(joints + j) = options.drift[j] * options.drift[j] * span;
     }
@@ -467,6 +483,7 @@ void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free, FitP
 double Fit::total_cost(const FitPoint &point) const
 {
     double sum = 0.0;
+    const VectorXd freedom = state_freedom(point.model);
     for (int i = 0; i < mk_plant(point.model.plant)->parameter_count; i++) {
         double slope = 0.0, s = surprise(point, i, slope);
         sum += 0.5 * s * s;
@@ -487,7 +504,7 @@ double Fit::total_cost(const FitPoint &point) const
         double rest[MK_MAX_STATES];
         mk_model_initial_state(&point.model, x0.data(), x0.data() + joints, rest);
         for (long s = 2 * joints; s < x0.size(); s++)
-            sum += 0.5 * std::pow((x0(s) - rest[s]) / HIDDEN_STD, 2);
+            sum += 0.5 * std::pow((x0(s) - rest[s]) / (HIDDEN_STD * freedom(s)), 2);
     }
     return std::isfinite(sum) ? sum : HUGE_VAL;
 }
@@ -505,6 +522,7 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
     int joints = mk_model_joints(&point.model);
     out.information.setZero(nf, nf);
     out.gradient.setZero(nf);
+    const VectorXd freedom = state_freedom(point.model);
     MatrixXd &D = out.information;
     VectorXd &d = out.gradient;
     for (size_t l = 0; l < logs.size(); l++) {
@@ -514,8 +532,9 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
         MatrixXd A = MatrixXd::Identity(ns, ns) * 1e-9, C = MatrixXd::Zero(ns, nf);
         VectorXd a = VectorXd::Zero(ns);
         for (long s = 2 * joints; s < ns; s++) {
-            A(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
-            a(s) += (rest[s] - x0(s)) / (HIDDEN_STD * HIDDEN_STD);
+            double std = HIDDEN_STD * freedom(s);
+            A(s, s) += 1.0 / (std * std);
+            a(s) += (rest[s] - x0(s)) / (std * std);
         }
         for (size_t i = 0; i < work[l].size(); i++) {
             Segment &s = work[l][i];

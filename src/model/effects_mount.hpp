@@ -65,7 +65,7 @@ struct BaseCompliance {
         2,
         0,
         3,
-        {{"frequency", "Hz", "natural frequency", 1e-3, 1000.0, 8.0},
+        {{"frequency", "Hz", "natural frequency", 0.2, 1000.0, 8.0},
          {"damping-ratio", "", "damping ratio", 0.0, 2.0, 0.05},
          {"gain", "", "p1 over the inertia of the base", 0.0, INF, 0.05}}};
     template <class S>
