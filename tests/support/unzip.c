@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#define ZLIB_CONST /* input is not written to */
 #include <zlib.h>
 
 static uint32_t number(const unsigned char *p, int bytes)
@@ -37,7 +38,7 @@ static size_t unpack(const unsigned char *p, size_t left, const char *dir, char 
     memcpy(name, p + 30, length);
     name[length] = 0;
     unsigned char *data = malloc(whole + 1);
-    z_stream z = {.next_in = (unsigned char *)p + head,
+    z_stream z = {.next_in = p + head,
                   .avail_in = (unsigned)packed,
                   .next_out = data,
                   .avail_out = (unsigned)whole + 1};
