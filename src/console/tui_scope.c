@@ -30,6 +30,22 @@ bool scope_has(const struct scope *s, enum scope_channel ch)
     return ch != CH_REF || s->has_ref;
 }
 
+static bool is_shown(const struct scope *s, int ch)
+{
+    return (s->shown & 1u << ch) && scope_has(s, (enum scope_channel)ch);
+}
+
+void scope_select(struct scope *s, int step)
+{
+    for (int k = 1; k <= CH_COUNT; k++) {
+        int ch = (s->selected + k * step + CH_COUNT * CH_COUNT) % CH_COUNT;
+        if (is_shown(s, ch)) {
+            s->selected = (enum scope_channel)ch;
+            return;
+        }
+    }
+}
+
 /* --- samples --------------------------------------------------------------------------------- */
 
 enum mk_status scope_init(struct scope *s, size_t room)
@@ -56,15 +72,17 @@ void scope_clear(struct scope *s, const struct mk_plant_info *plant)
 {
     s->first = s->count = 0;
     s->has_ref = s->has_model = s->frozen = s->cursor_on = false;
-    if (!plant)
+    if (!plant || plant == s->plant)
         return;
+    s->plant = plant;
     s->joints = plant->joints;
-    memcpy(s->is_wheel, plant->joint_is_wheel, sizeof s->is_wheel);
+    s->shown = 1u << CH_U;
     /* The angle of a wheel says nothing; its speed does. */
-    if (plant->joint_is_wheel[0] && (s->shown & 1u << CH_Q1))
-        s->shown = (s->shown & ~(1u << CH_Q1)) | 1u << CH_V1;
-    if (!scope_has(s, s->selected))
-        s->selected = CH_Q1;
+    for (int j = 0; j < plant->joints; j++)
+        s->shown |= 1u << (plant->joint_is_wheel[j] ? CH_V1 + j : CH_Q1 + j);
+    memset(s->half_range, 0, sizeof s->half_range);
+    s->selected = CH_REF;
+    scope_select(s, 1); /* the first that is shown */
 }
 
 static struct scope_point *next_point(struct scope *s)
@@ -192,22 +210,6 @@ void scope_toggle(struct scope *s, enum scope_channel ch)
         s->shown = shown;
     if (s->shown & 1u << ch)
         s->selected = ch;
-}
-
-static bool is_shown(const struct scope *s, int ch)
-{
-    return (s->shown & 1u << ch) && scope_has(s, (enum scope_channel)ch);
-}
-
-void scope_select(struct scope *s, int step)
-{
-    for (int k = 1; k <= CH_COUNT; k++) {
-        int ch = (s->selected + k * step + CH_COUNT * CH_COUNT) % CH_COUNT;
-        if (is_shown(s, ch)) {
-            s->selected = (enum scope_channel)ch;
-            return;
-        }
-    }
 }
 
 void scope_next_trigger(struct scope *s)
@@ -483,6 +485,8 @@ static void draw_lane(struct scope *s, const struct span *v, struct canvas *c, s
     draw_marks(&l, c, plot, ch);
     if (s->has_model && ch <= CH_Q2)
         draw_trace(&l, ch == CH_Q1 ? CH_MODEL1 : CH_MODEL2, STYLE_TRACE_D, true);
+    if (ch == CH_V1 && s->has_ref && s->plant && s->plant->joint_is_wheel[0])
+        draw_trace(&l, CH_REF, STYLE_TRACE_D, true); /* what the speed should be */
     draw_trace(&l, ch, trace_style(ch), false);
     dots_show(&l.d, c, plot.row, plot.col);
     dots_free(&l.d);

@@ -26,7 +26,7 @@ struct scope {
     size_t room, first, count;
     int joints;
     bool has_ref, has_model;
-    bool is_wheel[MK_MAX_JOINTS];
+    const struct mk_plant_info *plant; /* NULL: not known yet */
 
     unsigned shown; /* bits of channels */
     enum scope_channel selected;
@@ -44,7 +44,7 @@ struct scope {
 
 MK_NODISCARD enum mk_status scope_init(struct scope *s, size_t room);
 void scope_free(struct scope *s);
-/* Forgets samples, keeps settings. */
+/* Forgets samples, keeps settings; another plant gets the lanes that tell most about it. */
 void scope_clear(struct scope *s, const struct mk_plant_info *plant);
 void scope_add(struct scope *s, const struct mk_sample *sample);
 /* A whole log, with the prediction of its rows (may be NULL). MK_ERR_NOMEM. */

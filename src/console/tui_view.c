@@ -121,6 +121,8 @@ static void draw_angle(struct canvas *c, int row, struct tui_rect r, int joint,
     }
     int col = canvas_print(c, row, r.col + 5, 9, STYLE_VALUE, "%9.4f", f->q[joint]);
     col = canvas_text(c, row, col, 4, STYLE_DIM, " rad");
+    if (mk_plant(f->plant)->joint_is_wheel[joint])
+        return; /* turns and turns */
     canvas_print(c, row, col, r.cols - (col - r.col), STYLE_DIM, "%6.1f\u00b0",
                  f->q[joint] * DEGREES);
 }
