@@ -1,6 +1,8 @@
 /* Excitation: the search, the foreseen errors, trajectories and inputs within limits. */
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -189,7 +191,7 @@ START_TEST(the_pendulum_s_condition_number_is_below_the_report_s)
             mk_excite_default(&m, &o);
             o.criterion = scaled ? MK_EXCITE_CONDITION : MK_EXCITE_CONDITION_UNSCALED;
             o.harmonics = harmonics;
-            o.evaluations = 2500;
+            o.evaluations = 1000 * harmonics;
             mk_excitation e = excited(m, o);
             double k = scaled ? e.regressor_condition_scaled : e.regressor_condition;
             ck_assert_msg(k < last, "%d harmonics: %g, not below %g", harmonics, k, last);
@@ -304,6 +306,43 @@ START_TEST(an_uncertain_model_promises_less)
 }
 END_TEST
 
+/* The whole search takes a minute; what it found ships with the program. */
+START_TEST(the_inputs_that_ship_tell_three_times_as_much_as_the_report_s_sine)
+{
+    static const char *const rigs[] = {"pendubot", "reaction-wheel", "furuta"};
+    std::string path = std::string(MK_SOURCE_DIR "/scripts/excite-") + rigs[_i] + ".cmd";
+    std::unique_ptr<char, void (*)(void *)> text(slurp_file(path.c_str()), free);
+    ck_assert_ptr_nonnull(text.get());
+    std::string input = strstr(text.get(), "\ninput ") + 7;
+    mk_signal *signal;
+    ck_assert_int_eq(mk_signal_create(input.substr(0, input.find('\n')).c_str(), &signal, nullptr),
+                     MK_OK);
+    mk_model m;
+    mk_excite_options limits;
+    mk_model_default(mk_plant_by_name(rigs[_i])->kind, &m);
+    mk_excite_default(&m, &limits);
+    mk::InformationOptions o;
+    o.noise[0] = o.noise[1] = limits.noise[0];
+    o.drift = limits.drift;
+    o.step = 2.5e-3;
+    double worst[2];
+    for (bool sine : {false, true}) {
+        std::vector<double> u;
+        for (int k = 0; k < 5000; k++) {
+            u.push_back(sine ? 1.5 * sin(6.0 * k / 500.0) : mk_signal_at(signal, k / 500.0));
+            ck_assert_double_le(fabs(u.back()), 1.5);
+        }
+        mk::Foresight f = mk::foresee(m, u, 0.002, mk::fitted_parameters(m), o);
+        ck_assert(f.finite());
+        worst[sine] = sqrt(f.covariance.diagonal().maxCoeff());
+        for (int j = 0; j < 2; j++)
+            ck_assert_double_le(f.v_max[j], limits.v_max[j]);
+    }
+    ck_assert_double_gt(worst[1], 3.0 * worst[0]);
+    mk_signal_destroy(signal);
+}
+END_TEST
+
 START_TEST(what_is_out_of_range_is_refused_by_name)
 {
     mk_model m;
@@ -326,6 +365,40 @@ START_TEST(what_is_out_of_range_is_refused_by_name)
         ck_assert_int_eq(mk_excite(&m, &o, &e, &err), MK_ERR_RANGE);
         ck_assert_msg(strstr(err.message, row.word) != NULL, "%s", err.message);
     }
+}
+END_TEST
+
+START_TEST(an_input_that_leaves_the_limits_is_not_offered)
+{
+    mk_model m;
+    mk_excite_options o;
+    mk_excitation e = {};
+    mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    mk_excite_default(&m, &o);
+    o.seconds = 2.0;
+    o.evaluations = 100;
+    o.v_max[0] = o.v_max[1] = 1e-4;
+    ck_assert_int_eq(mk_excite(&m, &o, &e, &err), MK_ERR_NUMERIC);
+    ck_assert_ptr_nonnull(strstr(err.message, "keeps to the limits"));
+    ck_assert_ptr_null(e.plan);
+}
+END_TEST
+
+START_TEST(a_wrong_signal_to_compare_with_is_found_before_the_search)
+{
+    mk_model m;
+    mk_excite_options o;
+    mk_excitation e = {};
+    mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    mk_excite_default(&m, &o);
+    o.against = "2*sinus(t)";
+    o.progress = [](void *, double, const char *) {
+        ck_abort_msg("it searches");
+        return false;
+    };
+    ck_assert_int_eq(mk_excite(&m, &o, &e, &err), MK_ERR_PARSE);
 }
 END_TEST
 
@@ -372,9 +445,13 @@ Suite *suite_excite(void)
     tcase_add_test(c, the_rig_follows_the_planned_trajectory);
     tcase_add_test(c, a_rig_with_a_free_joint_is_not_led_along_a_trajectory);
     tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 0, 3);
+    tcase_add_loop_test(c, the_inputs_that_ship_tell_three_times_as_much_as_the_report_s_sine, 0,
+                        3);
     tcase_add_test(c, the_answer_does_not_depend_on_the_threads);
     tcase_add_test(c, an_uncertain_model_promises_less);
     tcase_add_test(c, what_is_out_of_range_is_refused_by_name);
+    tcase_add_test(c, an_input_that_leaves_the_limits_is_not_offered);
+    tcase_add_test(c, a_wrong_signal_to_compare_with_is_found_before_the_search);
     tcase_add_test(c, the_command_files_run_and_log_what_was_planned);
     return s;
 }

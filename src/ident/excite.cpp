@@ -35,6 +35,7 @@ constexpr double TWO_PI = 6.283185307179586;
 constexpr double SEARCH_RATE_HZ = 200.0;
 constexpr int SEARCH_POINTS = 240; // of a trajectory's period
 constexpr double OVER = 10.0;      // weight of a limit's relative excess, against the log of a cost
+constexpr double TOLERATED = 0.01; // excess of the plan, which is reckoned more finely
 constexpr int STARTS = 3;
 constexpr double HIGHEST_BASE_HZ = 1.5; // of a multisine
 
@@ -90,6 +91,18 @@ class Excitation
         fill(u, out.figures);
         if (std::isnan(out.figures.worst))
             return mk_error_set(err, MK_ERR_NUMERIC, "the model runs away under every input");
+        Extent e;
+        for (int j = 0; j < MK_MAX_JOINTS; j++) {
+            e.q_min[j] = out.figures.q_min[j];
+            e.q_max[j] = out.figures.q_max[j];
+            e.v_max[j] = out.figures.v_max[j];
+        }
+        double over = beyond_limits(model, o, e);
+        if (over > TOLERATED)
+            return mk_error_set(err, MK_ERR_NUMERIC,
+                                "no input was found that keeps to the limits, the best leaves them "
+                                "by %.2g %%: wider limits, a smaller command, or more tries",
+                                100.0 * over);
         out.worst_of_rigs = rigs.size() > 1 && !led ? worst_of_rigs(u) : UNKNOWN;
         return compare(u.size(), err);
     }
@@ -341,6 +354,11 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
                             "a %s cannot be led along a trajectory: it has a joint without motor; "
                             "use criterion worst, a or d",
                             plant->name);
+    mk_signal *against = nullptr;
+    enum mk_status st = o.against ? mk_signal_create(o.against, &against, err) : MK_OK;
+    if (st != MK_OK)
+        return st;
+    mk_signal_destroy(against);
     return mk_model_check(&model, err);
 }
 
