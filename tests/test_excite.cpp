@@ -433,7 +433,7 @@ Suite *suite_excite(void)
 {
     Suite *s = suite_create("excite");
     TCase *c = tcase_create("all");
-    tcase_set_timeout(c, 60);
+    tcase_set_timeout(c, 120);
     suite_add_tcase(s, c);
     tcase_add_test(c, the_search_finds_a_narrow_curved_valley_s_end);
     tcase_add_test(c, a_series_starts_at_rest_where_it_should);

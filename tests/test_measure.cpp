@@ -334,7 +334,7 @@ Suite *suite_measure(void)
 {
     Suite *s = suite_create("measure");
     TCase *c = tcase_create("all");
-    tcase_set_timeout(c, 60);
+    tcase_set_timeout(c, 120);
     suite_add_tcase(s, c);
     tcase_add_test(c, friction_is_found_both_ways);
     tcase_add_test(c, inertia_is_found_though_the_model_s_friction_is_off);
