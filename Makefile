@@ -222,7 +222,7 @@ demo-usb: $(B)/mechkit-emulated ## swing up and balance through libusb, on an em
 roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board (SECONDS=60)
 	@$< $(SECONDS)
 fault-campaign: tests ## every fault at every request of a run over each bus, with the figures
-	@MECHKIT_CAMPAIGN=all $(TESTS) bus_faults
+	@tools/fault-campaign.sh $(TESTS)
 
 .PHONY: pictures
 pictures: $(B)/shots $(APP) ## render the console's pictures in docs/img from a real run

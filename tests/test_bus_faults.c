@@ -167,9 +167,8 @@ static void campaign(const char *bus, enum emu_fault fault, struct plan plan)
     ck_assert_uint_eq(injected, ended);
     ck_assert_uint_eq(off, ended);
     if (all)
-        printf(
-            "%-14s %-30s x%u: injected %2u, survived %2u, motor off %2u; run not even ended %2u\n",
-            bus, emu_fault_text(fault), plan.count, injected, ended, off, survived);
+        printf("%-14s %-30s x%u: injected %2u, survived %2u, motor off %2u; run unharmed %2u\n",
+               bus, emu_fault_text(fault), plan.count, injected, ended, off, survived);
 }
 
 START_TEST(no_fault_at_any_request_leaves_the_motor_on)

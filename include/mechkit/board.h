@@ -101,7 +101,7 @@ struct mk_board_ops {
      * MK_ERR_NODEV (gone for good), MK_ERR_NUMERIC (simulation failed). */
     enum mk_status (*exchange)(struct mk_board *board, double u, struct mk_board_sample *out);
     /* Zero torque now, and clears nothing. Callable at any time between open and close, also after
-     * an error. RT. */
+     * an error. RT; a board that does not answer is waited for up to 20 ms. */
     enum mk_status (*safe_state)(struct mk_board *board);
     /* Zero torque by the board itself when no exchange came for `timeout_ms` (0: off); also clears
      * a watchdog that has fired and every fault that the board has latched: the loop calls it when

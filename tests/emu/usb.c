@@ -363,10 +363,3 @@ void emu_usb_free(struct emu_usb *u)
         emu_poll_hook(NULL, NULL);
     pthread_mutex_destroy(&u->lock);
 }
-
-void emu_usb_arm(struct emu_usb *u, enum emu_fault fault, unsigned first, unsigned count)
-{
-    pthread_mutex_lock(&u->lock);
-    emu_line_arm(&u->line, fault, first, count);
-    pthread_mutex_unlock(&u->lock);
-}

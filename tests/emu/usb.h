@@ -54,6 +54,5 @@ void emu_usb_init(struct emu_usb *u, int port, const char *serial, struct emu_bo
 void emu_usb_free(struct emu_usb *u);
 void emu_usb_plug(struct emu_usb *u);
 void emu_usb_unplug(struct emu_usb *u);
-void emu_usb_arm(struct emu_usb *u, enum emu_fault fault, unsigned first, unsigned count);
 
 #endif
