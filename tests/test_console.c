@@ -202,7 +202,7 @@ static struct outcome mechkit(const char *const *argv)
 
 START_TEST(help_and_version_go_to_standard_output)
 {
-    const char *subs[] = {"run", "simulate", "design", "summary", "plot", "robustness"};
+    const char *subs[] = {"run", "console", "simulate", "design", "summary", "plot", "robustness"};
     for (size_t i = 0; i < sizeof subs / sizeof subs[0]; i++) {
         struct outcome o = MECHKIT(subs[i], "--help");
         ck_assert_int_eq(o.code, 0);
@@ -279,6 +279,55 @@ START_TEST(saving_never_overwrites)
     for (int i = 0; i < 3; i++) {
         snprintf(path, sizeof path, "%s/%s", out, names[i]);
         ck_assert_msg(access(path, R_OK) == 0, "%s", path);
+    }
+}
+END_TEST
+
+START_TEST(a_command_file_looks_at_its_own_run)
+{
+    const char *fitted = scratch("fitted.ini"), *done = scratch("done.cmd");
+    char text[1000], script[256], out[256];
+    snprintf(text, sizeof text,
+             "record %s\nsetup pendubot-mid\nstart\nwait 3\nexpect |u| <= 10 and q1 < 3\nhalt\n"
+             "record off\ncompare\nidentify %s\n",
+             done, fitted);
+    snprintf(script, sizeof script, "%s", scratch_text("after.cmd", text));
+    snprintf(out, sizeof out, "%s", scratch("after"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    ck_assert_msg(strstr(o.out, "q2: simulated 1 s from the data each time, off by 0.00"), "%s",
+                  o.out);
+    ck_assert_ptr_nonnull(strstr(o.out, "  p1 "));
+    struct mk_model model;
+    ck_assert_int_eq(mk_model_read(fitted, &model, NULL), MK_OK);
+    ck_assert_double_eq_tol(model.parameter[0], 0.054, 1e-4);
+    /* What was recorded does the same again: the same log. */
+    o = MECHKIT("run", done, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    char *first = slurp_file(scratch("after/run-001.csv"));
+    char *again = slurp_file(scratch("after/run-002.csv"));
+    ck_assert(first && again && strcmp(first, again) == 0);
+    free(first);
+    free(again);
+}
+END_TEST
+
+START_TEST(what_needs_a_run_or_a_screen_says_so)
+{
+    static const struct {
+        const char *text, *says;
+    } rows[] = {{"identify\n", "there is no run yet"},
+                {"explain\n", "there is no run yet"},
+                {"compare nowhere.csv\n", "nowhere.csv"},
+                {"replay\n", "there is no screen"},
+                {"record off\n", "nothing is recorded"},
+                {"setup pi-speed\nstart\nidentify\n", "halt first"}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        char script[256];
+        snprintf(script, sizeof script, "%s", scratch_text("needs.cmd", rows[i].text));
+        struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("needs"));
+        ck_assert_int_eq(o.code, 1);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].text, o.err);
     }
 }
 END_TEST
@@ -367,6 +416,8 @@ Suite *suite_console(void)
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, a_command_file_looks_at_its_own_run);
+    tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
     tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
     tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 6);
