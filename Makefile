@@ -157,7 +157,7 @@ $(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/table31.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -254,6 +254,12 @@ $(BUILD)/fuzz/%: fuzz/fuzz_%.c $(FUZZ_SRC) $(wildcard src/driver/*.h)
 	$(call say,FUZZ)$(CLANG) -std=c11 -O1 -g -fsanitize=fuzzer,address,undefined \
 		-fno-sanitize-recover=all -Isrc -Iinclude -o $@ $< $(FUZZ_SRC) -lm
 
+.PHONY: table31
+table31: $(B)/table31 ## the report's table 3.1 again, errors and coverage of every method (DRAWS=200)
+	@$(B)/table31 $(or $(DRAWS),200)
+$(B)/table31: $(B)/tools/table31.o $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
 .PHONY: install uninstall
 install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
 	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
@@ -312,4 +318,4 @@ clean: ## remove build/
 
 .PHONY: help
 help: ## this list
-	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F':.*## ' '/^[a-z0-9-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

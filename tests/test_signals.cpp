@@ -2,6 +2,8 @@
 #include "suites.h"
 
 #include <cmath>
+#include <cstring>
+#include <memory>
 #include <random>
 #include <vector>
 
@@ -213,6 +215,115 @@ START_TEST(the_smoother_refuses_too_little_and_time_that_stands)
 }
 END_TEST
 
+/* --- repeated runs --- */
+
+struct FreeLog {
+    void operator()(mk_log *log) const { mk_log_free(log); }
+};
+using Log = std::unique_ptr<mk_log, FreeLog>;
+
+/* A pendulum's log of the swing under a command of its own, begun `late` rows into it. */
+Log run_of(size_t late, double noise, unsigned seed)
+{
+    const size_t rows = 600;
+    mk_log *log;
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal(0, noise);
+    ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+    double *t = mk_log_add_column(log, "t"), *q = mk_log_add_column(log, "q1");
+    double *u = mk_log_add_column(log, "u");
+    Samples s = swing(rows + late);
+    for (size_t k = 0; k < rows; k++) {
+        double time = s.t[k + late];
+        t[k] = 5.0 + H * (double)k;
+        q[k] = s.q[k + late] + normal(random);
+        u[k] = 1.5 * sin(6 * time) + sin(time * time);
+    }
+    return Log(log);
+}
+
+struct Averaged {
+    mk_repeats *r = nullptr;
+    enum mk_status status;
+    explicit Averaged(const std::vector<Log> &logs)
+    {
+        mk_model m;
+        mk_model_default(MK_PLANT_PENDULUM, &m);
+        std::vector<const mk_log *> views;
+        for (const Log &log : logs)
+            views.push_back(log.get());
+        status = mk_average_runs(&m, views.data(), views.size(), &r, nullptr);
+    }
+    ~Averaged() { mk_repeats_free(r); }
+};
+
+START_TEST(a_mean_of_runs_has_less_noise_and_says_how_much_there_was)
+{
+    std::vector<Log> logs;
+    for (unsigned i = 0; i < 30; i++)
+        logs.push_back(run_of(0, 1e-3, i));
+    Averaged a(logs);
+    ck_assert_int_eq(a.status, MK_OK);
+    ck_assert_int_eq(a.r->signals, 2);
+    Samples s = swing(600);
+    const double *q = mk_log_get(a.r->mean, "q1");
+    double square = 0;
+    for (size_t k = 0; k < 600; k++)
+        square += pow(q[k] - s.q[k], 2) / 600;
+    ck_assert_double_eq_tol(sqrt(square), 1e-3 / sqrt(30), 0.1e-3 / sqrt(30));
+    ck_assert_double_eq_tol(sqrt(a.r->pooled[0]), 1e-3, 0.05e-3);
+    ck_assert_double_eq_tol(a.r->pooled[3], 0.0, 1e-12); /* the command is the same every time */
+    double sum = 0;
+    for (size_t k = 0; k < 600; k++)
+        sum += a.r->covariance[4 * k] / 600;
+    ck_assert_double_eq_tol(sum, a.r->pooled[0], 1e-12);
+}
+END_TEST
+
+START_TEST(runs_that_were_started_late_are_aligned)
+{
+    std::vector<Log> logs;
+    logs.push_back(run_of(40, 1e-3, 1));
+    logs.push_back(run_of(0, 1e-3, 2));
+    logs.push_back(run_of(73, 1e-3, 3));
+    Averaged a(logs);
+    ck_assert_int_eq(a.status, MK_OK);
+    ck_assert_double_eq_tol(a.r->shift_s[1], 40 * H, 1e-9);
+    ck_assert_double_eq_tol(a.r->shift_s[2], -33 * H, 1e-9);
+    ck_assert_double_lt(sqrt(a.r->pooled[0]), 1.3e-3);
+}
+END_TEST
+
+START_TEST(dropped_rows_are_left_out_of_a_mean)
+{
+    std::vector<Log> logs;
+    for (unsigned i = 0; i < 3; i++)
+        logs.push_back(run_of(0, 0, i));
+    logs[1]->columns[1].data[100] = NAN;
+    for (size_t i = 0; i < 3; i++)
+        logs[i]->columns[1].data[200] = NAN;
+    Averaged a(logs);
+    ck_assert_int_eq(a.status, MK_OK);
+    const double *q = mk_log_get(a.r->mean, "q1");
+    ck_assert_double_eq_tol(q[100], swing(101).q[100], 1e-12);
+    ck_assert(std::isnan(q[200]));
+    ck_assert(std::isnan(a.r->covariance[4 * 200]));
+    ck_assert_double_eq_tol(a.r->covariance[4 * 100], 0.0, 1e-20);
+}
+END_TEST
+
+START_TEST(a_mean_of_one_run_or_of_different_rates_is_refused)
+{
+    std::vector<Log> logs;
+    logs.push_back(run_of(0, 0, 1));
+    ck_assert_int_eq(Averaged(logs).status, MK_ERR_RANGE);
+    logs.push_back(run_of(0, 0, 1));
+    for (size_t k = 0; k < logs[1]->rows; k++)
+        logs[1]->columns[0].data[k] *= 2;
+    ck_assert_int_eq(Averaged(logs).status, MK_ERR_RANGE);
+}
+END_TEST
+
 } // namespace
 
 Suite *suite_signals(void)
@@ -229,5 +340,9 @@ Suite *suite_signals(void)
     tcase_add_test(c, the_smoother_takes_uneven_rows_and_holes_as_they_are);
     tcase_add_test(c, the_smoothers_blocks_leave_no_seams);
     tcase_add_test(c, the_smoother_refuses_too_little_and_time_that_stands);
+    tcase_add_test(c, a_mean_of_runs_has_less_noise_and_says_how_much_there_was);
+    tcase_add_test(c, runs_that_were_started_late_are_aligned);
+    tcase_add_test(c, dropped_rows_are_left_out_of_a_mean);
+    tcase_add_test(c, a_mean_of_one_run_or_of_different_rates_is_refused);
     return s;
 }

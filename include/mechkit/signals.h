@@ -63,6 +63,33 @@ MK_NODISCARD enum mk_status mk_smooth(const double *t, const double *q, size_t r
                                       double *v, double *a, double *cov,
                                       struct mk_smooth_figures *found);
 
+/* --- repeated runs -------------------------------------------------------------------------- */
+
+#define MK_MAX_SIGNALS (MK_MAX_JOINTS + MK_MAX_INPUTS)
+
+/* Mean of runs of the same experiment, row by row, on the time base of the first. */
+struct mk_repeats {
+    size_t runs;
+    struct mk_log *mean; /* t, q1, (q2,) and the command under its name; NaN: no run has a value */
+    double *shift_s;     /* by run: its time less that of the first, from either's first row */
+    int signals;         /* angles, then commands */
+    /* Sample covariance between the signals of one run (that of the mean is 1 / runs of it):
+     * rows x signals x signals, NaN where fewer than two runs have all of them. */
+    double *covariance;
+    double pooled[MK_MAX_SIGNALS * MK_MAX_SIGNALS]; /* its mean over the rows */
+    double rms[MK_MAX_SIGNALS];                     /* of each signal of the mean about its mean */
+};
+
+/* Averages `count` logs (2 at least) that fit `model`. Runs are shifted in time by whole rows, up
+ * to a second, to where all their signals agree best with the first run's. Whether they are repeats
+ * at all is for the caller to judge, by `pooled` beside `rms`. MK_ERR_PARSE (a log does not fit the
+ * model), MK_ERR_RANGE (fewer than 2 runs, different sample rates, less than half in common),
+ * MK_ERR_NOMEM. The caller frees *out. */
+MK_NODISCARD enum mk_status mk_average_runs(const struct mk_model *model,
+                                            const struct mk_log *const *logs, size_t count,
+                                            struct mk_repeats **out, struct mk_error *err);
+void mk_repeats_free(struct mk_repeats *repeats); /* NULL allowed */
+
 #ifdef __cplusplus
 }
 #endif

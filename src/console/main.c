@@ -61,11 +61,11 @@ static const struct subcommand subcommands[] = {
      "Fits [parameters], and those of the effects in the model, and says how well they are known.\n"
      "\n"
      "  --method NAME     output-error (default): maximum likelihood of the measured angles;\n"
-     "                    sls, wls, energy: linear, base parameters only\n"
+     "                    olsen, swevers, wls, sls, energy: linear, base parameters only\n"
      "  --json FILE       the result with covariance; \"-\": standard output\n"
      "  --fix NAME        hold a parameter, as p5 or effect.backlash.width; may be repeated\n"
      "  --validate V.csv  free-run error on a log that was not fitted; may be repeated\n"
-     "  --cutoff HZ       of the filter of the linear methods; default 10\n"
+     "  --cutoff HZ       linear methods: averaging over windows of 1 / HZ; default 3\n"
      "  --threads N       default: all processors\n",
      sub_identify},
     {"excite", "find the input that tells most about a rig's parameters",

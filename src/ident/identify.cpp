@@ -1,4 +1,5 @@
 // mk_identify: the table of methods, and what all of them need done before and after.
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -24,27 +25,56 @@ const mk::IdentMethod *find(const char *name)
     return nullptr;
 }
 
-// A log must move, or there is nothing to learn from it.
-enum mk_status check_motion(const mk_model &model, const mk_record &record, const mk_log *log,
+constexpr size_t FEWEST_ROWS = 20;
+
+struct Range {
+    double low = HUGE_VAL, high = -HUGE_VAL;
+    size_t values = 0;
+
+    Range(const double *x, size_t rows)
+    {
+        for (size_t k = 0; k < rows; k++)
+            if (!std::isnan(x[k])) {
+                low = std::min(low, x[k]), high = std::max(high, x[k]);
+                values++;
+            }
+    }
+};
+
+enum mk_status check_values(const mk_record &record, const double *x, const char *what,
+                            const mk_log *log, mk_error *err)
+{
+    Range range(x, record.rows);
+    if (range.values < FEWEST_ROWS)
+        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
+                           "%zu values of %s are too few to fit anything: %zu at least",
+                           range.values, what, FEWEST_ROWS);
+    if (!std::isfinite(range.low) || !std::isfinite(range.high))
+        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0, "a value of %s is infinite", what);
+    return MK_OK;
+}
+
+// A log must have readings and move, or there is nothing to learn from it.
+enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, const mk_log *log,
                             mk_error *err)
 {
-    if (record.rows < 20)
+    static const char *const angles[] = {"q1", "q2"};
+    bool moves = false;
+    if (record.rows < FEWEST_ROWS)
         return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "%zu rows are too few to fit anything: 20 at least", record.rows);
-    for (int j = 0; j < mk_model_joints(&model); j++) {
-        double low = HUGE_VAL, high = -HUGE_VAL, count = 6.283185307179586 / model.encoder_cpr[j];
-        for (size_t k = 0; k < record.rows; k++) {
-            double q = record.q[j][k];
-            if (!std::isnan(q)) {
-                low = q < low ? q : low;
-                high = q > high ? q : high;
-            }
-        }
-        if (high - low >= 3.0 * count)
-            return MK_OK;
+                           "%zu rows are too few to fit anything: %zu at least", record.rows,
+                           FEWEST_ROWS);
+    enum mk_status st = check_values(record, record.u[0], "the command", log, err);
+    for (int j = 0; j < mk_model_joints(&problem.model) && st == MK_OK; j++) {
+        st = check_values(record, record.q[j], angles[j], log, err);
+        Range range(record.q[j], record.rows);
+        if (range.high - range.low >= 3.0 * 6.283185307179586 / problem.model.encoder_cpr[j])
+            problem.moves[j] = moves = true;
     }
-    return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                       "nothing moves in this log: there is nothing to learn from it");
+    if (st == MK_OK && !moves)
+        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
+                           "nothing moves in this log: there is nothing to learn from it");
+    return st;
 }
 
 void name_parameters(const mk_ident_options &options, mk_ident_result &r)
@@ -97,7 +127,7 @@ try {
         mk_record record;
         st = mk_record_from_log(logs[i], model, &record, err);
         if (st == MK_OK)
-            st = check_motion(*model, record, logs[i], err);
+            st = check_motion(problem, record, logs[i], err);
         if (st != MK_OK)
             return st;
         problem.logs.push_back(logs[i]);
@@ -112,6 +142,10 @@ try {
     st = method->fit(problem, *result, err);
     if (st != MK_OK)
         return st;
+    for (int j = 0; j < mk_model_joints(model); j++)
+        if (!problem.moves[j] && result->warning_count < MK_MAX_FIT_WARNINGS)
+            snprintf(result->warning[result->warning_count++], sizeof result->warning[0],
+                     "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
     for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
         double e = result->parameter[i].std_error;
         if (i < mk_plant(model->plant)->parameter_count)

@@ -14,6 +14,7 @@ struct IdentProblem {
     mk_model model;
     std::vector<const mk_log *> logs;
     std::vector<mk_record> records; // one a log
+    bool moves[MK_MAX_JOINTS];      // by more than a few counts in one log at least
     mk_ident_options options;
 };
 

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <deque>
 #include <limits>
-#include <new>
 #include <string>
 
 #include "ident/repeats.hpp"
@@ -44,12 +43,12 @@ struct Past {
     Eigen::MatrixXd weighted; // W X
 };
 
-// Covariance of two rows' errors; the readings' noise is white.
+// Covariance of two rows' errors, a not before b; the readings' noise is white.
 using NoiseMap = std::vector<double> (WeakRow::*)[MAX_EQUATIONS][MK_MAX_JOINTS];
 Block covariance(const WeakRow &a, const WeakRow &b, NoiseMap map, int equations, int joints)
 {
     Block c = Block::Zero(equations, equations);
-    size_t shift = a.centre - b.centre; // a is not before b
+    size_t shift = a.centre - b.centre;
     for (int e = 0; e < equations; e++)
         for (int f = 0; f < equations; f++)
             for (int j = 0; j < joints; j++) {
@@ -88,8 +87,7 @@ class Regression
     Block residual;
 
     Sums gather(int round) const;
-    void add(const WeakRow &row, const Block &weight, const std::deque<Past> &past,
-             Eigen::MatrixXd &weighted, Sums &sums) const;
+    Block weight_of(const WeakRow &row, const Block &self, int round) const;
     Eigen::MatrixXd reduced(const WeakRow &row) const;
     Eigen::VectorXd parameters() const;
     enum mk_status solve(const Sums &sums, Eigen::VectorXd &p, Eigen::MatrixXd &inverse,
@@ -123,71 +121,74 @@ Eigen::VectorXd Regression::parameters() const
     return p;
 }
 
-// One row with its own weight; its errors' covariance with the rows before goes to the spread.
-void Regression::add(const WeakRow &row, const Block &weight, const std::deque<Past> &past,
-                     Eigen::MatrixXd &weighted, Sums &sums) const
+Block Regression::weight_of(const WeakRow &row, const Block &self, int round) const
 {
-    Eigen::MatrixXd values = reduced(row);
-    long n = (long)free.size();
-    auto x = values.leftCols(n);
-    auto y = values.col(n);
-    weighted = weight * x;
-    sums.normal += x.transpose() * weighted;
-    sums.right += weighted.transpose() * y;
-    sums.square += y.dot(weight * y);
-    Block self = covariance(row, row, &WeakRow::noise, form.equations, mk_model_joints(&model));
-    sums.spread += weighted.transpose() * self * weighted;
+    if (round == 0)
+        return Block::Identity(form.equations, form.equations);
+    return method.weight(
+        {self, covariance(row, row, &WeakRow::angle_noise, form.equations, mk_model_joints(&model)),
+         residual});
+}
+
+// Row `values` (X and y) with a weight of its own; `shared` is its covariance with the rows before.
+Eigen::MatrixXd add_weighted(const Eigen::MatrixXd &values, const Block &weight, const Block &self,
+                             const std::vector<Block> &shared, const std::deque<Past> &past,
+                             Sums &sums)
+{
+    long n = values.cols() - 1;
+    Eigen::MatrixXd weighted = weight * values.leftCols(n);
+    sums.normal += values.leftCols(n).transpose() * weighted;
+    sums.right += weighted.transpose() * values.col(n);
+    sums.square += values.col(n).dot(weight * values.col(n));
     sums.expected += (weight * self).trace();
-    for (const Past &other : past) {
-        Block s =
-            covariance(row, other.row, &WeakRow::noise, form.equations, mk_model_joints(&model));
-        Eigen::MatrixXd half = weighted.transpose() * s * other.weighted;
+    sums.spread += weighted.transpose() * self * weighted;
+    for (size_t i = 0; i < shared.size(); i++) {
+        Eigen::MatrixXd half = weighted.transpose() * shared[i] * past[i].weighted;
         sums.spread += half + half.transpose();
     }
+    return weighted;
+}
+
+// A row whose error is independent of all others and of unit variance.
+void add_white(const Eigen::MatrixXd &values, Sums &sums)
+{
+    long n = values.cols() - 1;
+    auto x = values.leftCols(n);
+    sums.normal += x.transpose() * x;
+    sums.right += x.transpose() * values.col(n);
+    sums.square += values.col(n).squaredNorm();
+    sums.expected += (double)values.rows();
+    sums.spread = sums.normal;
 }
 
 Sums Regression::gather(int round) const
 {
-    long n = (long)free.size();
     int joints = mk_model_joints(&model);
+    long n = (long)free.size();
+    bool last = round + 1 == method.rounds, white = round > 0 && method.whole;
     Sums sums(n, form.equations);
     Eigen::VectorXd before = parameters();
     std::deque<Past> past; // nearest first
     Whitener whitener;
-    size_t band = 0;
     each_weak_row(form, model, tracks, window, [&](const WeakRow &row) {
         if (row.starts_log)
             past.clear(), whitener.clear();
-        size_t reach = row.noise[0][0].size();
-        while (!past.empty() && row.centre - past.back().row.centre >= reach)
+        while (!past.empty() && row.centre - past.back().row.centre >= row.noise[0][0].size())
             past.pop_back();
-        band = std::max(band, past.size());
         Eigen::MatrixXd values = reduced(row), weighted;
         Eigen::VectorXd left = values.col(n) - values.leftCols(n) * before;
         sums.residual += left * left.transpose();
         sums.rows++;
         Block self = covariance(row, row, &WeakRow::noise, form.equations, joints);
-        if (round == 0 || !method.whole) {
-            RowNoise noise = {self, Block(), residual};
-            if (round > 0)
-                noise.angles = covariance(row, row, &WeakRow::angle_noise, form.equations, joints);
-            Block identity = Block::Identity(form.equations, form.equations);
-            add(row, round == 0 ? identity : method.weight(noise), past, weighted, sums);
-        } else {
-            std::vector<Block> shared;
-            for (const Past &other : past)
-                shared.push_back(
-                    covariance(row, other.row, &WeakRow::noise, form.equations, joints));
-            Eigen::MatrixXd white = whitener.push(values, shared, self);
-            sums.normal += white.leftCols(n).transpose() * white.leftCols(n);
-            sums.right += white.leftCols(n).transpose() * white.col(n);
-            sums.square += white.col(n).squaredNorm();
-            sums.expected += form.equations;
-        }
+        std::vector<Block> shared;
+        for (size_t i = 0; i < past.size() && (last || white); i++)
+            shared.push_back(covariance(row, past[i].row, &WeakRow::noise, form.equations, joints));
+        if (white)
+            add_white(whitener.push(values, shared, self), sums);
+        else
+            weighted = add_weighted(values, weight_of(row, self, round), self, shared, past, sums);
         past.push_front({row, weighted});
     });
-    if (round > 0 && method.whole)
-        sums.spread = sums.normal;
     return sums;
 }
 
@@ -204,6 +205,10 @@ enum mk_status Regression::solve(const Sums &sums, Eigen::VectorXd &p, Eigen::Ma
         return mk_error_set(err, MK_ERR_RANGE,
                             "%zu windows of %.3g s are too few for %zu parameters", sums.rows,
                             window.seconds, free.size());
+    if (!(sums.square > 0.0))
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "the command is 0 throughout: free motion shows ratios of parameters "
+                            "only; hold one of them");
     Eigen::VectorXd scale = sums.normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     Eigen::MatrixXd unit = scale.asDiagonal() * sums.normal * scale.asDiagonal();
     double scaled = condition(unit);
@@ -211,10 +216,6 @@ enum mk_status Regression::solve(const Sums &sums, Eigen::VectorXd &p, Eigen::Ma
         return mk_error_set(err, MK_ERR_RANGE,
                             "these data cannot tell the parameters apart: move every joint, or "
                             "hold some parameters");
-    if (!(sums.square > 0.0))
-        return mk_error_set(err, MK_ERR_RANGE,
-                            "the command is 0 throughout: free motion shows ratios of parameters "
-                            "only; hold one of them");
     if (r.iterations == 0) {
         r.condition_number = condition(sums.normal);
         r.condition_number_scaled = scaled;
@@ -289,6 +290,12 @@ enum mk_status regress(const LinearMethod &method, const IdentProblem &problem, 
     Regression g(method, problem);
     if (g.free.empty())
         return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
+    for (int j = 0; j < mk_model_joints(&problem.model); j++)
+        if (!problem.moves[j])
+            return mk_error_set(err, MK_ERR_RANGE,
+                                "q%d does not move in these data: is the joint stuck, or its "
+                                "encoder? output-error can fit what the rest shows",
+                                j + 1);
     enum mk_status st = g.run(r, err);
     if (st != MK_OK)
         return st;

@@ -127,7 +127,7 @@ std::vector<double> command(const Grid &grid, const mk_record &r, const double *
             double until = next < r.rows ? std::min(end, r.t[next]) : end;
             double held = std::isnan(u[k]) ? 0.0 : value(k);
             double age = (at - r.t[k]) / grid.period;
-            if (next < r.rows && age > 0.5)
+            if (next < r.rows && age > 0.98)
                 held += (value(next) - held) * (at - r.t[k]) / (r.t[next] - r.t[k]);
             sum += held * (until - at);
             at = until;
