@@ -99,8 +99,8 @@ const char *mk_wire_fault_text(uint16_t fault);
 /* --- slots of the board interface; board->priv begins with a struct mk_wire --------------------
  */
 
-/* The protocol behind a board, for what the board interface has no slot for; NULL when the board does
- * not speak it. */
+/* The protocol behind a board, for what the board interface has no slot for; NULL when the board
+ * does not speak it. */
 struct mk_wire *mk_wire_of(struct mk_board *board);
 /* Checks that board and model agree on the command's limit. */
 enum mk_status mk_wire_check_model(const struct mk_wire *w, const struct mk_model *model,
