@@ -14,6 +14,9 @@ constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a sec
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 
+// In passes over the data (Search::work_done): nothing more is looked for after so many, and
+// earlier causes are not looked at again after fewer. Most searches end long before.
+constexpr double MOST_WORK = 12000.0, MUCH_WORK = 9000.0;
 constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
 
 // The first of a field, catalogue before library unless the library is clearly better.
@@ -35,7 +38,7 @@ void CauseSearch::run()
 {
     search.polish(refit, true);
     best = refit;
-    while (rounds.size() < MOST && !search.cancelled) {
+    while (rounds.size() < MOST && !search.cancelled && search.work_done() < MOST_WORK) {
         // Nameless terms that already follow the data will not become a name.
         bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
             return is_library(r.field[0].added.effect);
@@ -68,7 +71,7 @@ void CauseSearch::run()
         rounds.push_back(std::move(round));
         if (rounds.size() > 1 && idle_without_last())
             return;
-        if (rounds.size() == 2)
+        if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
     }
 }
