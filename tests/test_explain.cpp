@@ -79,7 +79,7 @@ mk_log *record(const Hidden &h, int kind, double seconds)
     return log;
 }
 
-mk_explanation explained(const Hidden &h, bool exact = false)
+mk_explanation explained(const Hidden &h, bool exact = false, double most_s = 0.0)
 {
     mk_model model;
     mk_model_default(MK_PLANT_PENDULUM, &model);
@@ -91,6 +91,7 @@ mk_explanation explained(const Hidden &h, bool exact = false)
     mk_error err = MK_ERROR_INIT;
     mk_explain_options options = {};
     options.threads = 2;
+    options.most_s = most_s;
     enum mk_status st = mk_explain(&model, &train, 1, &hold, 1, &options, &e, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     mk_log_free(train);
@@ -150,6 +151,17 @@ START_TEST(a_hidden_effect_is_named_and_measured)
     if (strcmp(e.cause[0].effect->name, rows[_i].name) == 0)
         ck_assert_double_eq_tol(e.cause[0].value[0], rows[_i].value, 0.05 * rows[_i].value);
     ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
+START_TEST(of_long_records_a_part_is_searched_and_said)
+{
+    Hidden h;
+    h.drag = 0.012;
+    mk_explanation e = explained(h, false, 3.0);
+    ck_assert_double_eq_tol(e.given_s, 6.0, 0.01);
+    ck_assert_double_eq_tol(e.searched_s, 3.0, 0.01);
+    ck_assert(e.verdict == MK_VERDICT_EFFECT && named(e, "quadratic-drag"));
 }
 END_TEST
 
@@ -256,6 +268,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_right_model_raises_no_alarm);
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
+    tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);

@@ -69,6 +69,8 @@ struct mk_explain_options {
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
+    double most_s;   /* of data to search in, evenly from the logs; 0: 60 s; HUGE_VAL: all. The time
+                        that a search takes grows with it. */
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -97,6 +99,7 @@ struct mk_explanation {
     double gain_refit, gain_extended;
     int tried; /* causes looked at */
 
+    double given_s, searched_s; /* data to learn from, and what of it was searched in */
     double window_s;
     bool held_back;   /* no hold-out logs were given: the end of the last log was held back */
     double held_from; /* s from its start, where that begins */

@@ -56,6 +56,9 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
             fprintf(out, "  missing torque in the equation of joint %d: %.3g rms\n", j + 1,
                     e->missing[j]);
+    if (e->searched_s < 0.99 * e->given_s)
+        fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
+                e->searched_s, e->given_s);
     fprintf(out, "Free runs of %g s on held-out data, error over standard deviation:\n",
             e->window_s);
     for (int j = 0; j < mk_model_joints(&e->given); j++)

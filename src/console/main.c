@@ -118,6 +118,7 @@ static const struct subcommand subcommands[] = {
      "  --next           propose an experiment even where no rival is left open\n"
      "  --holdout V.csv  a log to measure on; may be repeated\n"
      "  --window S       length of the free runs that are compared; default 1\n"
+     "  --seconds S|all  most data to search in, from the starts of the logs; default 60\n"
      "  --threads N      default: all processors\n",
      sub_explain},
     {"design", "linearise a rig and compute feedback gains",

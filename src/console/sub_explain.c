@@ -21,13 +21,11 @@ struct options {
 
 static int parse(int argc, char **argv, struct options *o)
 {
-    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                          {"out", required_argument, NULL, 'o'},
-                                          {"holdout", required_argument, NULL, 'h'},
-                                          {"window", required_argument, NULL, 'w'},
-                                          {"threads", required_argument, NULL, 't'},
-                                          {"next", no_argument, NULL, 'n'},
-                                          {NULL, 0, NULL, 0}};
+    static const struct option names[] = {
+        {"model", required_argument, NULL, 'm'},   {"out", required_argument, NULL, 'o'},
+        {"holdout", required_argument, NULL, 'h'}, {"window", required_argument, NULL, 'w'},
+        {"threads", required_argument, NULL, 't'}, {"next", no_argument, NULL, 'n'},
+        {"seconds", required_argument, NULL, 's'}, {NULL, 0, NULL, 0}};
     int c;
     char *end;
     opterr = 0;
@@ -57,6 +55,11 @@ static int parse(int argc, char **argv, struct options *o)
             break;
         case 'n':
             o->explain.next = true;
+            break;
+        case 's':
+            o->explain.most_s = strcmp(optarg, "all") == 0 ? HUGE_VAL : strtod(optarg, &end);
+            if (!(o->explain.most_s > 0.0) || (o->explain.most_s < HUGE_VAL && *end))
+                return report_usage("explain", "--seconds %s: expected seconds or 'all'", optarg);
             break;
         case ':':
             return report_usage("explain", "%s needs a value", argv[optind - 1]);

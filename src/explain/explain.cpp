@@ -26,6 +26,8 @@ namespace
 {
 
 constexpr size_t FEWEST = 40;       // rows of a log
+constexpr double MOST_DATA = 60.0;  // s to search in, if not said otherwise
+constexpr double A_RUN = 15.0;      // s of a log that are worth having
 constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 
@@ -126,9 +128,10 @@ class Explainer
                         size_t holdout_count, mk_error *err)
     {
         held.assign(holdouts, holdouts + holdout_count);
+        enum mk_status st = MK_OK;
         for (size_t i = 0; i < log_count; i++) {
             mk_record record;
-            enum mk_status st = mk_record_from_log(logs[i], &model, &record, err);
+            st = mk_record_from_log(logs[i], &model, &record, err);
             if (st != MK_OK)
                 return st;
             size_t last = record.rows;
@@ -144,12 +147,38 @@ class Explainer
                 held.push_back(made.back().get());
             }
             fit_logs.push_back(fit_log(record, model, 0, last));
+            out.given_s += fit_logs.back().duration();
             st = check_motion(fit_logs.back(), logs[i], err);
             if (st != MK_OK)
                 return st;
         }
-        for (const FitLog &log : fit_logs)
+        if (out.given_s > options.most_s)
+            st = take_part(logs, err);
+        for (const FitLog &log : fit_logs) {
             training.push_back(&log);
+            out.searched_s += log.duration();
+        }
+        return st;
+    }
+    // Of logs evenly over all the beginnings: effects may depend on the time since the start.
+    enum mk_status take_part(const mk_log *const *logs, mk_error *err)
+    {
+        const size_t count = fit_logs.size();
+        size_t kept = (size_t)std::max(1.0, std::min((double)count, options.most_s / A_RUN));
+        double share = options.most_s / (double)kept;
+        std::vector<FitLog> part;
+        for (size_t i = 0; i < kept; i++) {
+            const size_t log = i * count / kept;
+            mk_record record;
+            enum mk_status st = mk_record_from_log(logs[log], &model, &record, err);
+            if (st != MK_OK)
+                return st;
+            size_t last = 0, most = fit_logs[log].rows();
+            while (last < std::min(record.rows, most) && record.t[last] - record.t[0] < share)
+                last++;
+            part.push_back(fit_log(record, model, 0, std::max(last, FEWEST)));
+        }
+        fit_logs = std::move(part);
         return MK_OK;
     }
     static enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
@@ -537,6 +566,8 @@ try {
         o.threads = std::max(1, (int)std::thread::hardware_concurrency());
     auto result = std::make_unique<mk_explanation>();
     result->window_s = o.window_s > 0.0 ? o.window_s : 1.0;
+    if (!(o.most_s > 0.0))
+        o.most_s = mk::MOST_DATA;
     if (log_count == 0)
         return mk_error_set(err, MK_ERR_INVALID, "explain needs a log at least");
     enum mk_status st = mk_model_check(model, err);
