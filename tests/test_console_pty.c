@@ -16,7 +16,11 @@
 
 /* Sanitizers and a busy machine: what takes a second may take many. */
 #define SOON 20.0
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define LATER 600.0
+#else
 #define LATER 120.0
+#endif
 
 static char folder[512];
 static struct pty term;
