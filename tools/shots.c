@@ -162,7 +162,8 @@ static FILE *begin_svg(const char *path)
         exit(1);
     }
     fprintf(out,
-            "<svg xmlns='http://www.w3.org/2000/svg' width='%d' height='%d' viewBox='0 0 %d %d'>\n"
+            "<svg xmlns='http://www.w3.org/2000/svg' width='%d' height='%d' viewBox='0 0 %d %d' "
+            "xml:space='preserve'>\n"
             "<style>text{white-space:pre;font:13px 'DejaVu Sans Mono',Menlo,Consolas,monospace}"
             "rect{shape-rendering:crispEdges}path{fill:none;stroke-width:1.7;stroke-linecap:round}<"
             "/style>\n"
