@@ -28,6 +28,25 @@ bool same_place(const Candidate &a, const Candidate &b)
     return term < 0 || a.value[term] == b.value[term];
 }
 
+// A point with the states of further effects, at rest; the others stay as they were fitted.
+FitPoint with_states(const FitPoint &from, const mk_model &model)
+{
+    FitPoint point = from;
+    point.model = model;
+    const long all = mk_model_state_count(&model), joints = mk_model_joints(&model);
+    for (FitNodes &nodes : point.nodes) {
+        const long known = nodes.x.rows();
+        nodes.x.conservativeResize(all, Eigen::NoChange);
+        for (long i = 0; i < nodes.x.cols() && known < all; i++) {
+            double rest[MK_MAX_STATES];
+            mk_model_initial_state(&model, &nodes.x(0, i), &nodes.x(joints, i), rest);
+            for (long s = known; s < all; s++)
+                nodes.x(s, i) = rest[s];
+        }
+    }
+    return point;
+}
+
 // Starts of the same cause that are worth a try each: resonances apart.
 bool same_start(const Candidate &a, const Candidate &b)
 {
@@ -180,13 +199,17 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
     const std::vector<int> own = fitted_parameters(base.point.model);
     std::atomic<size_t> done{0};
     std::vector<double> spent(groups, 0.0);
+    Fit here(logs, loose);
+    here.options.threads = options.threads;
+    here.coarsen(base.point);
+    work += here.work_done;
     parallel_for(options.threads, groups, [&](size_t g) {
         mk_model model;
         std::vector<size_t> members;
         std::vector<int> free;
         FitPicture p;
         Fit fit(logs, loose);
-        fit.coarsen(base.point);
+        fit.coarsen_as(here);
         // So little of each that the trajectory stays where it is.
         for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
             model = base.point.model;
@@ -200,7 +223,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
                     members.push_back(k);
                 }
             }
-            FitPoint point = fit.adopt(base.point, model);
+            FitPoint point = with_states(base.point, model);
             free = fitted_parameters(model);
             p = fit.picture(point, free);
             if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)

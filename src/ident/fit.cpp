@@ -334,8 +334,8 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     task.end = s.end;
     task.last = s.last;
     task.x = x0.data();
-    const bool corrected = !correction.empty();
-    task.step = point.step > 0.0 && !corrected ? point.step : options.step;
+    const Correction *c = correction ? &(*correction)[l][i] : nullptr;
+    task.step = point.step > 0.0 && !c ? point.step : options.step;
     task.free_count = derivatives ? (int)free.size() : 0;
     task.free = free.data();
     task.scale = scale.data();
@@ -353,11 +353,10 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
     s.residual.resize(n);
     s.joint.resize(n);
     // States of further effects come after those of the point that the correction is from.
-    if (corrected && n == correction[l][i].residual.size() &&
-        s.x_end.size() >= correction[l][i].x_end.size()) {
+    if (c && n == c->residual.size() && s.x_end.size() >= c->x_end.size()) {
         for (size_t r = 0; r < n; r++)
-            s.residual[r] += correction[l][i].residual[r];
-        s.x_end.head(correction[l][i].x_end.size()) += correction[l][i].x_end;
+            s.residual[r] += c->residual[r];
+        s.x_end.head(c->x_end.size()) += c->x_end;
     }
     s.sum2[0] = s.sum2[1] = 0.0;
     for (size_t r = 0; r < n; r++) {
@@ -396,7 +395,7 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
 
 void Fit::coarsen(const FitPoint &point)
 {
-    correction.clear();
+    correction.reset();
     if (!(point.step > 0.0 && point.step < options.step))
         return;
     shoot_all(point, {}, false);
@@ -404,7 +403,7 @@ void Fit::coarsen(const FitPoint &point)
     FitPoint coarse = point;
     coarse.step = options.step;
     shoot_all(coarse, {}, false);
-    std::vector<std::vector<Correction>> all(work.size());
+    auto all = std::make_shared<Corrections>(work.size());
     for (size_t l = 0; l < work.size(); l++)
         for (size_t i = 0; i < work[l].size(); i++) {
             const Segment &a = fine[l][i], &b = work[l][i];
@@ -414,9 +413,9 @@ void Fit::coarsen(const FitPoint &point)
                 for (size_t r = 0; r < a.residual.size(); r++)
                     c.residual.push_back(a.residual[r] - b.residual[r]);
             }
-            all[l].push_back(std::move(c));
+            (*all)[l].push_back(std::move(c));
         }
-    correction = std::move(all);
+    correction = all;
 }
 
 // --- the quadratic picture ---

@@ -98,6 +98,7 @@ class Fit
     // From here on pictures near this point are made with long steps, corrected by what the point's
     // own step changes here: slopes are good enough that way, readings are met as before.
     void coarsen(const FitPoint &point);
+    void coarsen_as(const Fit &other) { correction = other.correction; } // near the same point
     FitResiduals residuals(const FitPoint &point);
     // Sets the noise of each joint to what the residuals show; returns the largest relative change.
     double update_noise(FitPoint &point);
@@ -130,9 +131,10 @@ class Fit
     struct LogData;
 
     std::vector<const FitLog *> logs;
-    std::vector<LogData> data;              // by log
-    std::vector<std::vector<Segment>> work; // by log
-    std::vector<std::vector<Correction>> correction;
+    std::vector<LogData> data;                                // by log
+    std::vector<std::vector<Segment>> work;                   // by log
+    using Corrections = std::vector<std::vector<Correction>>; // by log
+    std::shared_ptr<const Corrections> correction;
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
