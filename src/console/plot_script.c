@@ -212,7 +212,7 @@ static void put_portraits(const struct layout *l)
 /* One of the rows of put_spectra, for joint j. */
 static void put_spectrum_panel(const struct layout *l, int j, int column)
 {
-    char block[16], label[48];
+    char block[32], label[48];
     snprintf(block, sizeof block, "$joint%d_", j + 1);
     snprintf(label, sizeof label, "%s%d [%s^2/Hz]", l->wheel[j] ? "dq" : "q", j + 1,
              l->wheel[j] ? "(rad/s)" : "rad");
@@ -250,7 +250,7 @@ static void put_spectra(const struct layout *l)
 static enum mk_status put_data(const struct layout *l, struct mk_error *err)
 {
     const struct plot *p = l->p;
-    char name[24];
+    char name[48];
     enum mk_status st = MK_OK;
     for (int i = 0; st == MK_OK && i < p->count; i++) {
         snprintf(name, sizeof name, "$log%d", i);
