@@ -19,6 +19,19 @@ static double now_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+static void *sleep_on(void *pty)
+{
+    struct pty *p = pty;
+    while (!p->awake) {
+        const double due = now_s() + 1e-3;
+        usleep(1000);
+        long late_us = (long)(1e6 * (now_s() - due));
+        if (late_us > p->overslept_us)
+            p->overslept_us = late_us;
+    }
+    return NULL;
+}
+
 void pty_start(struct pty *p, int rows, int cols, const char *folder, const char *language,
                const char *const *argv)
 {
@@ -36,6 +49,7 @@ void pty_start(struct pty *p, int rows, int cols, const char *folder, const char
             execvp(argv[0], (char *const *)(uintptr_t)argv);
         _exit(127);
     }
+    p->watched = pthread_create(&p->sleeper, NULL, sleep_on, p) == 0;
 }
 
 static bool read_some(struct pty *p, double seconds)
@@ -141,4 +155,8 @@ void pty_end(struct pty *p)
     }
     pty_hang_up(p);
     vt_free(&p->vt);
+    p->awake = true;
+    if (p->watched)
+        pthread_join(p->sleeper, NULL);
+    p->watched = false;
 }

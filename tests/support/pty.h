@@ -2,6 +2,8 @@
 #ifndef MECHKIT_TESTS_SUPPORT_PTY_H
 #define MECHKIT_TESTS_SUPPORT_PTY_H
 
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <sys/types.h>
 
@@ -14,6 +16,11 @@ struct pty {
     int status; /* of waitpid, once it has ended */
     bool ended;
     size_t written; /* bytes that the program has written */
+    /* A thread that does nothing but sleep, and by how much it overslept at most. */
+    pthread_t sleeper;
+    _Atomic long overslept_us;
+    atomic_bool awake;
+    bool watched;
 };
 
 /* Starts argv (ended by NULL) in `folder`, in a terminal of this size. `language` is LC_ALL. */
