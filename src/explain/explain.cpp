@@ -164,8 +164,9 @@ class Explainer
     enum mk_status take_part(const mk_log *const *logs, mk_error *err)
     {
         const size_t count = fit_logs.size();
-        size_t kept = (size_t)std::max(1.0, std::min((double)count, options.most_s / A_RUN));
-        double share = options.most_s / (double)kept;
+        const double wanted = std::max(options.most_s, (double)FEWEST * fit_logs[0].period);
+        size_t kept = (size_t)std::max(1.0, std::min((double)count, wanted / A_RUN));
+        double share = wanted / (double)kept;
         std::vector<FitLog> part;
         for (size_t i = 0; i < kept; i++) {
             const size_t log = i * count / kept;
@@ -173,10 +174,13 @@ class Explainer
             enum mk_status st = mk_record_from_log(logs[log], &model, &record, err);
             if (st != MK_OK)
                 return st;
-            size_t last = 0, most = fit_logs[log].rows();
-            while (last < std::min(record.rows, most) && record.t[last] - record.t[0] < share)
+            // What is held back has been left out of these already.
+            const FitLog &whole = fit_logs[log];
+            const double seconds = std::min(share, whole.duration());
+            size_t last = 0;
+            while (last < record.rows && record.t[last] - record.t[0] <= seconds)
                 last++;
-            part.push_back(fit_log(record, model, 0, std::max(last, FEWEST)));
+            part.push_back(fit_log(record, model, 0, last));
         }
         fit_logs = std::move(part);
         return MK_OK;
