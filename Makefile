@@ -36,7 +36,7 @@ ifeq ($(WERROR),1)
 WARN   += -Werror
 endif
 
-OPT_release := -O2 -g
+OPT_release := -O2 -g1
 OPT_debug   := -O0 -g3
 OPT_asan    := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 OPT_tsan    := -O1 -g -fsanitize=thread
@@ -54,14 +54,22 @@ PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isy
 PKG_LIBS   := $(shell $(PKGCONFIG) --libs $(PKGS) 2>/dev/null)
 TUI_CFLAGS := $(shell $(PKGCONFIG) --cflags ncursesw 2>/dev/null | sed 's/-D_XOPEN_SOURCE=[0-9]*//')
 TUI_LIBS   := $(shell $(PKGCONFIG) --libs ncursesw 2>/dev/null)
+# Sweeps over several machines, where Open MPI is there; MPI=0 builds without. Sanitizers would report
+# Open MPI's own leaks and races.
+ifneq ($(filter asan tsan,$(VARIANT)),)
+MPI        ?= 0
+endif
+MPI        ?= $(shell $(PKGCONFIG) --exists ompi-c 2>/dev/null && echo 1)
 SUN_CORE   := $(shell printf 'int main(void){return 0;}' | $(CC) -x c - -o /dev/null -lsundials_core 2>/dev/null && echo -lsundials_core)
 endif
 SUN_LIBS   := -lsundials_cvode -lsundials_arkode -lsundials_nvecserial \
               -lsundials_sunmatrixdense -lsundials_sunlinsoldense $(SUN_CORE)
 
 CPPFLAGS_ALL := -Iinclude -Isrc -D_GNU_SOURCE -DMK_VERSION='"$(VERSION)"' $(PKG_CFLAGS) $(CPPFLAGS)
-CFLAGS_ALL   := -std=c11 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CWARN) $(CFLAGS)
-CXXFLAGS_ALL := -std=c++17 $(OPT) -fPIC -fvisibility=hidden -pthread $(WARN) $(CXXFLAGS)
+# The public headers make their functions visible; calls between them stay direct all the same.
+PIC          := -fPIC -fvisibility=hidden -fno-semantic-interposition
+CFLAGS_ALL   := -std=c11 $(OPT) $(PIC) -pthread $(WARN) $(CWARN) $(CFLAGS)
+CXXFLAGS_ALL := -std=c++17 $(OPT) $(PIC) -pthread $(WARN) $(CXXFLAGS)
 LDLIBS_ALL   := $(SUN_LIBS) $(PKG_LIBS) -lm $(LDLIBS)
 
 # `make V=1` shows whole commands.
@@ -107,6 +115,10 @@ LIB_OBJ  := $(LIB_C:%.c=$(B)/%.o) $(LIB_CXX:%.cpp=$(B)/%.o) $(ISA_OBJ)
 APP_OBJ  := $(APP_C:%.c=$(B)/%.o)
 TEST_OBJ := $(TEST_C:%.c=$(B)/%.o) $(TEST_CXX:%.cpp=$(B)/%.o)
 LIB      := $(B)/libmechkit.a
+# The first number counts incompatible changes.
+SO_VERSION := $(firstword $(subst ., ,$(VERSION)))
+SO         := $(B)/libmechkit.so.$(VERSION)
+SO_MAP     := src/libmechkit.map
 APP      := $(B)/mechkit
 TESTS    := $(B)/mechkit-tests
 
@@ -120,18 +132,31 @@ $(LIB): $(LIB_OBJ)
 	@rm -f $@
 	$(call say,AR)$(AR) rcs $@ $^
 
+$(SO): $(LIB_OBJ) $(SO_MAP)
+	$(call say,LD)$(CXX) -shared $(OPT) -pthread -Wl,-soname,libmechkit.so.$(SO_VERSION) \
+		-Wl,--version-script=$(SO_MAP) -Wl,-z,defs $(LDFLAGS) -o $@ $(LIB_OBJ) $(LDLIBS_ALL)
+
+.PHONY: libraries
+libraries: $(LIB) $(SO) ## build the static and the shared library
+
 # Only the program has a screen; the library needs no curses.
 $(B)/src/console/tui_term.o: CPPFLAGS_ALL += $(TUI_CFLAGS)
+APP_LIBS = $(TUI_LIBS) $(MPI_LIBS) $(LDLIBS_ALL)
+ifeq ($(MPI),1)
+MPI_LIBS := $(shell $(PKGCONFIG) --libs ompi-c)
+$(B)/src/console/sweep_mpi.o: CPPFLAGS_ALL += -DMK_HAVE_MPI $(shell $(PKGCONFIG) --cflags ompi-c | sed 's/-I/-isystem /g')
+endif
 $(APP): $(APP_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(TUI_LIBS) $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 
 CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
 CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
 
 .PHONY: tests
-tests: $(TESTS) $(APP)
+# Programs cannot link a library with a sanitizer in it as users do; its tests are skipped there.
+tests: $(TESTS) $(APP) $(if $(filter release debug,$(VARIANT)),$(SO))
 $(TESTS): $(TEST_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(TUI_LIBS) $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)
@@ -157,7 +182,7 @@ $(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(B)/tools/table31.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/table31.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(B)/tests/vm/vhci.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -211,7 +236,7 @@ $(B)/latency: $(B)/tools/latency.o $(LIB)
 # stand-ins in tests/emu.
 PLUGGED_OBJ := $(EMU_C:%.c=$(B)/%.o) $(B)/tests/emu/plugged.o
 $(B)/mechkit-emulated: $(APP_OBJ) $(PLUGGED_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 $(B)/roundtrip: $(B)/tools/roundtrip.o $(PLUGGED_OBJ) $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 $(B)/tests/emu/plugged.o: CPPFLAGS_ALL += -Itests
@@ -224,9 +249,35 @@ roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board
 fault-campaign: tests ## every fault at every request of a run over each bus, with the figures
 	@tools/fault-campaign.sh $(TESTS)
 
+# The tests with the kernel's own bus under them: emu/usb.c and emu/udev.c make way for vm/vhci.c.
+.PHONY: check-vm
+VM_OBJ := $(filter-out %/emu/usb.o %/emu/udev.o,$(TEST_OBJ)) $(B)/tests/vm/vhci.o
+check-vm: $(B)/mechkit-vm-tests ## the boards' tests on a real kernel, in a small virtual machine (needs qemu)
+	@tools/check-vm.sh $< $(BUILD)/vm $(SUITES)
+$(B)/mechkit-vm-tests: $(VM_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
+$(B)/tests/vm/vhci.o: CFLAGS_ALL += -Wno-conversion -Wno-pedantic
+$(B)/tests/vm/vhci.o: CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS)
+
+# Hours of operation with everything that goes wrong; the last lines are the figures.
+.PHONY: soak
+SOAK_OBJ := $(patsubst %.c,$(B)/%.o,$(wildcard tools/soak/*.c))
+soak: $(B)/soak ## endurance: random faults, gains, kills, full disks, clock steps (MINUTES=60 FIRST=1)
+	@$< $(or $(MINUTES),60) $(or $(FIRST),1) $(BUILD)/soak-out
+-include $(SOAK_OBJ:.o=.d)
+$(B)/soak: $(SOAK_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
+
+# Not part of check: it is a matter of time. `make monkey SECONDS=600 VARIANT=asan`.
+.PHONY: monkey
+monkey: tests ## random keys in the console, each halt looked at (SECONDS=60, VARIANT=asan or tsan)
+	@MECHKIT_MONKEY_S=$(SECONDS) CK_RUN_SUITE=console_pty CK_RUN_CASE=chance \
+		tools/run-tests.sh $(TESTS) $(VARIANT)
+
 .PHONY: pictures
-pictures: $(B)/shots $(APP) ## render the console's pictures in docs/img from a real run
+pictures: $(B)/shots $(APP) $(B)/mechkit-challenge ## render the pictures in docs/img from real runs
 	@$< $(APP) docs/img
+	@tools/explain-picture.sh $(B)
 SHOTS_OBJ := $(B)/tools/shots.o $(B)/tests/support/pty.o $(B)/tests/support/vt.o
 $(B)/tools/shots.o: CPPFLAGS_ALL += -Itests
 $(B)/shots: $(SHOTS_OBJ)
@@ -239,20 +290,42 @@ demo: ## run every setup on the virtual board, with logs and plots in build/demo
 	@mkdir -p $(BUILD)
 	@$(MAKE) --no-print-directory $(JOBS) all >$(BUILD)/demo-build.log 2>&1 || \
 		{ cat $(BUILD)/demo-build.log; exit 1; }
-	@tools/demo.sh $(BUILD)
+	@rm -rf $(BUILD)/demo
+	@tools/demo.sh $(BUILD)/demo $(BUILD)/mechkit
 
-# The board's side of the protocol, from any bytes whatever; needs clang.
+# Whatever comes in from outside, from any bytes whatever; needs clang. What reads it is built with the
+# fuzzer's eyes in it, the rest is the library as it is.
 .PHONY: fuzz
-FUZZ_SRC := $(addprefix src/driver/,frame.c device.c standalone.c standalone_laws.c)
-fuzz: $(BUILD)/fuzz/frame $(BUILD)/fuzz/device ## libFuzzer on frames and on the board's code (SECONDS=60 each)
-	@for t in frame device; do \
-		mkdir -p $(BUILD)/fuzz/corpus-$$t && \
-		$(BUILD)/fuzz/$$t -max_total_time=$(SECONDS) -verbosity=0 -print_final_stats=1 \
-			$(BUILD)/fuzz/corpus-$$t fuzz/corpus/$$t || exit 1; done
-$(BUILD)/fuzz/%: fuzz/fuzz_%.c $(FUZZ_SRC) $(wildcard src/driver/*.h)
+FUZZ_TARGETS := frame device log model cmdfile json map sweep
+FUZZ_FLAGS := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+FUZZ_BOARD := $(addprefix src/driver/,frame.c device.c standalone.c standalone_laws.c)
+FUZZ_FILES := $(wildcard src/base/*.c) src/base/number.cpp src/model/model_file.c \
+              $(addprefix src/exchange/,map.c unit.c) \
+              $(addprefix src/console/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c \
+                sweep_explain.c sweep_robustness.c sweep_spec.c) fuzz/fuzz_file.c
+FUZZ_OBJ := $(FUZZ_FILES:%=$(BUILD)/fuzz/%.o)
+FUZZ_CHOSEN := $(or $(TARGETS),$(FUZZ_TARGETS))
+fuzz: $(FUZZ_CHOSEN:%=$(BUILD)/fuzz/%) ## libFuzzer on what is read from outside (SECONDS=60 each, TARGETS="frame device")
+	@for t in $(FUZZ_CHOSEN); do \
+		mkdir -p $(BUILD)/fuzz/corpus-$$t && echo "fuzzing $$t for $(SECONDS) s" && \
+		$(BUILD)/fuzz/$$t -max_total_time=$(SECONDS) -verbosity=0 -print_final_stats=1 -timeout=20 \
+			-artifact_prefix=$(BUILD)/fuzz/$$t- $(BUILD)/fuzz/corpus-$$t fuzz/corpus/$$t || exit 1; done
+$(BUILD)/fuzz/frame $(BUILD)/fuzz/device: $(BUILD)/fuzz/%: fuzz/fuzz_%.c $(FUZZ_BOARD) $(wildcard src/driver/*.h)
 	@mkdir -p $(@D)
-	$(call say,FUZZ)$(CLANG) -std=c11 -O1 -g -fsanitize=fuzzer,address,undefined \
-		-fno-sanitize-recover=all -Isrc -Iinclude -o $@ $< $(FUZZ_SRC) -lm
+	$(call say,FUZZ)$(CLANG) -std=c11 $(FUZZ_FLAGS) -fsanitize=fuzzer -Isrc -Iinclude -o $@ $< $(FUZZ_BOARD) -lm
+$(BUILD)/fuzz/%.c.o: %.c
+	@mkdir -p $(@D)
+	$(call say,FUZZ)$(CLANG) -std=c11 $(FUZZ_FLAGS) $(CPPFLAGS_ALL) -MMD -MP -c -o $@ $<
+$(BUILD)/fuzz/%.cpp.o: %.cpp
+	@mkdir -p $(@D)
+	$(call say,FUZZ)$(CLANG)++ -std=c++17 $(FUZZ_FLAGS) $(CPPFLAGS_ALL) -MMD -MP -c -o $@ $<
+$(BUILD)/fuzz/console.a: $(filter-out %/main.o,$(APP_OBJ))
+	@mkdir -p $(@D)
+	@rm -f $@
+	$(call say,AR)$(AR) rcs $@ $^
+$(BUILD)/fuzz/%: $(BUILD)/fuzz/fuzz/fuzz_%.c.o $(FUZZ_OBJ) $(BUILD)/fuzz/console.a $(LIB)
+	$(call say,FUZZ)$(CLANG)++ $(FUZZ_FLAGS) -fsanitize=fuzzer -pthread -o $@ $^ $(APP_LIBS)
+-include $(FUZZ_OBJ:.o=.d)
 
 .PHONY: table31
 table31: $(B)/table31 ## the report's table 3.1 again, errors and coverage of every method (DRAWS=200)
@@ -260,44 +333,76 @@ table31: $(B)/table31 ## the report's table 3.1 again, errors and coverage of ev
 $(B)/table31: $(B)/tools/table31.o $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
-.PHONY: install uninstall
-install: $(LIB) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
+# Logs in $$MECHKIT_SHARED or ../shared; skipped without.
+.PHONY: intervals measured
+intervals: $(APP) ## how often 95 % intervals hold the true parameters, on made-up logs with answers
+	@tools/intervals.py $<
+measured: $(APP) ## fits of rigs that others measured beside their published parameters (takes minutes)
+	@tools/measured.py $<
+
+.PHONY: install install-strip uninstall
+install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
 	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit/models/measured \
-		$(DESTDIR)$(DATADIR)/mechkit/scripts $(DESTDIR)$(DATADIR)/mechkit/matlab \
-		$(DESTDIR)$(DATADIR)/doc/mechkit
+		$(DESTDIR)$(DATADIR)/mechkit/scripts $(DESTDIR)$(DATADIR)/mechkit/tools $(DESTDIR)$(DATADIR)/mechkit/matlab \
+		$(DESTDIR)$(DATADIR)/doc/mechkit/examples
 	install -m 755 $(APP) $(DESTDIR)$(BINDIR)/mechkit
 	install -m 644 $(LIB) $(DESTDIR)$(LIBDIR)/libmechkit.a
+	install -m 644 $(SO) $(DESTDIR)$(LIBDIR)
+	ln -sf $(notdir $(SO)) $(DESTDIR)$(LIBDIR)/libmechkit.so.$(SO_VERSION)
+	ln -sf libmechkit.so.$(SO_VERSION) $(DESTDIR)$(LIBDIR)/libmechkit.so
 	install -m 644 include/mechkit/*.h $(DESTDIR)$(INCLUDEDIR)/mechkit
-	install -m 644 man/mechkit.1 $(DESTDIR)$(MANDIR)/man1/mechkit.1
 	tools/man-pages.sh $(APP) $(DESTDIR)$(MANDIR)/man1
 	install -d $(DESTDIR)$(DATADIR)/bash-completion/completions
 	install -m 644 tools/mechkit.bash $(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit
 	install -m 644 models/*.ini $(DESTDIR)$(DATADIR)/mechkit/models
 	install -m 644 models/measured/*.ini models/measured/*.map $(DESTDIR)$(DATADIR)/mechkit/models/measured
-	install -m 644 scripts/*.cmd $(DESTDIR)$(DATADIR)/mechkit/scripts
+	install -m 755 tools/demo.sh $(DESTDIR)$(DATADIR)/mechkit/tools
+	install -m 644 scripts/*.cmd scripts/*.ini $(DESTDIR)$(DATADIR)/mechkit/scripts
 	install -m 644 tools/matlab_export/*.m $(DESTDIR)$(DATADIR)/mechkit/matlab
 	install -m 644 README.md LICENSE docs/*.md $(DESTDIR)$(DATADIR)/doc/mechkit
+	install -m 644 examples/*.c $(DESTDIR)$(DATADIR)/doc/mechkit/examples
 	install -d $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	install -m 644 udev/70-mechkit.rules $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
-		-e 's|@VERSION@|$(VERSION)|' -e 's|@PKGS@|libcjson inih zlib libusb-1.0 matio|' \
-		-e 's|@SUN_LIBS@|$(SUN_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
+		-e 's|@VERSION@|$(VERSION)|' -e 's|@PRIVATE_LIBS@|$(SUN_LIBS) $(PKG_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
+install-strip: install ## the same without debug information: a twentieth of the size
+	strip --strip-unneeded $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/$(notdir $(SO))
+	strip --strip-debug $(DESTDIR)$(LIBDIR)/libmechkit.a
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \
-		$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit*.1 \
+		$(DESTDIR)$(LIBDIR)/libmechkit.so* $(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit*.1 \
 		$(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit \
 		$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-mechkit.rules
 
+.PHONY: fmpy
+fmpy: ## FMPy in a virtual environment under build/, for the tests of FMUs (from the network)
+	$(PYTHON) -m venv $(BUILD)/fmpy
+	$(BUILD)/fmpy/bin/pip install --quiet fmpy
+
+.PHONY: html
+html: all ## documentation as web pages in build/html, with plots made on the way (needs pandoc, gnuplot)
+	@tools/html/build.sh $(APP) $(BUILD)/html
+
+.PHONY: deb
+deb: ## Debian packages of program, library and headers in build/deb, looked at by lintian
+	@tools/deb.sh $(BUILD)
+
 .PHONY: bench
-bench: $(B)/libmkbench.so ## time the simulation beside SciPy's (medians and ratios of one run)
-	$(PYTHON) tools/bench/bench.py $(BUILD) $(abspath $<)
-$(B)/libmkbench.so: tools/bench/bench_sim.cpp $(LIB)
+BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identify.cpp)
+bench: $(B)/libmkbench.so $(B)/latency $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
+	$(PYTHON) -B tools/bench/bench.py $(BUILD) $(abspath $<) $(SECTIONS)
+$(B)/libmkbench.so: $(BENCH_SRC) $(LIB)
 	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
+.PHONY: cov
+cov: ## lines and branches that the tests reach, by folder (needs gcovr)
+	@$(MAKE) --no-print-directory $(JOBS) VARIANT=cov tests
+	@tools/coverage.sh $(BUILD)/cov
+
 .PHONY: format format-check
-FORMAT_FILES := $(shell find include src tests tools fuzz -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
+FORMAT_FILES := $(shell find include src tests tools fuzz examples -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
 format: ## format all sources
 	$(CLANG_FORMAT) -i $(FORMAT_FILES)
 format-check: ## fail when a source is not formatted

@@ -85,6 +85,7 @@ static void check(const struct mk_device *d)
     must((!d->fault && !d->fired) || hw.micro == 0);
     must(d->standalone.recorded <= MK_STANDALONE_RECORDS);
     must(!(d->stream_us && d->standalone.running));
+    must(!d->greeted || d->watched || d->watchdog_ns > 0);
     if (d->watchdog_ns && hw.now_ns > d->fed_ns + d->watchdog_ns)
         must(hw.micro == 0);
 }

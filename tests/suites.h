@@ -24,12 +24,14 @@
     X(predict)                                                                                     \
     X(model_file)                                                                                  \
     X(console)                                                                                     \
+    X(options)                                                                                     \
     X(console_pty)                                                                                 \
     X(tui)                                                                                         \
     X(safety)                                                                                      \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \
     X(balance)                                                                                     \
+    X(compensate)                                                                                  \
     X(swingup)                                                                                     \
     X(roa)                                                                                         \
     X(robustness)                                                                                  \
@@ -42,6 +44,7 @@
     X(doctor)                                                                                      \
     X(usb)                                                                                         \
     X(parport)                                                                                     \
+    X(ppdev)                                                                                       \
     X(boards_cli)                                                                                  \
     X(bus_runs)                                                                                    \
     X(replug)                                                                                      \
@@ -57,7 +60,9 @@
     X(exchange)                                                                                    \
     X(export_model)                                                                                \
     X(import)                                                                                      \
-    X(plot)
+    X(plot)                                                                                        \
+    X(pack)                                                                                        \
+    X(sweep)
 
 #ifdef __cplusplus
 extern "C" {

@@ -1,5 +1,5 @@
-/* The same swing-up over every bus, in simulated time: the buses carry the same numbers, so the
- * runs are the same, sample for sample. */
+/* The same swing-up over every bus, in simulated time, sampled by the host's clock or by the
+ * board's: all carry the same numbers, so the runs are the same, sample for sample. */
 #include "suites.h"
 
 #include <stdio.h>
@@ -11,7 +11,8 @@
 
 #define SECONDS 4.0
 
-static const char *const buses[] = {"usb", "parport", "parport-byte", "parport-nibble"};
+static const char *const buses[] = {"usb", "parport", "parport-byte", "parport-nibble", "virtual"};
+#define BUSES ((int)(sizeof buses / sizeof buses[0]))
 
 static struct mk_model model;
 
@@ -21,7 +22,7 @@ static void must(enum mk_status st, const struct mk_error *err)
 }
 
 /* Swings up and balances; the log is the caller's. */
-static struct mk_log *swing_up(const char *bus)
+static struct mk_log *swing_up(const char *bus, bool stream)
 {
     static struct emu_bench bench;
     struct mk_clock clock;
@@ -38,6 +39,7 @@ static struct mk_log *swing_up(const char *bus)
     emu_bench_init(&bench, bus, &config);
     must(mk_board_open(&bench.ops, &config, &board, &err), &err);
     mk_loop_config_default(&model, &loop_config);
+    loop_config.stream = stream;
     must(mk_ctrl_create(mk_ctrl_setup_by_name("pendubot-mid"), &model, 1.0 / loop_config.rate_hz,
                         NULL, &ctrl, &err),
          &err);
@@ -56,21 +58,32 @@ static struct mk_log *swing_up(const char *bus)
     return log;
 }
 
-START_TEST(a_run_is_the_same_over_every_bus)
+static void runs_are_the_same(const char *bus, bool stream)
 {
     static const char *const columns[] = {"t", "q1", "q2", "dq1", "dq2", "u", "phase", "flags"};
     mk_model_default(MK_PLANT_PENDUBOT, &model);
-    struct mk_log *here = swing_up("virtual"), *there = swing_up(buses[_i]);
+    struct mk_log *here = swing_up("virtual", false), *there = swing_up(bus, stream);
     ck_assert_uint_eq(here->rows, there->rows);
     ck_assert_uint_ge(here->rows, (size_t)(SECONDS * 500));
     for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++) {
         const double *a = mk_log_get(here, columns[c]), *b = mk_log_get(there, columns[c]);
         for (size_t k = 0; k < here->rows; k++)
             ck_assert_msg(a[k] == b[k], "%s, row %zu: %.17g over %s, %.17g on the virtual board",
-                          columns[c], k, b[k], buses[_i], a[k]);
+                          columns[c], k, b[k], bus, a[k]);
     }
     mk_log_free(here);
     mk_log_free(there);
+}
+
+START_TEST(a_run_is_the_same_over_every_bus)
+{
+    runs_are_the_same(buses[_i], false);
+}
+END_TEST
+
+START_TEST(a_run_by_the_boards_clock_is_the_same)
+{
+    runs_are_the_same(buses[_i], true);
 }
 END_TEST
 
@@ -79,7 +92,8 @@ Suite *suite_bus_runs(void)
     Suite *s = suite_create("bus_runs");
     TCase *t = tcase_create("bus_runs");
     tcase_set_timeout(t, 60);
-    tcase_add_loop_test(t, a_run_is_the_same_over_every_bus, 0, 4);
+    tcase_add_loop_test(t, a_run_is_the_same_over_every_bus, 0, BUSES - 1);
+    tcase_add_loop_test(t, a_run_by_the_boards_clock_is_the_same, 0, BUSES);
     suite_add_tcase(s, t);
     return s;
 }

@@ -332,6 +332,25 @@ START_TEST(what_needs_a_run_or_a_screen_says_so)
 }
 END_TEST
 
+START_TEST(a_model_on_the_command_line_goes_before_the_file_s)
+{
+    const char *script = scratch_text("both.cmd", "model " MK_SOURCE_DIR "/models/pendubot.ini\n"
+                                                  "setup open-loop\nstart\nwait 0.1\nhalt\n"
+                                                  "save both.csv\n");
+    char out[256], path[300];
+    snprintf(out, sizeof out, "%s", scratch("both"));
+    snprintf(path, sizeof path, "%s/both.csv", out);
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out, "--model",
+                               MK_SOURCE_DIR "/models/furuta.ini");
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    ck_assert_ptr_nonnull(strstr(o.out, "is left aside: --model"));
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "rig"), "furuta");
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(simulate_writes_the_log_s_own_time_base)
 {
     const char *script =
@@ -418,6 +437,7 @@ Suite *suite_console(void)
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
+    tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);
     tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
     tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
     tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 6);

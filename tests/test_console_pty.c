@@ -1,6 +1,7 @@
 /* The console in a real terminal: keys go in, the screen is read. */
 #include "suites.h"
 
+#include <glob.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -193,6 +194,35 @@ START_TEST(the_command_line_completes_recalls_and_reports_errors)
     shows(":setup pendubot-top");
     pty_type(&term, "\x1b");
     pty_run(&term, 0.3);
+    pty_type(&term, ":quit\r");
+    ends_with(0);
+}
+END_TEST
+
+START_TEST(a_line_is_recalled_in_the_next_session)
+{
+    for (int session = 0; session < 3; session++) {
+        console((const char *const[]){NULL});
+        shows("NO SETUP");
+        pty_type(&term, session ? ":\x1bOA\x1bOA" : ":show limits\r");
+        if (session) /* the newest is the `quit` of the last session */
+            shows(":show limits");
+        pty_type(&term, session ? "\x03:quit\r" : ":quit\r");
+        ends_with(0);
+        pty_end(&term);
+    }
+    char *text = slurp_file(in_folder("state/mechkit/history"));
+    ck_assert_str_eq(text, "show limits\nquit\n");
+    free(text);
+}
+END_TEST
+
+START_TEST(a_history_that_cannot_be_kept_is_no_trouble)
+{
+    fclose(fopen(in_folder("state"), "w")); /* a file where the folder should be */
+    console((const char *const[]){NULL});
+    shows("NO SETUP");
+    pty_type(&term, ":show limits\r");
     pty_type(&term, ":quit\r");
     ends_with(0);
 }
@@ -417,6 +447,42 @@ START_TEST(a_plain_terminal_gets_plain_characters_and_mono_no_colours)
 }
 END_TEST
 
+START_TEST(a_terminal_that_cannot_place_the_cursor_is_refused)
+{
+    pty_start(
+        &term, 24, 80, folder, "C.UTF-8",
+        (const char *const[]){"/bin/sh", "-c", "TERM=dumb exec \"$0\" console", MK_TEST_APP, NULL});
+    shows("TERM=vt100");
+    ck_assert_int_eq(pty_exit_code(&term, SOON), 1);
+}
+END_TEST
+
+START_TEST(a_full_disk_is_told_in_the_summary)
+{
+    static const char script[] =
+        "ulimit -f 100; trap '' XFSZ; exec \"$0\" console --setup pendubot-mid";
+    pty_start(&term, 24, 80, folder, "C.UTF-8",
+              (const char *const[]){"/bin/sh", "-c", script, MK_TEST_APP, NULL});
+    run_pendubot();
+    shows("FAULT     log at");
+    pty_type(&term, "q");
+    ends_with(0);
+}
+END_TEST
+
+START_TEST(a_log_that_is_gone_is_told)
+{
+    console((const char *const[]){"--setup", "pendubot-mid", NULL});
+    run_pendubot();
+    shows("balance");
+    ck_assert_int_eq(unlink(in_folder("run-001.csv")), 0);
+    pty_type(&term, "h");
+    shows("ERROR run-001.csv");
+    pty_type(&term, "q");
+    ends_with(0);
+}
+END_TEST
+
 START_TEST(without_a_terminal_it_says_what_to_use_instead)
 {
     char command[1200];
@@ -504,17 +570,39 @@ static void check_halt(void)
     ck_assert(pty_hides(&term, " RUNNING ", LATER));
 }
 
+/* Every run left a log, and every log is whole. */
+static int check_all_logs(void)
+{
+    glob_t found;
+    int runs = glob(in_folder("*.csv"), 0, NULL, &found) == 0 ? (int)found.gl_pathc : 0;
+    for (int i = 0; i < runs; i++) {
+        struct mk_log *log;
+        struct mk_error err = MK_ERROR_INIT;
+        ck_assert_msg(mk_log_read(found.gl_pathv[i], &log, &err) == MK_OK, "%s", err.message);
+        ck_assert(!log->truncated);
+        mk_log_free(log);
+    }
+    if (runs > 0)
+        globfree(&found);
+    return runs;
+}
+
 START_TEST(random_keys_break_nothing_and_halt_halts)
 {
+    const char *wanted = getenv("MECHKIT_MONKEY_SEED");
     double left = monkey_seconds();
-    unsigned seed = 1;
+    unsigned seed = wanted ? (unsigned)strtoul(wanted, NULL, 10) : 1;
+    int halts = 1;
     console((const char *const[]){"--setup", "pendubot-mid", NULL});
     shows("READY");
-    for (int k = 1; left > 0.0; k++, left -= 0.02) {
+    int keys = 0;
+    for (; left > 0.0; left -= 0.02) {
         type_anything(&seed);
         pty_run(&term, 0.02);
-        if (k % 100 == 0)
+        if (++keys % 100 == 0) {
             check_halt();
+            halts++;
+        }
         ck_assert_msg(waitpid(term.child, &term.status, WNOHANG) == 0, "it has ended: %d",
                       term.status);
     }
@@ -522,6 +610,10 @@ START_TEST(random_keys_break_nothing_and_halt_halts)
     pty_type(&term, ":quit\r");
     ends_with(0);
     ck_assert_uint_eq(term.vt.unknown, 0);
+    int runs = check_all_logs();
+    if (getenv("MECHKIT_MONKEY_S"))
+        printf("random keys: %d typed, %d halts, motor off after each, %d logs whole\n", keys,
+               halts, runs);
 }
 END_TEST
 
@@ -539,6 +631,8 @@ Suite *suite_console_pty(void)
     tcase_add_test(keys, a_whole_experiment_goes_by_keys);
     tcase_add_test(keys, a_blank_stops_the_motor_from_anywhere);
     tcase_add_test(keys, the_command_line_completes_recalls_and_reports_errors);
+    tcase_add_test(keys, a_line_is_recalled_in_the_next_session);
+    tcase_add_test(keys, a_history_that_cannot_be_kept_is_no_trouble);
     tcase_add_test(keys, what_is_done_is_recorded_as_a_command_file);
     tcase_add_test(keys, a_log_is_replayed_and_compared_on_the_same_screen);
     tcase_add_test(trouble, a_closed_terminal_ends_the_run_and_the_next_start_says_so);
@@ -550,6 +644,9 @@ Suite *suite_console_pty(void)
     tcase_add_test(trouble, a_stuck_terminal_does_not_keep_the_program_from_ending);
     tcase_add_test(kinds, it_outlives_a_storm_of_sizes);
     tcase_add_test(kinds, a_plain_terminal_gets_plain_characters_and_mono_no_colours);
+    tcase_add_test(kinds, a_terminal_that_cannot_place_the_cursor_is_refused);
+    tcase_add_test(kinds, a_full_disk_is_told_in_the_summary);
+    tcase_add_test(kinds, a_log_that_is_gone_is_told);
     tcase_add_test(kinds, without_a_terminal_it_says_what_to_use_instead);
     TCase *random = tcase_create("chance");
     tcase_add_checked_fixture(random, in_new_folder, end_all);

@@ -215,27 +215,6 @@ START_TEST(a_choice_that_does_not_fit_is_refused_with_what_would)
 }
 END_TEST
 
-/* --- what the program says of itself ------------------------------------------------------- */
-
-START_TEST(every_subcommand_has_a_man_page_and_completes)
-{
-    char out[8192], dir[256];
-    snprintf(dir, sizeof dir, "%s", scratch("man"));
-    int code = run_command(out, sizeof out, "%s/tools/man-pages.sh %s %s", MK_SOURCE_DIR,
-                           MK_TEST_APP, dir);
-    ck_assert_msg(code == 0 && !*out, "%s", out);
-    code = run_command(out, sizeof out,
-                       "bash -c '. %s/tools/mechkit.bash; COMP_WORDS=(%s \"\"); COMP_CWORD=1; "
-                       "_mechkit; for s in \"${COMPREPLY[@]}\"; do test -s %s/mechkit-$s.1 || echo "
-                       "no page of $s; done; echo ${#COMPREPLY[@]}; COMP_WORDS=(%s export --form); "
-                       "COMP_CWORD=2; _mechkit; echo ${COMPREPLY[@]}'",
-                       MK_SOURCE_DIR, MK_TEST_APP, dir, MK_TEST_APP);
-    ck_assert_msg(code == 0 && !strstr(out, "no page"), "%s", out);
-    ck_assert_int_ge(atoi(out), 10);
-    ck_assert_msg(strstr(out, "\n--format\n") != NULL, "%s", out);
-}
-END_TEST
-
 /* --- Octave ------------------------------------------------------------------------------ */
 
 START_TEST(octave_runs_the_functions_on_logs_of_every_rig)
@@ -273,7 +252,6 @@ Suite *suite_exchange(void)
     tcase_add_test(c, columns_and_units_are_the_user_s);
     tcase_add_test(c, a_csv_in_the_log_s_units_is_a_log_again);
     tcase_add_test(c, a_choice_that_does_not_fit_is_refused_with_what_would);
-    tcase_add_test(c, every_subcommand_has_a_man_page_and_completes);
     suite_add_tcase(s, c);
     c = tcase_create("octave");
     tcase_set_timeout(c, 300);

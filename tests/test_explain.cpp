@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstring>
 #include <initializer_list>
+#include <utility>
+#include <vector>
 
 #include "explain/slips.hpp"
 #include "mechkit/explain.h"
@@ -99,6 +101,46 @@ mk_explanation explained(const Hidden &h, bool exact = false, double most_s = 0.
     return e;
 }
 
+// A loop on a busy machine: each exchange comes late, some a whole period and more, and then the
+// sample after it is left out.
+mk_log *record_late(double seconds)
+{
+    constexpr double RATE = 250.0, STEP = 2e-5, COUNT = 2.0 * M_PI / 4000.0;
+    const size_t ticks = (size_t)(seconds * RATE);
+    std::vector<double> t, y, u, late, flags;
+    double q = 0.0, v = 0.0, command = 0.0, now = 0.0;
+    unsigned random = 1;
+    for (size_t tick = 0; tick < ticks; tick++) {
+        random = random * 1664525u + 1013904223u;
+        double delay = (random >> 8) % 1000 * 2.5e-6; // s, up to 2.5 ms of 4
+        const bool stall = tick > 0 && random % 61u == 0;
+        const size_t shown = tick + stall;
+        if (stall)
+            delay += 1.0 / RATE;
+        const double exchange = (double)tick / RATE + (tick == 0 ? 0.0 : delay);
+        for (; now + 0.5 * STEP < exchange; now += STEP) {
+            double a = balance({}, q, v, command);
+            double vm = v + 0.5 * STEP * a, qm = q + 0.5 * STEP * v;
+            q += STEP * vm;
+            v += STEP * balance({}, qm, vm, command);
+        }
+        command = command_at((double)shown / RATE, 0);
+        t.push_back((double)shown / RATE);
+        y.push_back(COUNT * std::round(q / COUNT));
+        u.push_back(command);
+        late.push_back(tick == 0 ? 0.0 : 1e6 * delay);
+        flags.push_back(stall ? 3.0 : delay > 0.5 / RATE ? 1.0 : 0.0);
+        tick = shown;
+    }
+    mk_log *log = nullptr;
+    ck_assert_int_eq(mk_log_create(t.size(), &log), MK_OK);
+    const std::pair<const char *, const std::vector<double> *> columns[] = {
+        {"t", &t}, {"q1", &y}, {"u", &u}, {"late_us", &late}, {"flags", &flags}};
+    for (const auto &[name, values] : columns)
+        std::copy(values->begin(), values->end(), mk_log_add_column(log, name));
+    return log;
+}
+
 bool named(const mk_explanation &e, const char *name)
 {
     for (int i = 0; i < e.cause_count; i++)
@@ -111,6 +153,33 @@ bool named(const mk_explanation &e, const char *name)
 }
 
 } // namespace
+
+// The least probability by chance of all tests of what a model leaves.
+static double least_chance(const mk_explanation &e, bool extended)
+{
+    double p = 1.0;
+    for (int i = 0; i < e.residual_test_count; i++) {
+        const mk_residual_test &t = e.residual_test[i];
+        p = std::fmin(p, extended ? t.p_after : t.p_before);
+    }
+    return p * e.residual_test_count;
+}
+
+START_TEST(one_step_predictions_of_a_right_model_leave_white_noise)
+{
+    mk_explanation right = explained({}, true);
+    ck_assert_int_gt(right.residual_test_count, 0);
+    ck_assert_double_gt(least_chance(right, true), 0.01);
+    ck_assert_double_eq_tol(right.one_step_extended[0], 1.0, 0.05);
+    Hidden h;
+    h.drag = 0.05;
+    mk_explanation e = explained(h);
+    ck_assert_double_lt(least_chance(e, false), 1e-6);
+    ck_assert_double_gt(e.one_step_refit[0], 2.0);
+    ck_assert_double_gt(least_chance(e, true), 0.01);
+    ck_assert_double_eq_tol(e.one_step_extended[0], 1.0, 0.05);
+}
+END_TEST
 
 START_TEST(a_right_model_raises_no_alarm)
 {
@@ -151,6 +220,52 @@ START_TEST(a_hidden_effect_is_named_and_measured)
     if (strcmp(e.cause[0].effect->name, rows[_i].name) == 0)
         ck_assert_double_eq_tol(e.cause[0].value[0], rows[_i].value, 0.05 * rows[_i].value);
     ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
+START_TEST(samples_that_came_late_are_taken_for_when_they_came)
+{
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    const double truth[4] = {J, MGL, C, F};
+    std::copy(truth, truth + 4, model.parameter);
+    mk_log *log = record_late(8.0);
+    mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    mk_explain_options options = {};
+    options.threads = 2;
+    ck_assert_msg(mk_explain(&model, &log, 1, nullptr, 0, &options, &e, &err) == MK_OK, "%s",
+                  err.message);
+    mk_log_free(log);
+    ck_assert_msg(e.verdict == MK_VERDICT_NONE, "%s %s", mk_verdict_name(e.verdict), e.structure);
+    ck_assert_double_lt(e.drift_refit, 3e-4);
+}
+END_TEST
+
+// With the board's own clock only the host was late.
+START_TEST(samples_by_the_boards_clock_are_not_moved)
+{
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    const double truth[4] = {J, MGL, C, F};
+    std::copy(truth, truth + 4, model.parameter);
+    mk_log *log = record({}, 0, 8.0);
+    double *late = mk_log_add_column(log, "late_us"), *flags = mk_log_add_column(log, "flags");
+    for (size_t k = 0; k < log->rows; k++) {
+        late[k] = (double)(k * 7919 % 3900);
+        flags[k] = late[k] > 2000.0 ? 1.0 : 0.0;
+    }
+    ck_assert_int_eq(mk_log_set_meta(log, "clock", "board"), MK_OK);
+    mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    mk_explain_options options = {};
+    options.threads = 2;
+    ck_assert_msg(mk_explain(&model, &log, 1, nullptr, 0, &options, &e, &err) == MK_OK, "%s",
+                  err.message);
+    mk_log_free(log);
+    ck_assert_msg(e.verdict == MK_VERDICT_NONE, "%s %s", mk_verdict_name(e.verdict), e.structure);
+    // Times that are off at random look like noise of the readings.
+    ck_assert_double_lt(e.noise[0], 0.5 * 2.0 * M_PI / 4000.0);
 }
 END_TEST
 
@@ -266,8 +381,11 @@ Suite *suite_explain(void)
     TCase *t = tcase_create("hidden effects");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, a_right_model_raises_no_alarm);
+    tcase_add_test(t, one_step_predictions_of_a_right_model_leave_white_noise);
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
+    tcase_add_test(t, samples_that_came_late_are_taken_for_when_they_came);
+    tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/random.h"
-#include "driver/frame.h"
+#include "driver/wire.h"
 
 static struct mk_random rng;
 static struct mk_decoder decoder;
@@ -170,6 +170,48 @@ START_TEST(noise_is_never_taken_for_a_frame)
 }
 END_TEST
 
+/* --- the host's side: a board that never stops talking ------------------------------------------
+ */
+
+/* What it says over and over; 0: garbage. */
+static const uint8_t babble[] = {0, MK_MSG_STATE | MK_MSG_ANSWER, MK_MSG_SAMPLE};
+#define BABBLES ((int)sizeof babble)
+
+static enum mk_status take_anything(void *link, const uint8_t *bytes, size_t n, int64_t deadline_ns)
+{
+    (void)link;
+    (void)bytes;
+    (void)n;
+    (void)deadline_ns;
+    return MK_OK;
+}
+
+static enum mk_status talk(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns)
+{
+    static uint8_t said[MK_FRAME_MAX], reading[MK_READING_SIZE];
+    uint8_t type = *(const uint8_t *)link;
+    const struct mk_frame f = {MK_FRAME_VERSION, type, sizeof reading, 7, reading};
+    (void)deadline_ns;
+    memset(said, 'M', sizeof said);
+    *n = type ? mk_frame_encode(&f, said) : sizeof said;
+    *bytes = said;
+    return MK_OK;
+}
+
+START_TEST(a_board_that_never_stops_talking_does_not_hold_the_host)
+{
+    static const struct mk_link_ops ops = {take_anything, talk};
+    uint8_t type = babble[_i];
+    struct mk_wire wire = {.ops = &ops, .link = &type};
+    struct mk_board board = {.priv = &wire};
+    struct mk_board_sample sample;
+    enum mk_status in_time = type == MK_MSG_SAMPLE ? MK_OK : MK_ERR_TIMEOUT;
+    ck_assert_int_eq(mk_wire_board_exchange(&board, 0.0, &sample), MK_ERR_TIMEOUT);
+    wire.stream_us = 1000;
+    ck_assert_int_eq(mk_wire_board_exchange(&board, 0.0, &sample), in_time);
+}
+END_TEST
+
 Suite *suite_frame(void)
 {
     Suite *s = suite_create("frame");
@@ -183,6 +225,7 @@ Suite *suite_frame(void)
     tcase_add_test(t, one_flipped_bit_loses_that_frame_and_no_other);
     tcase_add_test(t, a_length_beyond_the_limit_is_not_believed);
     tcase_add_test(t, noise_is_never_taken_for_a_frame);
+    tcase_add_loop_test(t, a_board_that_never_stops_talking_does_not_hold_the_host, 0, BABBLES);
     suite_add_tcase(s, t);
     return s;
 }

@@ -106,7 +106,9 @@ const Hidden hidden[] = {{"inertia-wheel", "single", "stribeck", 1, 11},
                          {"pendulum", "single", "torque-ripple", 0, 12},
                          {"reaction-wheel", "single", "encoder-offset", 1, 13},
                          {"furuta", "single", "sensor-delay", 2, 14},
-                         {"pendubot", "single", "viscous", 2, 15}};
+                         {"pendubot", "single", "viscous", 2, 15},
+                         // on the rig that its seed draws; once taken for stiction
+                         {"", "single", "cable-hysteresis", 1, 310036}};
 
 } // namespace
 

@@ -82,6 +82,46 @@ START_TEST(a_file_without_names_goes_by_numbers_of_columns)
 }
 END_TEST
 
+START_TEST(text_where_a_number_should_be_is_told_with_its_line)
+{
+    static const struct {
+        const char *text, *says; /* NULL: it is read, all rows of it */
+    } files[] = {
+        {"t,q1,q2,u\n0,0,abc,0\n0.1,0,0,0\n0.2,0,0,0\n", ":2: 'abc' in column q2 is no number"},
+        {"t,q1,q2,u\n0,0,0,0\n0.1,0,0,0\n0.2,1.2.3,0,0\n", ":4: '1.2.3' in column q1"},
+        {"t,q1,q2,u,phase\n0,0,0,0,swing up\n0.1,NA,nan,0,swing up\n0.2,0,-,0,\n", NULL},
+        {"t,q1,q2,u\n[s],rad,,1\n0,0,0,0\n0.1,0,0,0\n0.2,0,0,0\n", NULL}};
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        char out[2048];
+        int code = run_mechkit(out, sizeof out, "import %s --rig pendubot --force --out %s",
+                               scratch_text("text.csv", files[i].text), scratch("text_log.csv"));
+        ck_assert_msg(files[i].says ? code == 3 && strstr(out, files[i].says)
+                                    : code == 0 && strstr(out, "3 rows"),
+                      "%zu: %d %s", i, code, out);
+    }
+}
+END_TEST
+
+START_TEST(of_two_columns_of_one_name_the_mapping_says_which)
+{
+    char out[2048];
+    const char *file =
+        scratch_text("twice.csv", "t,q1,q1,q2,u\n0,1,2,0,0\n0.1,1,2,0,0\n0.2,1,2,0,0\n");
+    int code = run_mechkit(out, sizeof out, "import %s --rig pendubot --out %s", file,
+                           scratch("twice_log.csv"));
+    ck_assert_msg(code == 3 && strstr(out, "2 columns are called q1") && strstr(out, "column = 2"),
+                  "%d %s", code, out);
+    const char *map = scratch_text("twice.map", "[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\n"
+                                                "column = 3\n[q2]\ncolumn = q2\n[u]\ncolumn = u\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
+                       scratch("twice_log.csv"));
+    ck_assert_msg(code == 0, "%s", out);
+    char *log = slurp_file(scratch("twice_log.csv"));
+    ck_assert_msg(strstr(log, "t,q1,q2,u\n0,2,0,0\n") != NULL, "%s", log);
+    free(log);
+}
+END_TEST
+
 START_TEST(a_mat_file_of_our_own_comes_back)
 {
     char out[2048];
@@ -138,6 +178,9 @@ START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
         {"[t]\ncolumn = t\n", "[rig] kind is missing"},
         {"[source]\nseparator = dash\n", ":2: [source] separator"},
         {"kind\n", ":1: expected"},
+        {"[t]\ncolumn = a name that is longer than any column of a measured log has, by far\n",
+         ":2: [t] column: too long a name"},
+        {"[t]\ncolumn = t\fs\n", ":2: [t] column: there is a control character"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         char out[1024];
@@ -353,6 +396,23 @@ START_TEST(ten_wrong_mappings_of_a_measured_file_are_found_and_put_right)
 }
 END_TEST
 
+START_TEST(numbers_that_no_rig_makes_are_not_taken_for_a_log)
+{
+    char out[2048];
+    const char *path = scratch_text("huge.csv", "t,q1,q2,u\n0,1,2,0\n0.1,-1e300,2,0\n0.2,1,2,0\n");
+    const char *to = scratch("huge_log.csv");
+    int code = run_mechkit(out, sizeof out, "import %s --rig pendubot --out %s", path, to);
+    ck_assert_msg(code == 1 && strstr(out, "q1 reaches 1e+300 rad"), "%d %s", code, out);
+    ck_assert_int_ne(access(to, F_OK), 0);
+    code = run_mechkit(out, sizeof out, "import %s --rig pendubot --out %s", scratch("."), to);
+    ck_assert_msg(code == 3 && strstr(out, "Is a directory"), "%d %s", code, out);
+    run_command(NULL, 0, "mkdir %s", scratch("folder.mat"));
+    code = run_mechkit(out, sizeof out, "import %s --rig pendubot --out %s", scratch("folder.mat"),
+                       to);
+    ck_assert_msg(code == 3 && strstr(out, "Is a directory"), "%d %s", code, out);
+}
+END_TEST
+
 START_TEST(what_cannot_be_is_not_written_unless_forced)
 {
     char out[4096];
@@ -379,6 +439,8 @@ Suite *suite_import(void)
     tcase_set_timeout(c, 60);
     tcase_add_test(c, files_are_read_as_their_writers_wrote_them);
     tcase_add_test(c, a_file_without_names_goes_by_numbers_of_columns);
+    tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
+    tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);
     tcase_add_test(c, mistakes_in_a_mapping_are_told_with_their_line);
     tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
@@ -388,6 +450,7 @@ Suite *suite_import(void)
     tcase_add_loop_test(c, ten_wrong_mappings_of_a_rig_are_found_and_put_right, 0, 3);
     tcase_add_loop_test(c, measured_files_import_with_their_mappings, 0, 5);
     tcase_add_loop_test(c, ten_wrong_mappings_of_a_measured_file_are_found_and_put_right, 0, 3);
+    tcase_add_test(c, numbers_that_no_rig_makes_are_not_taken_for_a_log);
     tcase_add_test(c, what_cannot_be_is_not_written_unless_forced);
     suite_add_tcase(s, c);
     return s;

@@ -1,4 +1,5 @@
-/* Linear identification: recovery by every method, stated errors, repeated runs, bad data. */
+/* Identification: recovery by every linear method, stated errors, repeated runs; bad data by all.
+ */
 #include "suites.h"
 
 #include <cmath>
@@ -15,6 +16,7 @@ namespace
 {
 
 constexpr const char *METHODS[] = {"sls", "wls", "swevers", "olsen", "energy"};
+constexpr const char *ALL_METHODS[] = {"output-error", "sls", "wls", "swevers", "olsen", "energy"};
 
 struct FreeLog {
     void operator()(mk_log *log) const { mk_log_free(log); }
@@ -183,6 +185,26 @@ START_TEST(repeats_are_averaged_and_the_errors_shrink_with_their_number)
 }
 END_TEST
 
+/* At rest nothing is stored but weight, and hanging not even a wrong angle changes that. */
+START_TEST(a_start_from_rest_anchors_the_balance_of_energy)
+{
+    mk_model truth = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 10, run.rate = 200;
+    Log log = with_noise(*record(truth, run), 4.5e-4, 3);
+    Fit whole(truth, log, "energy");
+    const size_t later = 100;
+    for (size_t c = 0; c < log->column_count; c++)
+        memmove(log->columns[c].data, log->columns[c].data + later,
+                (log->rows - later) * sizeof(double));
+    log->rows -= later;
+    Fit moving(truth, log, "energy");
+    ck_assert_int_eq(whole.status, MK_OK);
+    ck_assert_int_eq(moving.status, MK_OK);
+    ck_assert_double_gt(moving.r->parameter[0].std_error, 1.3 * whole.r->parameter[0].std_error);
+}
+END_TEST
+
 START_TEST(different_runs_are_not_averaged)
 {
     mk_model truth = rig(MK_PLANT_PENDUBOT);
@@ -233,7 +255,7 @@ START_TEST(a_log_without_motion_is_refused)
     Run run;
     run.amplitude = 0, run.seconds = 2;
     Log log = record(m, run);
-    for (const char *method : METHODS) {
+    for (const char *method : ALL_METHODS) {
         Fit f(m, log, method);
         ck_assert_int_eq(f.status, MK_ERR_RANGE);
         ck_assert_ptr_nonnull(strstr(f.err.message, "moves"));
@@ -286,7 +308,7 @@ START_TEST(a_constant_command_is_refused_or_its_errors_say_so)
         column(log, "u")[k] = 2.0;
         column(log, "q1")[k] = 147.4 * column(log, "t")[k];
     }
-    for (const char *method : METHODS) {
+    for (const char *method : ALL_METHODS) {
         Fit f(m, with_noise(*log, 4.5e-4, 1), method);
         if (f.status == MK_OK)
             ck_assert_msg(f.warns("say little about p1"), "%s", method);
@@ -300,7 +322,7 @@ START_TEST(a_log_of_another_rig_is_refused_or_warned_of)
 {
     mk_model furuta = rig(MK_PLANT_FURUTA), m = rig(MK_PLANT_PENDUBOT);
     Log log = record(furuta, Run());
-    for (const char *method : METHODS) {
+    for (const char *method : ALL_METHODS) {
         Fit f(m, log, method);
         ck_assert_msg(f.status != MK_OK || f.r->warning_count > 0, "%s", method);
     }
@@ -360,12 +382,86 @@ START_TEST(ten_rows_are_refused_and_forty_do_not_crash)
     Log ten = record(m, run);
     run.seconds = 0.2;
     Log forty = record(m, run);
-    for (const char *method : METHODS) {
+    for (const char *method : ALL_METHODS) {
         Fit f(m, ten, method);
         ck_assert_int_eq(f.status, MK_ERR_RANGE);
         ck_assert_ptr_nonnull(strstr(f.err.message, "too few"));
         Fit g(m, forty, method);
         ck_assert(g.status == MK_OK || strlen(g.err.message) > 20);
+    }
+}
+END_TEST
+
+START_TEST(time_in_milliseconds_is_refused)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 2, run.rate = 200;
+    Log log = record(m, run);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "t")[k] *= 1000;
+    for (const char *method : ALL_METHODS) {
+        Fit f(m, log, method);
+        ck_assert_int_eq(f.status, MK_ERR_RANGE);
+        ck_assert_ptr_nonnull(strstr(f.err.message, "t in seconds"));
+    }
+}
+END_TEST
+
+START_TEST(output_error_warns_of_a_stuck_joint)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 3, run.rate = 200;
+    Log log = record(m, run);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "q2")[k] = 0.0;
+    Fit f(m, log, "output-error");
+    ck_assert(f.status != MK_OK || f.warns("q2 does not move"));
+}
+END_TEST
+
+START_TEST(output_error_warns_of_swapped_columns_and_of_degrees)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 5, run.rate = 200;
+    Log swapped = with_noise(*record(m, run), 4.5e-4, 1), degrees = with_noise(*swapped, 0, 1);
+    for (size_t k = 0; k < swapped->rows; k++) {
+        std::swap(column(swapped, "q1")[k], column(swapped, "q2")[k]);
+        column(degrees, "q1")[k] *= 180 / M_PI, column(degrees, "q2")[k] *= 180 / M_PI;
+    }
+    for (const Log *log : {&swapped, &degrees}) {
+        Fit f(m, *log, "output-error");
+        ck_assert(f.status != MK_OK || f.warns("follow"));
+    }
+    Fit right(m, with_noise(*record(m, run), 4.5e-4, 1), "output-error");
+    ck_assert_int_eq(right.status, MK_OK);
+    ck_assert(!right.warns("follow"));
+}
+END_TEST
+
+/* So many that the first of them lead the way. */
+START_TEST(output_error_on_many_runs_is_as_good_as_it_says)
+{
+    mk_model truth = rig(MK_PLANT_PENDUBOT), start = truth;
+    for (int i = 0; i < 7; i++)
+        start.parameter[i] *= i % 2 ? 0.8 : 1.2;
+    Run run;
+    run.seconds = 10, run.rate = 200;
+    Log clean = record(truth, run);
+    std::vector<Log> logs;
+    std::vector<const mk_log *> views;
+    for (unsigned i = 0; i < 16; i++) {
+        logs.push_back(with_noise(*clean, 4.5e-4, i));
+        views.push_back(logs.back().get());
+    }
+    Fit f(start, views, "output-error");
+    ck_assert_int_eq(f.status, MK_OK);
+    for (int i = 0; i < 7; i++) {
+        const mk_ident_parameter &p = f.r->parameter[i];
+        ck_assert_double_lt(fabs(p.value - truth.parameter[i]), 4 * p.std_error);
+        ck_assert_double_lt(p.std_error, 2e-4 * truth.parameter[i]);
     }
 }
 END_TEST
@@ -381,6 +477,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, every_method_finds_every_plants_parameters_on_exact_readings);
     tcase_add_test(c, stated_errors_are_those_of_repeated_noise);
     tcase_add_test(c, repeats_are_averaged_and_the_errors_shrink_with_their_number);
+    tcase_add_test(c, a_start_from_rest_anchors_the_balance_of_energy);
     tcase_add_test(c, different_runs_are_not_averaged);
     tcase_add_test(c, a_held_parameter_stays_and_the_others_are_found);
     tcase_add_test(c, a_wider_window_is_taken_when_asked_for);
@@ -392,5 +489,9 @@ Suite *suite_linear(void)
     tcase_add_test(c, rows_without_readings_are_bridged_or_left_out);
     tcase_add_test(c, columns_of_nothing_and_infinite_values_are_named);
     tcase_add_test(c, ten_rows_are_refused_and_forty_do_not_crash);
+    tcase_add_test(c, time_in_milliseconds_is_refused);
+    tcase_add_test(c, output_error_warns_of_a_stuck_joint);
+    tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
+    tcase_add_test(c, output_error_on_many_runs_is_as_good_as_it_says);
     return s;
 }

@@ -114,6 +114,126 @@ START_TEST(time_passes_for_the_rig_when_nothing_runs)
 }
 END_TEST
 
+/* --- by the board's clock -------------------------------------------------------------------- */
+
+START_TEST(a_board_that_cannot_stream_is_refused)
+{
+    struct mk_loop *loop = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build_on("null");
+    bench.config.stream = true;
+    ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &loop, &err),
+                     MK_ERR_NOTSUP);
+    ck_assert_ptr_nonnull(strstr(err.message, "null"));
+    ck_assert_ptr_null(loop);
+}
+END_TEST
+
+START_TEST(a_period_of_a_fraction_of_a_microsecond_is_refused)
+{
+    struct mk_loop *loop = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build(NULL);
+    bench.config.stream = true;
+    bench.config.rate_hz = 300.0;
+    bench.ctrl.dt = 1.0 / 300.0;
+    ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &loop, &err),
+                     MK_ERR_RANGE);
+    ck_assert_ptr_null(loop);
+}
+END_TEST
+
+/* Two runs that differ in whose clock made them: the same rows. */
+START_TEST(the_boards_clock_and_ours_make_the_same_run)
+{
+    struct mk_log *log[2];
+    for (int k = 0; k < 2; k++) {
+        bench.config.stream = k == 1;
+        bench_build(NULL);
+        bench_start();
+        bench_set_law(2, 1, 1e18);
+        ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        log[k] = bench_read_log();
+        bench_teardown();
+        bench_setup();
+    }
+    ck_assert_ptr_null(mk_log_find_meta(log[0], "clock"));
+    ck_assert_str_eq(mk_log_find_meta(log[1], "clock"), "board");
+    ck_assert_uint_eq(log[0]->rows, log[1]->rows);
+    for (const char *const *name = (const char *const[]){"t", "q1", "q2", "u", "flags", NULL};
+         *name; name++)
+        for (size_t i = 0; i < log[0]->rows; i++)
+            ck_assert_double_eq(mk_log_get(log[0], *name)[i], mk_log_get(log[1], *name)[i]);
+    mk_log_free(log[0]);
+    mk_log_free(log[1]);
+}
+END_TEST
+
+/* What was lost is a row without a reading, and the ticks stay those of the board's time. */
+START_TEST(a_lost_sample_costs_one_row_and_no_time)
+{
+    bench.config.stream = true;
+    bench_build("at 50 drop; at 60 mute");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    const double *tick = mk_log_get(log, "tick"), *flags = mk_log_get(log, "flags");
+    int lost = 0;
+    for (size_t i = 0; i < log->rows; i++) {
+        lost += ((int)flags[i] & MK_FLAG_LOST) != 0;
+        ck_assert_double_eq(tick[i], (double)i);
+    }
+    ck_assert_int_eq(lost, 2);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_fault_ends_the_stream_and_the_log_shows_what_followed)
+{
+    static const struct {
+        const char *script;
+        enum mk_fault fault;
+    } rows[] = {{"at 50 alarm", MK_FAULT_BOARD},
+                {"at 50 disconnect", MK_FAULT_UNPLUGGED},
+                {"at 50 jump 2 by 500", MK_FAULT_JUMP}};
+    bench.config.stream = true;
+    bench_build(rows[_i].script);
+    bench_start();
+    bench_set_law(1, 1, 1e18);
+    ck_assert_int_eq(bench_wait_for(1.0), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, rows[_i].fault);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    /* Where nobody hears the host any more it is the board's watchdog. */
+    mk_clock_sleep_until(&bench.clock, mk_clock_now_ns(&bench.clock) + 25000000);
+    bench_assert_motor_is_off();
+    struct mk_log *log = bench_read_log();
+    bool tail = rows[_i].fault != MK_FAULT_UNPLUGGED;
+    ck_assert_uint_ge(log->rows, tail ? 150 : 50);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(streaming_in_real_time_keeps_the_boards_rate)
+{
+    bench_use_real_time(500);
+    bench.config.stream = true;
+    bench_build(NULL);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.4), MK_OK);
+    ck_assert_uint_ge(bench_look().sample.tick, 199);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    const double *tick = mk_log_get(log, "tick"), *t = mk_log_get(log, "t");
+    for (size_t i = 1; i < log->rows; i++) {
+        ck_assert_double_gt(tick[i], tick[i - 1]);
+        ck_assert_double_eq_tol(t[i], tick[i] / 500.0, 1e-9);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
 /* --- what the log says ----------------------------------------------------------------------- */
 
 START_TEST(row_k_holds_the_command_applied_from_k_on)
@@ -499,6 +619,12 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_run_goes_through_its_states);
     tcase_add_test(t, a_loop_refuses_what_it_cannot_run);
     tcase_add_loop_test(t, a_tick_allocates_nothing, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, a_board_that_cannot_stream_is_refused);
+    tcase_add_test(t, a_period_of_a_fraction_of_a_microsecond_is_refused);
+    tcase_add_test(t, the_boards_clock_and_ours_make_the_same_run);
+    tcase_add_test(t, a_lost_sample_costs_one_row_and_no_time);
+    tcase_add_loop_test(t, a_fault_ends_the_stream_and_the_log_shows_what_followed, 0, 3);
+    tcase_add_test(t, streaming_in_real_time_keeps_the_boards_rate);
     tcase_add_test(t, waiting_ends_with_its_condition_its_time_or_a_cancel);
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);
     tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);

@@ -197,6 +197,33 @@ START_TEST(a_stop_pressed_before_the_start_prevents_it)
 }
 END_TEST
 
+/* The virtual board on a machine that is too busy for it: an exchange takes a tenth of a second. */
+static enum mk_status slow_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    mk_clock_sleep_until(board->clock, mk_clock_now_ns(board->clock) + 100000000);
+    return mk_board_backend_by_name("virtual")->exchange(board, u, out);
+}
+
+START_TEST(a_start_that_the_machine_is_too_slow_for_is_given_up)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build(NULL);
+    struct mk_board_ops slow = *bench.board->ops;
+    const struct mk_board_ops *quick = bench.board->ops;
+    slow.exchange = slow_exchange;
+    bench.board->ops = &slow;
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
+    ck_assert_msg(strstr(err.message, "overrun") != NULL, "%s", err.message);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_OVERRUN);
+    ck_assert_double_lt(1e-9 * (double)mk_clock_now_ns(bench.board->clock), 6.0);
+    bench.board->ops = quick;
+    bench_assert_motor_is_off();
+    mk_loop_acknowledge(bench.loop);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
+}
+END_TEST
+
 START_TEST(swinging_links_do_not_start)
 {
     struct mk_error err = MK_ERROR_INIT;
@@ -316,6 +343,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_fault_of_the_board_stops_the_motor);
     tcase_add_test(t, the_stop_button_stops_the_motor);
     tcase_add_test(t, a_stop_pressed_before_the_start_prevents_it);
+    tcase_add_test(t, a_start_that_the_machine_is_too_slow_for_is_given_up);
     tcase_add_test(t, swinging_links_do_not_start);
     tcase_add_test(t, a_link_held_away_from_rest_does_not_start_again);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);

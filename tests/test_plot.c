@@ -151,6 +151,25 @@ START_TEST(a_plot_without_a_file_is_drawn_in_the_terminal)
 }
 END_TEST
 
+START_TEST(a_plot_that_cannot_be_written_says_so)
+{
+    char out[1024];
+    if (!have_program("gnuplot", "a_plot_that_cannot_be_written_says_so"))
+        return;
+    const char *log = open_loop_log("pendubot", "1.5*sin(6*t)", 2.0);
+    run_command(NULL, 0, "ln -s /dev/full %s", scratch("full.svg")); /* a disk without room */
+    int code = run_mechkit(out, sizeof out, "plot %s --out %s", log, scratch("full.svg"));
+    ck_assert_msg(code == 1 && strstr(out, "full.svg: cannot write: No space"), "%d %s", code, out);
+    code = run_mechkit(out, sizeof out, "plot %s --out %s/none/x.svg", log, scratch("."));
+    ck_assert_msg(code == 3 && strstr(out, "x.svg: cannot write: No such file"), "%d %s", code,
+                  out);
+    code = run_mechkit(out, sizeof out, "plot %s --out %s",
+                       scratch_text("one.csv", "t,q1,q2,u\n0,1,2,3\n"), scratch("one.svg"));
+    ck_assert_msg(code == 1 && strstr(out, "gnuplot cannot draw this: all points"), "%d %s", code,
+                  out);
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_is_refused_before_it_is_drawn)
 {
     const char *no_angle = scratch_text("no_angle.csv", "t,u\n0,1\n1,2\n");
@@ -189,6 +208,7 @@ Suite *suite_plot(void)
     tcase_set_timeout(c, 120);
     tcase_add_test(c, every_kind_of_plot_is_drawn);
     tcase_add_test(c, a_plot_without_a_file_is_drawn_in_the_terminal);
+    tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);
     return s;

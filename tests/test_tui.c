@@ -191,6 +191,18 @@ START_TEST(before_a_start_the_check_list_says_what_is_well)
 }
 END_TEST
 
+START_TEST(a_folder_that_takes_no_logs_is_seen_before_the_start)
+{
+    choose("pendubot-mid", MK_PLANT_PENDUBOT);
+    status.disk_free_mb = 42.0;
+    news();
+    ck_assert(drawn(24, 80, "NO  disk       42 MB"));
+    status.disk_free_mb = -1.0;
+    news();
+    ck_assert(drawn(24, 80, "NO  disk       logs cannot be written"));
+}
+END_TEST
+
 START_TEST(a_run_at_both_sizes_in_both_alphabets)
 {
     run_for(4.0);
@@ -252,7 +264,27 @@ START_TEST(gains_are_shown_with_poles_and_help_with_what_can_be_done)
 }
 END_TEST
 
-START_TEST(a_log_and_its_prediction_are_shown_beside_each_other)
+START_TEST(the_help_leaves_no_key_out)
+{
+    static const char *const keys[] = {"Space", "a ",  "h ", "r ",  "s ",  "g ",  "w ",   "e ",
+                                       "i ",    "m ",  "p ", "Esc", "f ",  ": ",  "? ",   "q ",
+                                       "[ ]",   "+ -", "= ", "Tab", "t ",  "> <", "Left", "PgUp",
+                                       "Up",    "R ",  "^Z", "^L",  "1..6"};
+    char text[16];
+    run_for(1.0);
+    press("?");
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
+        snprintf(text, sizeof text, " %s", keys[i]);
+        ck_assert_msg(drawn(24, 80, text), "no '%s'", keys[i]);
+    }
+    /* Where there is no room for all, the weightiest are there. */
+    ck_assert(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, "motor off at once"));
+    ck_assert(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, "motor off, end"));
+}
+END_TEST
+
+/* A log of 1000 samples and what a model makes of it; the caller shows them. */
+static struct host_show some_log(void)
 {
     struct mk_log *log, *model;
     ck_assert_int_eq(mk_log_create(1000, &log), MK_OK);
@@ -268,11 +300,45 @@ START_TEST(a_log_and_its_prediction_are_shown_beside_each_other)
                 b[k] = c == 0 ? s.t : 0.8 * a[k];
         }
     }
+    return (struct host_show){log, model, false};
+}
+
+START_TEST(a_log_and_its_prediction_are_shown_beside_each_other)
+{
+    struct host_show show = some_log();
     choose("pendubot-mid", MK_PLANT_PENDUBOT);
     news();
-    struct host_show show = {log, model, false};
     tui_show_log(tui, &show);
     golden("compare", 24, 80);
+}
+END_TEST
+
+START_TEST(what_the_motor_does_is_told_whatever_is_shown)
+{
+    struct host_show show = some_log();
+    run_for(1.0);
+    tui_show_log(tui, &show);
+    ck_assert(drawn(24, 80, "RUNNING"));
+    status.running = false;
+    news();
+    ck_assert(!drawn(24, 80, "RUNNING"));
+    status.snap.state = MK_LOOP_FAULTED;
+    status.snap.fault = MK_FAULT_TRAVEL;
+    news();
+    ck_assert(drawn(24, 80, "FAULT"));
+}
+END_TEST
+
+START_TEST(a_start_that_failed_has_no_figures_of_a_loop)
+{
+    choose("pendubot-mid", MK_PLANT_PENDUBOT);
+    status.have_loop = true;
+    status.snap.state = MK_LOOP_FAULTED;
+    status.snap.fault = MK_FAULT_NOT_HANGING;
+    news();
+    ck_assert(drawn(24, 80, "500 Hz"));
+    ck_assert(!drawn(24, 80, "NOT real time"));
+    ck_assert(!drawn(24, 80, "late us"));
 }
 END_TEST
 
@@ -386,18 +452,22 @@ START_TEST(gains_are_sent_together_and_unstable_ones_only_when_asked_twice)
     news();
     press("g");
     tui_key(tui, TK_RIGHT);
+    tui_key(tui, TK_DOWN);
+    press("9.5\n");
+    tui_key(tui, TK_UP);
     press("d");
     ck_assert_msg(strncmp(posted, "gains ", 6) == 0, "%s", posted);
     double k[4];
     ck_assert_int_eq(sscanf(posted, "gains %lf %lf %lf %lf", &k[0], &k[1], &k[2], &k[3]), 4);
     ck_assert_double_eq(k[0], 1.05 * status.value[0]);
+    ck_assert_double_eq(k[1], 9.5);
     ck_assert_double_eq(k[3], status.value[3]);
     posted[0] = '\0';
     press("0\nd");
     ck_assert_str_eq(posted, "");
     ck_assert(drawn(24, 80, "UNSTABLE with these gains"));
     press("d");
-    ck_assert_msg(strncmp(posted, "gains 0 ", 8) == 0, "%s", posted);
+    ck_assert_str_eq(posted, "set k_q1 0\n"); /* one alone goes by its name */
     posted[0] = '\0';
     int row = mk_ctrl_param_index(status.setup, "box_q1");
     for (int i = 0; i < row; i++)
@@ -592,11 +662,15 @@ Suite *suite_tui(void)
     tcase_set_timeout(t, 60);
     tcase_add_test(t, without_a_setup_it_says_how_to_begin);
     tcase_add_test(t, before_a_start_the_check_list_says_what_is_well);
+    tcase_add_test(t, a_folder_that_takes_no_logs_is_seen_before_the_start);
     tcase_add_test(t, a_run_at_both_sizes_in_both_alphabets);
     tcase_add_test(t, a_fault_is_told_in_words);
     tcase_add_test(t, after_a_run_its_summary_is_shown);
     tcase_add_test(t, gains_are_shown_with_poles_and_help_with_what_can_be_done);
+    tcase_add_test(t, the_help_leaves_no_key_out);
     tcase_add_test(t, a_log_and_its_prediction_are_shown_beside_each_other);
+    tcase_add_test(t, what_the_motor_does_is_told_whatever_is_shown);
+    tcase_add_test(t, a_start_that_failed_has_no_figures_of_a_loop);
     tcase_add_test(t, any_size_and_any_number_is_drawn);
     tcase_add_test(t, nothing_that_is_said_can_steer_the_terminal);
     tcase_add_test(t, a_key_is_a_shortcut_for_a_command_where_it_makes_sense);

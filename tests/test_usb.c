@@ -2,11 +2,7 @@
  * every back end promises is in test_board.c, what goes wrong on the way in test_bus_faults.c. */
 #include "suites.h"
 
-#include <signal.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "driver/usb.h"
 #include "emu/bench.h"
@@ -109,30 +105,30 @@ END_TEST
 START_TEST(without_permission_the_message_names_the_udev_rule)
 {
     struct mk_board_found found;
-    bench.usb.denied = true;
+    emu_usb_deny(&bench.usb, true);
     ck_assert_int_eq(try_open(NULL), MK_ERR_PERM);
     ck_assert_ptr_nonnull(strstr(err.message, "udev rule"));
     ck_assert_int_eq(mk_usb_find(NULL, &found, 1, &err), 1);
     ck_assert_int_eq(found.status, MK_ERR_PERM);
     ck_assert_ptr_nonnull(strstr(found.note, "udev rule"));
-    bench.usb.denied = false;
+    emu_usb_deny(&bench.usb, false);
     must_open(NULL);
 }
 END_TEST
 
 START_TEST(a_board_in_use_elsewhere_is_busy)
 {
-    bench.usb.taken = true;
+    emu_usb_take(&bench.usb, true);
     ck_assert_int_eq(try_open(NULL), MK_ERR_BUSY);
     ck_assert_ptr_nonnull(strstr(err.message, "another program"));
-    bench.usb.taken = false;
+    emu_usb_take(&bench.usb, false);
     must_open(NULL);
 }
 END_TEST
 
 START_TEST(a_kernel_driver_on_the_interface_is_put_aside)
 {
-    bench.usb.driver_bound = true;
+    emu_usb_bind_driver(&bench.usb, true);
     must_open(NULL);
     ck_assert_int_eq(trade(1.0), MK_OK);
 }
@@ -239,89 +235,6 @@ START_TEST(the_panel_is_reached_through_the_bus)
 }
 END_TEST
 
-/* --- the host dies
- * --------------------------------------------------------------------------------- */
-
-/* Long, so that a busy machine does not do it instead. */
-#define KILL_WATCHDOG_MS 400
-#define KILL_AFTER 100 /* requests */
-
-/* The board lives in the parent, which answers over a socket; the host is a child with libusb. */
-static void socket_receive(void *ctx, const uint8_t *bytes, size_t n)
-{
-    if (send(*(int *)ctx, bytes, n, 0) < 0)
-        _exit(3);
-}
-static size_t socket_take(void *ctx, uint8_t *bytes, size_t size)
-{
-    ssize_t n = recv(*(int *)ctx, bytes, size, 0);
-    return n > 0 ? (size_t)n : 0;
-}
-
-static void drive_until_killed(int fd)
-{
-    struct emu_usb port;
-    struct mk_board_sample s;
-    mk_clock_init_monotonic(&clock_);
-    emu_usb_unplug(&bench.usb);
-    emu_usb_init(&port, 3, "far", (struct emu_board){&fd, socket_receive, socket_take});
-    emu_usb_plug(&port);
-    if (try_open("far") != MK_OK ||
-        board->ops->set_watchdog(board, KILL_WATCHDOG_MS, NULL) != MK_OK)
-        _exit(1);
-    for (;;) {
-        if (mk_board_exchange(board, 8.0, &s) != MK_OK)
-            _exit(2);
-        mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + 1000000);
-    }
-}
-
-/* Serves the child and kills it after so many requests. */
-static void serve(struct mk_emulated *e, int fd, pid_t child)
-{
-    uint8_t bytes[MK_FRAME_MAX];
-    ssize_t n;
-    for (int k = 0; (n = recv(fd, bytes, sizeof bytes, 0)) > 0; k++) {
-        (void)mk_emulated_receive(e, bytes, (size_t)n);
-        size_t size = mk_emulated_take(e, bytes, sizeof bytes);
-        (void)send(fd, bytes, size, MSG_NOSIGNAL);
-        if (k == KILL_AFTER)
-            kill(child, SIGKILL);
-    }
-}
-
-START_TEST(a_host_that_is_killed_loses_the_motor_within_the_watchdogs_time)
-{
-    int ends[2], status;
-    struct mk_emulated e;
-    mk_clock_init_monotonic(&clock_);
-    ck_assert_int_eq(mk_emulated_init(&e, &config, "far", "far", &err), MK_OK);
-    ck_assert_int_eq(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends), 0);
-    pid_t child = fork();
-    if (child == 0) {
-        close(ends[0]);
-        drive_until_killed(ends[1]);
-    }
-    close(ends[1]);
-    serve(&e, ends[0], child);
-    ck_assert_int_eq(waitpid(child, &status, 0), child);
-    ck_assert(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
-    ck_assert_double_eq(e.u, 8.0);
-
-    int64_t fed_ns = e.opened_ns + (int64_t)e.device.fed_ns;
-    mk_clock_sleep_until(&clock_, fed_ns + (KILL_WATCHDOG_MS + 10) * INT64_C(1000000));
-    ck_assert_int_eq(mk_emulated_run(&e), MK_OK);
-    ck_assert_double_eq(e.u, 0.0);
-    ck_assert_uint_eq(e.device.fault, MK_WIRE_FAULT_WATCHDOG);
-    /* From the plant's side: the command ended that long after the last exchange, to a nanosecond.
-     */
-    ck_assert_int_eq((int64_t)(e.device.fault_ns - e.device.fed_ns),
-                     KILL_WATCHDOG_MS * INT64_C(1000000) + 1);
-    mk_emulated_free(&e);
-    close(ends[0]);
-}
-END_TEST
-
 Suite *suite_usb(void)
 {
     Suite *s = suite_create("usb");
@@ -338,7 +251,6 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
-    tcase_add_test(t, a_host_that_is_killed_loses_the_motor_within_the_watchdogs_time);
     suite_add_tcase(s, t);
     return s;
 }

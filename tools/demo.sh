@@ -1,15 +1,18 @@
 #!/bin/sh
 # The main job on the virtual board: every setup from its command file, one in real time, a prediction,
-# plots. Usage: tools/demo.sh BUILD_DIRECTORY (the program is there already).
+# plots. Usage: tools/demo.sh DIRECTORY [PROGRAM]. DIRECTORY must be new or empty; PROGRAM: mechkit on the
+# path. Installed, it is share/mechkit/tools/demo.sh.
 set -eu
 
-build=$1
-program=$build/mechkit
-out=$build/demo
+out=$1
+program=${2:-mechkit}
 here=$(dirname "$0")/..
 
-rm -rf "$out"
 mkdir -p "$out"
+if [ -n "$(ls -A "$out")" ]; then
+    echo "demo: $out is not empty" >&2
+    exit 2
+fi
 
 run() { # NAME OPTIONS...: runs scripts/NAME.cmd; a failure ends the demo
     name=$1

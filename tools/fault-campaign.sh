@@ -16,4 +16,6 @@ awk '{ print }
         }
     }
     END { printf "faults injected %d, survived %d, motor off proven %d\n", injected, survived, off }' "$log"
+# What a person at the rig would see: a cable pulled in mid run, the program killed in mid swing-up.
+MECHKIT_CAMPAIGN=all "$1" replug | grep -v '^Running' || status=1
 exit "$status"

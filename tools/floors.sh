@@ -83,6 +83,6 @@ complain "zlib stays in src/base:" "$(includes '<zlib' 'src/base/[a-z_]+[.][ch]'
 complain "matio stays in src/exchange:" \
     "$(includes '<matio' 'src/exchange/[a-z_]+[.][ch]' src include)"
 complain "libusb stays in src/driver:" "$(includes '<libusb' 'src/driver/[a-z_]+[.][ch]' src include)"
-complain "inih stays in src/model and src/exchange:" \
-    "$(includes '<ini[.]h' 'src/(model|exchange)/[a-z_]+[.][ch]' src include)"
+complain "inih stays in src/base and src/exchange:" \
+    "$(includes '<ini[.]h' 'src/(base|exchange)/[a-z_]+[.][ch]' src include)"
 exit $bad

@@ -5,8 +5,8 @@ _mechkit() {
     if [ "$COMP_CWORD" -eq 1 ]; then
         words=$("$program" --help 2>/dev/null | sed -n 's/^  \([a-z][a-z-]*\)  .*/\1/p')
     elif [[ $current == -* ]]; then
-        words=$("$program" "${COMP_WORDS[1]}" --help 2>/dev/null | grep -oE -- '--[a-z][a-z-]*' |
-            sort -u)
+        words=$("$program" "${COMP_WORDS[1]}" --help 2>/dev/null |
+            sed -n 's/^  \(--[a-z0-9-]*\).*/\1/p')
     else
         return # file names
     fi

@@ -5,6 +5,8 @@ set -eu
 tests=$1
 variant=$2
 export CK_TIMEOUT_MULTIPLIER=1
+# A failure's message quotes what a command printed; Check ends the test where it is longer than this.
+export CK_MAX_MSG_SIZE=65536
 case $variant in
 asan)
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1

@@ -6,6 +6,10 @@
  * of delay, always the same, which the controllers know about. The board holds a command until the
  * next exchange, or until its watchdog zeroes it.
  *
+ * A board that streams (slot stream) samples by its own clock instead. exchange() then hands in the
+ * command and waits for the next sample, at whose latch the command begins to act: the same delay
+ * of one sample, without the host's jitter.
+ *
  * Ownership: mk_board_open allocates the handle with the back end's private data behind it;
  * mk_board_close frees it. Threads: one at a time; safe_state may also be called from another
  * thread while the loop thread is known to be stopped. Slots marked RT allocate, lock and print
@@ -24,6 +28,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 enum mk_board_capability {
     MK_BOARD_CAP_WATCHDOG = 1,  /* zeroes the command by itself */
@@ -100,6 +105,9 @@ struct mk_board_ops {
      * MK_ERR_TIMEOUT or MK_ERR_PROTO (this sample is lost, the next may work; *out is untouched),
      * MK_ERR_NODEV (gone for good), MK_ERR_NUMERIC (simulation failed). */
     enum mk_status (*exchange)(struct mk_board *board, double u, struct mk_board_sample *out);
+    /* From now on the board samples every `period_us` by its own clock (0: no longer), first at
+     * once. safe_state ends it too. Optional: MK_ERR_NOTSUP from boards that refuse. */
+    enum mk_status (*stream)(struct mk_board *board, uint32_t period_us, struct mk_error *err);
     /* Zero torque now, and clears nothing. Callable at any time between open and close, also after
      * an error. RT; a board that does not answer is waited for up to 20 ms. */
     enum mk_status (*safe_state)(struct mk_board *board);
@@ -158,6 +166,7 @@ static inline int32_t mk_counter_difference(int32_t now, int32_t before, int bit
     return (int32_t)d >> (32 - bits);
 }
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -10,6 +10,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 struct mk_clock;
 
@@ -40,6 +41,7 @@ static inline void mk_clock_sleep_until(struct mk_clock *clock, int64_t deadline
     clock->ops->sleep_until(clock, deadline_ns);
 }
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

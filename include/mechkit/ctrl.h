@@ -21,6 +21,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_CTRL_MAX_PARAMS 32
 
@@ -79,12 +80,17 @@ struct mk_ctrl_ops {
     void (*destroy)(struct mk_ctrl *ctrl); /* optional; the core frees ctrl itself */
 };
 
+struct mk_compensator;
+
 struct mk_ctrl {
     const struct mk_ctrl_ops *ops;
     struct mk_model model; /* believed */
     double dt;             /* sample time, s */
     double value[MK_CTRL_MAX_PARAMS];
     const struct mk_signal *ref; /* reference or open-loop signal; may be NULL; borrowed */
+    bool balances;               /* a setup that holds an equilibrium says so when it is created */
+    double equilibrium[MK_MAX_JOINTS];  /* which one, rad: that of the textbook plant */
+    struct mk_compensator *compensator; /* of the believed effects; NULL: there are none */
     void *priv;
 };
 
@@ -106,16 +112,13 @@ int mk_ctrl_gain_count(const struct mk_ctrl_ops *ops);
 MK_NODISCARD enum mk_status mk_ctrl_check(const struct mk_ctrl_ops *ops, int index, double value,
                                           struct mk_error *err);
 
-static inline void mk_ctrl_reset(struct mk_ctrl *ctrl)
-{
-    ctrl->ops->reset(ctrl);
-}
-static inline void mk_ctrl_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
-                                struct mk_ctrl_output *out)
-{
-    ctrl->ops->step(ctrl, in, out);
-}
+/* RT. The law sees the rig as its base parameters describe it: what the believed model has in
+ * effects is made up for, as far as it can be, by the share `compensate` of setups that have such a
+ * row (docs/theory.md, section 6). */
+void mk_ctrl_reset(struct mk_ctrl *ctrl);
+void mk_ctrl_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in, struct mk_ctrl_output *out);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -11,6 +11,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_DESIGN_MAX 8
 
@@ -64,6 +65,7 @@ MK_NODISCARD enum mk_status mk_design_lqrd(int n, const double *a, const double 
 MK_NODISCARD enum mk_status mk_design_lyapunov(int n, const double *a, const double *q, double *p,
                                                struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

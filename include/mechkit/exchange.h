@@ -16,6 +16,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 /* --- tables: columns of a log, chosen and in units of one's own ------------------------------ */
 
@@ -24,6 +25,8 @@ struct mk_table_column {
     char unit[16]; /* "rad", "ms", ...; "" for none */
     bool own_unit; /* other than the log's */
     double *data;  /* `rows` values */
+    int text_line; /* first line of a foreign file with text for a number; 0: none */
+    char text[24]; /* that text, as far as it fits */
 };
 
 struct mk_table {
@@ -150,6 +153,7 @@ struct mk_import_finding {
 int mk_import_check(const struct mk_table *table, const char *path, const struct mk_import_map *map,
                     struct mk_import_finding *out);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

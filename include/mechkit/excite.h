@@ -20,6 +20,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_EXCITE_MAX_HARMONICS 12
 #define MK_EXCITE_RIGS 4
@@ -106,6 +107,7 @@ MK_NODISCARD enum mk_status mk_excitation_write(const struct mk_excitation *exci
                                                 const char *path, const char *model,
                                                 struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -15,6 +15,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_MAX_CAUSES 4
 #define MK_MAX_RIVALS 12
@@ -56,6 +57,17 @@ struct mk_push {
 };
 #define MK_MAX_PUSHES 400
 
+/* What one-step predictions miss, held against something that is known then. */
+struct mk_residual_test {
+    int joint;                /* whose readings */
+    const char *with;         /* "itself": whiteness by the first 20 autocorrelations; "q1", "dq1",
+                                 "sign(dq1)", ..., "u", "t": correlation. Static. */
+    double before, after;     /* of the refitted and of the best model: rms autocorrelation, or
+                                 correlation, -1..1 */
+    double p_before, p_after; /* probability of as much by chance (Ljung-Box; Fisher's z) */
+};
+#define MK_MAX_RESIDUAL_TESTS 20
+
 /* An experiment that would tell the best hypothesis from a rival. */
 struct mk_next_experiment {
     int rival;      /* index; -1: none was looked for */
@@ -65,11 +77,28 @@ struct mk_next_experiment {
     char why[320]; /* a sentence */
 };
 
+/* What a controller makes of it: medians over runs on a virtual rig that is the extended model. */
+struct mk_control_figures {
+    double held;     /* share of the runs that were caught and held, or had no fault */
+    double caught_s; /* NAN: never, or nothing to catch */
+    double error;    /* rms: sway of the upright link about its mean, rad; speed control: rad/s */
+    double off;      /* rms of joint 1 from where the setup holds it, rad; NAN: nowhere */
+    double effort;   /* rms of the command while held */
+    double peak;     /* of the command */
+};
+/* By what the controller believes. */
+struct mk_control_gain {
+    const char *setup; /* static */
+    int runs;
+    struct mk_control_figures given, refit, extended;
+};
+#define MK_MAX_CONTROL_GAINS 2
+
 struct mk_explain_options {
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
-    double most_s;   /* of data to search in, evenly from the logs; 0: 60 s; HUGE_VAL: all. The time
+    double most_s;   /* of data to search in, evenly from the logs; 0: 30 s; HUGE_VAL: all. The time
                         that a search takes grows with it. */
     mk_progress_fn progress;
     void *progress_context;
@@ -82,6 +111,8 @@ struct mk_explanation {
                                              consists of */
     int rival_count;
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
+    bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain
+                          a part */
     char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
 
     /* extended: what to use from now on. With the causes in it if `offered`; else, because they
@@ -104,12 +135,21 @@ struct mk_explanation {
     bool held_back;   /* no hold-out logs were given: the end of the last log was held back */
     double held_from; /* s from its start, where that begins */
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
-    double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
+    double floor[MK_MAX_JOINTS];    /* nrmse on the hold-out; floor: of the readings' own noise */
+    double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int push_count;
     struct mk_push push[MK_MAX_PUSHES];
     double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation, same units */
+    /* One-step predictions of the readings by both models with the process noise that the best one
+     * needs: rms error over its predicted standard deviation, 1 for a right model; 0: not found. */
+    double one_step_refit[MK_MAX_JOINTS], one_step_extended[MK_MAX_JOINTS];
+    int residual_test_count;
+    struct mk_residual_test residual_test[MK_MAX_RESIDUAL_TESTS];
     struct mk_next_experiment next;
+    /* Filled in by who has a virtual board to try controllers on; mk_explain leaves it at 0. */
+    int control_count;
+    struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
     double seconds;
 };
 
@@ -139,6 +179,7 @@ MK_NODISCARD enum mk_status mk_explanation_write_html(const struct mk_explanatio
                                                       const char *path, const struct mk_log *log,
                                                       struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -21,6 +21,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_MAX_FIT_PARAMETERS (MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS)
 #define MK_MAX_FIT_WARNINGS 16
@@ -96,7 +97,11 @@ void mk_model_set_parameter(struct mk_model *model, int index, double value);
 /* Its row: unit, range; name written to `name`. */
 const struct mk_parameter_info *mk_model_parameter_info(const struct mk_model *model, int index,
                                                         char *name, size_t size);
+/* A row's unit as it is in this model: where u_to_torque is not 1, torques are in units of the
+ * command, "u" ("N m s/rad" is "u s/rad"). Static. */
+const char *mk_model_unit(const struct mk_model *model, const char *unit);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

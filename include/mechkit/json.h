@@ -11,6 +11,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 /* A number item; null for NaN and infinities. The caller owns it (or the object it is added to). */
 cJSON *mk_json_number(double value);
@@ -25,6 +26,7 @@ MK_NODISCARD enum mk_status mk_json_write(const char *path, const cJSON *root,
 /* Reads and parses a file; errors carry line and column. The caller frees with cJSON_Delete. */
 MK_NODISCARD enum mk_status mk_json_read(const char *path, cJSON **out, struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

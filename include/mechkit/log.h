@@ -22,6 +22,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 struct mk_log_column {
     char *name;   /* as in the header line, blanks trimmed */
@@ -109,6 +110,7 @@ MK_NODISCARD enum mk_status mk_log_writer_note(struct mk_log_writer *w, const ch
 /* Flushes, fsyncs and frees. Frees also on failure. NULL allowed. */
 enum mk_status mk_log_writer_close(struct mk_log_writer *w, struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -27,6 +27,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_LOOP_RATE_MIN_HZ 100.0
 #define MK_LOOP_RATE_MAX_HZ 2000.0
@@ -66,6 +67,9 @@ struct mk_loop_config {
     /* Every sample (struct mk_sample) is pushed here too, for somebody who watches; what does not
      * fit is left out. NULL: nobody. Kept, not owned. */
     struct mk_ring *tap;
+    /* The board's clock makes the ticks, where the board can (mk_board_ops.stream); the period must
+     * be whole microseconds. After a fault, for the rest of the log, the host's does. */
+    bool stream;
 };
 void mk_loop_config_default(const struct mk_model *model, struct mk_loop_config *out);
 
@@ -91,7 +95,7 @@ struct mk_loop_snapshot {
 
 struct mk_loop;
 
-/* Keeps board and ctrl (not owned). MK_ERR_RANGE (rate), MK_ERR_NOMEM. */
+/* Keeps board and ctrl (not owned). MK_ERR_RANGE (rate), MK_ERR_NOTSUP (stream), MK_ERR_NOMEM. */
 MK_NODISCARD enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
                                            const struct mk_loop_config *config,
                                            struct mk_loop **out, struct mk_error *err);
@@ -128,6 +132,7 @@ void mk_loop_estop(struct mk_loop *loop);
 /* Clears a latched fault. */
 void mk_loop_acknowledge(struct mk_loop *loop);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -16,6 +16,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_MAX_QUANTITIES 12
 #define MK_MAX_RUNS 400
@@ -75,6 +76,7 @@ MK_NODISCARD enum mk_status mk_measure(const char *kind, const struct mk_model *
                                        const struct mk_measure_options *options,
                                        struct mk_measurement *out, struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -22,6 +22,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_MAX_JOINTS 2
 #define MK_MAX_INPUTS 2
@@ -246,6 +247,7 @@ void mk_model_jacobian(const struct mk_model *model, double t, const double *x, 
                        double *dfdx, double *dfdu, double *dfdp);
 int mk_model_parameter_count(const struct mk_model *model); /* base + effects */
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

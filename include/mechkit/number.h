@@ -9,6 +9,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_NUMBER_MAX 32 /* bytes that any double needs as text, with the terminating NUL */
 
@@ -25,6 +26,7 @@ bool mk_parse_double(const char *begin, const char *end, double *value);
 /* As mk_parse_double for a NUL-terminated text. */
 bool mk_parse_double_z(const char *text, double *value);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -15,6 +15,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_COUNTER_BITS 24 /* the counters wrap at +-2^23 */
 
@@ -55,6 +56,7 @@ double mk_rig_time(const struct mk_rig *rig);
 const double *mk_rig_state(const struct mk_rig *rig);
 const struct mk_model *mk_rig_model(const struct mk_rig *rig);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -15,6 +15,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 struct mk_ring;
 
@@ -30,6 +31,7 @@ bool mk_ring_pop(struct mk_ring *ring, void *record);        /* RT; reader only;
 size_t mk_ring_count(const struct mk_ring *ring);    /* RT; a snapshot, exact for either side */
 size_t mk_ring_capacity(const struct mk_ring *ring); /* RT */
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -11,6 +11,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_FAULT_LIST(X)                                                                           \
     X(NONE, "none", "no fault")                                                                    \
@@ -88,6 +89,7 @@ enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost);
 enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const double *rest,
                                    const bool *is_wheel);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -16,6 +16,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 struct mk_signal;
 
@@ -29,6 +30,7 @@ const char *mk_signal_text(const struct mk_signal *signal);
 /* Last time of a sampled signal, INFINITY for an expression. */
 double mk_signal_duration(const struct mk_signal *signal);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -20,6 +20,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 #define MK_CUTOFF_HZ 10.0 /* of the report, chapter 3 */
 
@@ -90,6 +91,7 @@ MK_NODISCARD enum mk_status mk_average_runs(const struct mk_model *model,
                                             struct mk_repeats **out, struct mk_error *err);
 void mk_repeats_free(struct mk_repeats *repeats); /* NULL allowed */
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -19,6 +19,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 enum mk_solver {
     MK_SOLVER_DEFAULT, /* ARKODE's explicit method: over short samples it beat the multistep ones */
@@ -113,6 +114,10 @@ struct mk_record {
     const double *t;                /* s, borrowed from the log */
     const double *q[MK_MAX_JOINTS]; /* rad; NaN where a sample was dropped */
     const double *u[MK_MAX_INPUTS]; /* commands; u[1] NULL with one motor */
+    const double *late_us;          /* how late each exchange was; NULL: the log does not say, or
+                                       the board's own clock made the samples, on time */
+    bool board_clock;               /* it did */
+    const double *flags;            /* as of mechkit/loop.h; NULL: the log has none */
     double u_to_torque;             /* 1 when the log has tau */
     bool si;                        /* the log has tau */
 };
@@ -148,6 +153,7 @@ MK_NODISCARD enum mk_status mk_predict(const struct mk_model *model, const struc
                                        struct mk_log **out, struct mk_predict_figures *figures,
                                        size_t *failed, struct mk_error *err);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

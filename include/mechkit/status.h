@@ -15,6 +15,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 /* One list gives the enumerator, its name and its text. Codes are part of the ABI: append only. */
 #define MK_STATUS_LIST(X)                                                                          \
@@ -88,6 +89,7 @@ enum mk_status mk_error_errno(struct mk_error *err, int os_errno, const char *fi
 /* "FILE:LINE:COLUMN: message", leaving out what is not known. Returns buf. */
 char *mk_error_format(const struct mk_error *err, char *buf, size_t size);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

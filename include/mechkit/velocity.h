@@ -14,6 +14,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
 
 enum mk_velocity_kind {
     MK_VELOCITY_FILTER,
@@ -49,6 +50,7 @@ void mk_velocity_reset(struct mk_velocity *est);
  * speed; est->q and est->v hold the estimates at this sample. */
 double mk_velocity_step(struct mk_velocity *est, double q);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

@@ -121,6 +121,10 @@ static enum mk_status do_model(struct session *s, int argc, char **argv, struct 
     (void)argc;
     if (s->running)
         return mk_error_set(err, MK_ERR_STATE, "halt first");
+    if (s->options.keep_model && s->options.model) {
+        session_say(s, "model %s is left aside: --model %s", argv[0], s->options.model);
+        return MK_OK;
+    }
     char path[SESSION_PATH];
     return session_load_model(s, session_find(s, argv[0], path, sizeof path), false, err);
 }

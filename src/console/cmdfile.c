@@ -212,7 +212,13 @@ static void read_file(struct reader *r, const char *path, const char *from, int 
         return;
     }
     r->depth++;
+    errno = 0;
     read_lines(r, in, strcmp(path, "-") == 0 ? "standard input" : path);
+    if (ferror(in)) { /* a directory, a broken disk */
+        struct mk_error err = MK_ERROR_INIT;
+        mk_error_errno(&err, errno ? errno : EIO, path, "cannot read");
+        complain(r, &err);
+    }
     r->depth--;
     if (in != stdin)
         fclose(in);

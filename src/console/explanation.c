@@ -5,7 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static void print_cause(FILE *out, const struct mk_cause *c)
+static void print_cause(FILE *out, const struct mk_model *model, const struct mk_cause *c)
 {
     fprintf(out, "  %s", c->effect->name);
     if (c->joint > 0)
@@ -16,7 +16,7 @@ static void print_cause(FILE *out, const struct mk_cause *c)
         if (isfinite(c->std_error[k]))
             fprintf(out, " +- %.2g", c->std_error[k]);
         if (c->effect->parameter[k].unit[0])
-            fprintf(out, " %s", c->effect->parameter[k].unit);
+            fprintf(out, " %s", mk_model_unit(model, c->effect->parameter[k].unit));
     }
     fprintf(out, "\n    evidence: BIC %.0f better with it than without; confidence %.3f\n",
             c->delta_bic, c->confidence);
@@ -38,6 +38,55 @@ static void print_rivals(FILE *out, const struct mk_explanation *e)
     }
 }
 
+/* Of the whiteness tests, the one that says most against. */
+static void print_one_step(FILE *out, const struct mk_explanation *e)
+{
+    double p = 1.0;
+    for (int i = 0; i < e->residual_test_count; i++)
+        p = fmin(p, e->residual_test[i].p_after);
+    p = fmin(1.0, p * e->residual_test_count); /* Bonferroni */
+    if (e->residual_test_count == 0)
+        return;
+    fprintf(out, "One-step predictions, error over what is expected of a right model:\n ");
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        fprintf(out, "%s q%d refitted %.3g, extended %.3g", j ? ";" : "", j + 1,
+                e->one_step_refit[j], e->one_step_extended[j]);
+    fprintf(out,
+            p > 0.01 ? "; what is left is white and goes with nothing (p %.2g)\n"
+                     : "; what is left is not white noise (p %.1g)\n",
+            p);
+}
+
+/* A line a setup; a belief that held in no run has no figures. */
+static void print_control(FILE *out, const struct mk_explanation *e)
+{
+    if (e->control_count > 0)
+        fprintf(out,
+                "In control, on a virtual rig that is the extended model (believing the given, "
+                "refitted, extended one):\n");
+    for (int i = 0; i < e->control_count; i++) {
+        const struct mk_control_gain *c = &e->control[i];
+        const struct mk_control_figures *f[] = {&c->given, &c->refit, &c->extended};
+        bool tracks = isnan(f[0]->off) && isnan(f[1]->off) && isnan(f[2]->off);
+        fprintf(out, "  %s: held %.0f, %.0f, %.0f of %d; %s", c->setup, f[0]->held * c->runs,
+                f[1]->held * c->runs, f[2]->held * c->runs, c->runs,
+                tracks ? "speed error" : "sway");
+        for (int k = 0; k < 3; k++)
+            fprintf(out, " %.3g%s", tracks ? f[k]->error : 1e3 * f[k]->error, k < 2 ? "," : "");
+        fprintf(out, tracks ? " rad/s; rms command" : " mrad; rms command");
+        for (int k = 0; k < 3; k++)
+            fprintf(out, " %.3g%s", f[k]->effort, k < 2 ? "," : "\n");
+    }
+}
+
+static void print_declined(FILE *out, const struct mk_explanation *e)
+{
+    fprintf(out, "  The extension found is not offered: it would leave");
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        fprintf(out, "%s %.4g", j ? "," : "", e->declined[j]);
+    fprintf(out, ".\n");
+}
+
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
     static const char *const sentences[] = {
@@ -45,12 +94,16 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         "Only values of parameters were wrong; the structure of the model is right.",
         "Something is missing in the model:",
         "Something is missing in the model that no known effect explains:"};
-    fprintf(out, "%s\n", sentences[e->verdict]);
+    fprintf(
+        out, "%s\n",
+        e->verdict == MK_VERDICT_UNKNOWN && e->partly_named
+            ? "Known effects explain a part of what is missing in the model; the rest has no name:"
+            : sentences[e->verdict]);
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
     if (e->verdict == MK_VERDICT_EFFECT)
         for (int i = 0; i < e->cause_count; i++)
-            print_cause(out, &e->cause[i]);
+            print_cause(out, &e->given, &e->cause[i]);
     print_rivals(out, e);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
@@ -68,8 +121,9 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);
     else if (e->cause_count > 0)
-        fprintf(out,
-                "  It predicts no better than the refitted model there, and is not offered.\n");
+        print_declined(out, e);
+    print_control(out, e);
+    print_one_step(out, e);
     if (e->next.why[0])
         fprintf(out, "Next: %s\n", e->next.why);
     fprintf(out, "%.1f s\n", e->seconds);

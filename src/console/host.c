@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/statvfs.h>
+#include <unistd.h>
 
 #include "console/cmd.h"
 #include "console/cmdfile.h"
@@ -103,7 +104,8 @@ static void on_file_error(void *user, const struct mk_error *err)
 static double free_megabytes(const struct session *s)
 {
     struct statvfs v;
-    if (statvfs(s->options.out ? s->options.out : ".", &v) != 0)
+    const char *folder = s->options.out ? s->options.out : ".";
+    if (access(folder, W_OK) != 0 || statvfs(folder, &v) != 0)
         return -1.0;
     return (double)v.f_bavail * (double)v.f_frsize / 1e6;
 }
@@ -240,12 +242,34 @@ static void watch(struct host *h)
     }
 }
 
+/* The run that has ended; a fault that a full disk kept out of its log is known from the loop. */
+static bool sum_up(struct host *h, struct run_summary *out)
+{
+    struct session *s = &h->session;
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_loop_snapshot snap = {0};
+    if (!s->log_path[0])
+        return false;
+    if (summarise(s->log_path, out, &err) != MK_OK) {
+        report_error(h, &err);
+        return false;
+    }
+    if (s->loop)
+        mk_loop_get_snapshot(s->loop, &snap);
+    if (snap.fault && !out->fault[0]) {
+        snprintf(out->fault, sizeof out->fault, "%s at %.4f s", mk_fault_name(snap.fault),
+                 snap.fault_t);
+        out->balanced_at_end = false;
+    }
+    return true;
+}
+
 static void after_command(struct host *h)
 {
     struct session *s = &h->session;
     struct run_summary summary;
     bool ended = h->was_running && !s->running;
-    bool have = ended && s->log_path[0] && summarise(s->log_path, &summary, NULL) == MK_OK;
+    bool have = ended && sum_up(h, &summary);
     double disk = free_megabytes(s);
     h->was_running = s->running;
     h->looks = 0;

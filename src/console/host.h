@@ -45,7 +45,7 @@ struct host_status {
     char doing[80];                 /* command under way; "": none */
     double progress;                /* 0..1 of a calculation; < 0: none */
     char progress_what[40];
-    double disk_free_mb; /* where logs go; < 0: unknown */
+    double disk_free_mb; /* where logs go; < 0: none can be written */
     uint64_t commands;   /* executed so far */
     bool quit;           /* `quit` was executed */
 };

@@ -140,10 +140,13 @@ static bool resample(const struct mk_log *log, const double *y, double dt, size_
 
 static void put_spectrum(FILE *f, const char *name, const struct mk_spectrum *s)
 {
+    double most = 0.0;
+    for (size_t k = 0; k < s->count; k++)
+        most = fmax(most, s->xx[k]);
     fprintf(f, "%s << EOD\n", name);
     for (size_t k = 0; k < s->count; k++) {
-        /* Where the command explains next to nothing, gain and phase are noise. */
-        bool means = s->coherence[k] > 0.2;
+        /* Where there is no command, or it explains next to nothing, gain and phase are noise. */
+        bool means = s->coherence[k] > 0.2 && s->xx[k] > 1e-7 * most;
         put_value(f, s->f[k]);
         put_value(f, s->xx[k]);
         put_value(f, s->yy[k]);

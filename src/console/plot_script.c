@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "console/gnuplot.h"
 #include "console/plot_data.h"
 #include "mechkit/ctrl.h"
 #include "mechkit/model.h"
@@ -19,44 +20,13 @@ struct layout {
 
 /* --- pieces ------------------------------------------------------------------------------ */
 
-static bool ends_with(const char *text, const char *end)
-{
-    size_t n = strlen(text), m = strlen(end);
-    return n >= m && strcmp(text + n - m, end) == 0;
-}
-
-/* Text in a single-quoted gnuplot string: quotes doubled, control characters gone. */
-static void quote(FILE *f, const char *text)
-{
-    fputc('\'', f);
-    for (; *text; text++) {
-        if (*text == '\'')
-            fputc('\'', f);
-        fputc((unsigned char)*text < ' ' ? ' ' : *text, f);
-    }
-    fputc('\'', f);
-}
-
 static void put_terminal(const struct layout *l)
 {
     const struct plot *p = l->p;
-    if (!p->out)
-        fprintf(l->f, "set terminal dumb noenhanced size %d,%d\n", p->width - 1, p->height);
-    else if (ends_with(p->out, ".png"))
-        fprintf(l->f,
-                "set terminal pngcairo noenhanced size %d,%d font 'DejaVu Sans,11' background "
-                "'#ffffff'\n",
-                p->width, p->height);
+    if (p->out)
+        gnuplot_picture(l->f, p->out, p->width, p->height);
     else
-        fprintf(l->f,
-                "set terminal svg noenhanced size %d,%d dynamic font 'DejaVu Sans,12' background "
-                "'#ffffff'\n",
-                p->width, p->height);
-    if (p->out) {
-        fputs("set output ", l->f);
-        quote(l->f, p->out);
-        fputc('\n', l->f);
-    }
+        fprintf(l->f, "set terminal dumb noenhanced size %d,%d\n", p->width - 1, p->height);
 }
 
 /* Colours that most eyes tell apart: Okabe and Ito. */
@@ -80,6 +50,8 @@ static void put_title(const struct layout *l)
     const struct mk_log *log = l->p->logs[0];
     const char *rig = mk_log_find_meta(log, "rig"), *setup = mk_log_find_meta(log, "setup");
     char title[200];
+    if (setup && rig && strcmp(setup, rig) == 0)
+        setup = NULL; /* "furuta", not "furuta on a furuta" */
     if (l->p->count > 1)
         snprintf(title, sizeof title, "%d runs%s%s", l->p->count, rig ? " on a " : "",
                  rig ? rig : "");
@@ -89,7 +61,7 @@ static void put_title(const struct layout *l)
     if (!l->p->out)
         return;
     fputs("set multiplot title ", l->f);
-    quote(l->f, l->p->title ? l->p->title : title[0] ? title : l->p->names[0]);
+    gnuplot_quote(l->f, l->p->title ? l->p->title : title[0] ? title : l->p->names[0]);
     fputs(" font ',14'\n", l->f);
 }
 
@@ -108,7 +80,7 @@ static void put_curves(const struct layout *l, const char *block, int x, int y, 
     for (int i = 0; i < l->p->count; i++) {
         fprintf(l->f, "%s%s%d using %d:%d with %s ls %d title ", i ? ", " : "", block, i, x, y,
                 with, (first + i - 1) % PLOT_MAX_LOGS + 1);
-        quote(l->f, l->p->names[i]);
+        gnuplot_quote(l->f, l->p->names[i]);
     }
 }
 
@@ -119,7 +91,9 @@ static void mark_hand_over(const struct layout *l, bool label)
     fprintf(l->f, "set arrow 1 from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 21\n",
             l->caught, l->caught);
     if (label)
-        fprintf(l->f, "set label 1 ' caught at %.2f s' at first %.6g, graph 0.94 font ',9'\n",
+        fprintf(l->f,
+                "set label 1 'caught at %.2f s' at first %.6g, graph 0.94 offset character 1,0 "
+                "font ',9'\n",
                 l->caught, l->caught);
     else
         fputs("unset label 1\n", l->f);
@@ -156,8 +130,29 @@ static void put_difference(const struct layout *l)
     fputc('\n', l->f);
 }
 
+/* Tics that leave room for their numbers under a narrow panel: five or so. */
+static void put_few_tics(const struct layout *l, int j)
+{
+    const double *q = mk_log_get(l->p->logs[0], j ? "q2" : "q1");
+    double low = INFINITY, high = -INFINITY;
+    for (size_t r = 0; r < l->p->logs[0]->rows; r++) {
+        low = fmin(low, q[r]);
+        high = fmax(high, q[r]);
+    }
+    double rough = (high - low) / 5.0;
+    if (!l->p->out || !(rough > 0.0) || isinf(rough))
+        return;
+    double power = pow(10.0, floor(log10(rough))), lead = rough / power;
+    fprintf(l->f, "set xtics %g\n",
+            power * (lead < 1.5   ? 1
+                     : lead < 3.5 ? 2
+                     : lead < 7.5 ? 5
+                                  : 10));
+}
+
 static void put_phase_plane(const struct layout *l, int j)
 {
+    put_few_tics(l, j);
     fprintf(l->f, "set xlabel 'q%d [rad]'\nset ylabel 'dq%d [rad/s]'\n", j + 1, j + 1);
     put_curves(l, "$log", PLOT_Q1 + j, PLOT_DQ1 + j, "lines", l->p->count > 1 ? 1 : 1 + j);
     if (!isnan(l->caught))
@@ -167,7 +162,7 @@ static void put_phase_plane(const struct layout *l, int j)
     if (l->p->with)
         fprintf(l->f, ", $with using %d:%d with lines ls 20 title 'model'", PLOT_Q1 + j,
                 PLOT_DQ1 + j);
-    fputs("\nunset xlabel\n", l->f);
+    fputs("\nunset xlabel\nset xtics autofreq\n", l->f);
 }
 
 /* --- whole plots ------------------------------------------------------------------------- */

@@ -5,8 +5,10 @@
 #include <string.h>
 
 #include "base/random.h"
+#include "ctrl/equilibrium.h"
 #include "mechkit/board.h"
 #include "mechkit/loop.h"
+#include "mechkit/rig.h"
 
 #define STILL_RAD 0.1  /* tilt beyond this while held is not balancing */
 #define SETTLING_S 1.0 /* after the catch */
@@ -43,12 +45,17 @@ const char *trial_end_name(enum trial_end end)
     return "?";
 }
 
-double trial_tilt(enum mk_plant_kind plant, const double *q)
+static double signed_tilt(enum mk_plant_kind plant, const double *q)
 {
     double angle = plant == MK_PLANT_PENDUBOT         ? q[0] + q[1] - 0.5 * M_PI
                    : plant == MK_PLANT_REACTION_WHEEL ? q[0] - M_PI
                                                       : q[1];
-    return fabs(remainder(angle, 2.0 * M_PI));
+    return remainder(angle, 2.0 * M_PI);
+}
+
+double trial_tilt(enum mk_plant_kind plant, const double *q)
+{
+    return fabs(signed_tilt(plant, q));
 }
 
 static double off_by(struct mk_random *random, double share)
@@ -89,14 +96,84 @@ enum mk_status trial_rig(const struct mk_model *believed, const struct trial_spr
     return st == MK_OK ? mk_model_check(out, err) : st;
 }
 
+enum mk_status trial_change(const struct trial_spread *spread, struct mk_ctrl *ctrl,
+                            struct mk_error *err)
+{
+    for (int i = 0; i < spread->change_count; i++) {
+        const struct trial_change *c = &spread->change[i];
+        enum mk_status st = mk_ctrl_check(ctrl->ops, c->index, c->value, err);
+        if (st != MK_OK)
+            return st;
+        ctrl->value[c->index] = c->value;
+    }
+    if (spread->change_count > 0 && ctrl->ops->changed)
+        ctrl->ops->changed(ctrl);
+    return MK_OK;
+}
+
+enum mk_status trial_hang(const struct mk_model *model, struct mk_model *rig, double *start_rad,
+                          struct mk_error *err)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    double q[MK_MAX_JOINTS], u;
+    *rig = *model;
+    if (!mk_nearest_equilibrium(model, plant->rest, false, q, &u))
+        return mk_error_set(err, MK_ERR_NUMERIC, "this %s hangs nowhere near straight down",
+                            plant->name);
+    enum mk_status st = MK_OK;
+    for (int j = 0; j < plant->joints; j++) {
+        start_rad[j] = q[j] - plant->rest[j];
+        if (st == MK_OK && fabs(start_rad[j]) > 1e-9)
+            st = add_effect(rig, "encoder-offset", j + 1, start_rad[j], err);
+    }
+    return st;
+}
+
+/* Sums for figures of what is held. */
+struct held {
+    double samples, tilt, tilt2, off2, u2, track2;
+};
+
 /* What the samples of a run add up to. */
 struct watch {
     struct trial *trial;
     const double *rest;
+    const double *equilibrium;
+    struct mk_board *board;
+    struct held held;
     double catch_s, hold_s;
+    bool tracks; /* a speed: there is nothing to catch */
     bool balancing, caught;
     double since_s; /* of the present catch */
 };
+
+static void add_held(struct watch *w, const struct mk_sample *s)
+{
+    const double *q = mk_rig_state(mk_board_virtual_rig(w->board));
+    enum mk_plant_kind plant = w->trial->rig.plant;
+    double tilt = signed_tilt(plant, q), off = q[0] - w->equilibrium[0];
+    struct held *h = &w->held;
+    h->samples += 1.0;
+    h->tilt += tilt;
+    h->tilt2 += tilt * tilt;
+    h->off2 += plant == MK_PLANT_REACTION_WHEEL ? tilt * tilt : off * off;
+    h->u2 += s->u * s->u;
+}
+
+static void note_held(const struct watch *w, struct trial *t)
+{
+    const struct held *h = &w->held;
+    if (h->samples < 1.0)
+        return;
+    t->effort = sqrt(h->u2 / h->samples);
+    if (w->tracks) {
+        t->track_radps = sqrt(h->track2 / h->samples);
+        return;
+    }
+    double mean = h->tilt / h->samples;
+    t->sway_rad = sqrt(fmax(h->tilt2 / h->samples - mean * mean, 0.0));
+    t->off_rad = sqrt(h->off2 / h->samples);
+}
 
 static void note_extremes(struct watch *w, const struct mk_sample *s)
 {
@@ -105,6 +182,17 @@ static void note_extremes(struct watch *w, const struct mk_sample *s)
     t->travel_rad = fmax(t->travel_rad, fabs(s->q[0] - w->rest[0]));
     if (w->balancing && s->t >= w->since_s + SETTLING_S)
         t->tilt_rad = fmax(t->tilt_rad, trial_tilt(t->rig.plant, s->q));
+    if (w->balancing && s->t >= w->since_s + SETTLING_S)
+        add_held(w, s);
+}
+
+static bool tracked(struct watch *w, const struct mk_sample *s)
+{
+    double error = mk_rig_state(mk_board_virtual_rig(w->board))[1] - s->ref;
+    w->held.samples += 1.0;
+    w->held.track2 += isfinite(error) ? error * error : 0.0;
+    w->held.u2 += s->u * s->u;
+    return s->t >= w->hold_s;
 }
 
 /* True when the run can end: held for long enough, or no more chance of it. */
@@ -113,9 +201,14 @@ static bool decided(const struct mk_loop_snapshot *snap, void *user)
     struct watch *w = user;
     const struct mk_sample *s = &snap->sample;
     bool balancing = s->phase == MK_PHASE_BALANCE;
+    if (w->tracks) {
+        note_extremes(w, s);
+        return tracked(w, s);
+    }
     if (balancing && !w->balancing) {
         w->since_s = s->t;
         w->trial->tilt_rad = 0.0;
+        w->held = (struct held){0};
     }
     w->trial->falls += w->balancing && !balancing;
     w->caught = w->caught || balancing;
@@ -134,6 +227,8 @@ static void judge(const struct watch *w, const struct mk_loop_snapshot *last, st
         t->end = TRIAL_FAULT;
         snprintf(t->fault, sizeof t->fault, "%s, joint %d, at %.2f s", mk_fault_name(last->fault),
                  last->fault_joint, last->fault_t);
+    } else if (w->tracks) {
+        t->end = TRIAL_HELD;
     } else if (!held) {
         t->end = w->caught ? TRIAL_FELL : TRIAL_NEVER_CAUGHT;
     } else {
@@ -143,22 +238,24 @@ static void judge(const struct watch *w, const struct mk_loop_snapshot *last, st
 }
 
 /* Runs until it is decided. Time over, condition not met and faults are outcomes. */
-static enum mk_status run_loop(struct mk_board *board, struct mk_ctrl *ctrl, struct watch *w,
-                               const struct trial_spread *spread, struct mk_error *err)
+static enum mk_status run_loop(struct mk_ctrl *ctrl, struct watch *w, double rate_hz,
+                               struct mk_error *err)
 {
     struct mk_loop_config config;
     struct mk_loop *loop = NULL;
     mk_loop_config_default(&ctrl->model, &config);
-    config.rate_hz = spread->rate_hz;
-    mk_safety_default(&ctrl->model, 1.0 / spread->rate_hz, &config.limits);
-    enum mk_status st = mk_loop_create(board, ctrl, &config, &loop, err);
+    config.rate_hz = rate_hz;
+    mk_safety_default(&ctrl->model, 1.0 / rate_hz, &config.limits);
+    enum mk_status st = mk_loop_create(w->board, ctrl, &config, &loop, err);
     if (st == MK_OK)
         st = mk_loop_start(loop, NULL, NULL, 0, err);
-    if (st == MK_OK) {
+    if (st == MK_OK || st == MK_ERR_FAULT) { /* links that do not hang still are an outcome too */
         struct mk_loop_snapshot last;
-        st = mk_loop_wait(loop, w->catch_s + w->hold_s + 1.0, decided, w, NULL, err);
+        if (st == MK_OK)
+            st = mk_loop_wait(loop, w->catch_s + w->hold_s + 1.0, decided, w, NULL, err);
         mk_loop_get_snapshot(loop, &last);
         judge(w, &last, w->trial);
+        note_held(w, w->trial);
         if (st == MK_ERR_TIMEOUT || st == MK_ERR_FAULT)
             st = MK_OK;
     }
@@ -166,31 +263,52 @@ static enum mk_status run_loop(struct mk_board *board, struct mk_ctrl *ctrl, str
     return st;
 }
 
+enum mk_status trial_run_on(struct mk_ctrl *ctrl, const struct trial_setting *setting,
+                            struct trial *out, struct mk_error *err)
+{
+    memset(out, 0, sizeof *out);
+    out->seed = setting->seed;
+    out->rig = *setting->rig;
+    out->caught_s = out->sway_rad = out->off_rad = out->effort = out->track_radps = NAN;
+    struct mk_clock clock;
+    mk_clock_init_simulated(&clock);
+    struct mk_board_config config = {.model = setting->rig,
+                                     .clock = &clock,
+                                     .seed = setting->seed,
+                                     .count_noise = setting->count_noise};
+    memcpy(config.start, setting->start_rad, sizeof config.start);
+    struct watch watch = {.trial = out,
+                          .rest = mk_plant(setting->rig->plant)->rest,
+                          .equilibrium = ctrl->equilibrium,
+                          .tracks = !ctrl->balances,
+                          .catch_s = setting->catch_s,
+                          .hold_s = setting->hold_s};
+    enum mk_status st =
+        mk_board_open(mk_board_backend_by_name("virtual"), &config, &watch.board, err);
+    if (st == MK_OK)
+        st = run_loop(ctrl, &watch, setting->rate_hz, err);
+    mk_board_close(watch.board);
+    return st;
+}
+
 enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model *believed,
                          const struct trial_spread *spread, uint64_t seed, struct trial *out,
                          struct mk_error *err)
 {
-    memset(out, 0, sizeof *out);
-    out->seed = seed;
-    out->caught_s = NAN;
-    struct watch watch = {.trial = out,
-                          .rest = mk_plant(believed->plant)->rest,
-                          .catch_s = seed ? spread->catch_s : NOMINAL_CATCH_S,
-                          .hold_s = seed ? spread->hold_s : NOMINAL_HOLD_S};
-    struct mk_clock clock;
-    struct mk_board *board = NULL;
+    struct mk_model rig;
     struct mk_ctrl *ctrl = NULL;
-    mk_clock_init_simulated(&clock);
-    enum mk_status st = trial_rig(believed, spread, seed, &out->rig, err);
-    if (st == MK_OK) {
-        struct mk_board_config config = {.model = &out->rig, .clock = &clock, .seed = seed};
-        st = mk_board_open(mk_board_backend_by_name("virtual"), &config, &board, err);
-    }
+    struct trial_setting setting = {.rig = &rig,
+                                    .rate_hz = spread->rate_hz,
+                                    .catch_s = seed ? spread->catch_s : NOMINAL_CATCH_S,
+                                    .hold_s = seed ? spread->hold_s : NOMINAL_HOLD_S,
+                                    .seed = seed};
+    enum mk_status st = trial_rig(believed, spread, seed, &rig, err);
     if (st == MK_OK)
         st = mk_ctrl_create(setup, believed, 1.0 / spread->rate_hz, NULL, &ctrl, err);
     if (st == MK_OK)
-        st = run_loop(board, ctrl, &watch, spread, err);
+        st = trial_change(spread, ctrl, err);
+    if (st == MK_OK)
+        st = trial_run_on(ctrl, &setting, out, err);
     mk_ctrl_destroy(ctrl);
-    mk_board_close(board);
     return st;
 }

@@ -9,6 +9,12 @@
 #include "mechkit/ctrl.h"
 #include "mechkit/model.h"
 
+/* A parameter of the setup that is not what the setup gives it. */
+struct trial_change {
+    int index;
+    double value;
+};
+
 struct trial_spread {
     double parameters;    /* plant parameters are off by up to this share */
     double friction;      /* and the friction of the motor joint by up to this */
@@ -16,6 +22,8 @@ struct trial_spread {
     int delay_samples;    /* more than the board's own */
     double rate_hz;
     double catch_s, hold_s; /* caught within, then held for */
+    int change_count;
+    struct trial_change change[MK_CTRL_MAX_PARAMS];
 };
 void trial_spread_default(struct trial_spread *out);
 
@@ -31,8 +39,27 @@ struct trial {
     double u_peak;   /* command units */
     double tilt_rad; /* largest tilt of the upright link while held, from 1 s after the catch */
     double travel_rad;
-    char fault[64]; /* "": none */
+    /* While held, from 1 s after the catch, of the true motion; NAN: never for so long. */
+    double sway_rad; /* rms of the upright link about its own mean */
+    double off_rad;  /* rms of joint 1 from where the textbook plant would be held; of the wheel's
+                        pendulum the same as its tilt */
+    double effort;   /* rms of the command; of a setup that tracks over all of the run */
+    double track_radps; /* rms error of such a setup's speed; NAN: it balances */
+    char fault[64];     /* "": none */
 };
+
+/* A run on a rig that need not be what the controller believes. */
+struct trial_setting {
+    const struct mk_model *rig;
+    double rate_hz, catch_s, hold_s;
+    double start_rad[MK_MAX_JOINTS]; /* from hanging rest */
+    double count_noise;              /* standard deviation, counts */
+    uint64_t seed;                   /* of that */
+};
+
+/* Puts the changes into a controller. MK_ERR_RANGE names the parameter. */
+MK_NODISCARD enum mk_status trial_change(const struct trial_spread *spread, struct mk_ctrl *ctrl,
+                                         struct mk_error *err);
 
 /* The upright link's angle from the upward vertical. */
 double trial_tilt(enum mk_plant_kind plant, const double *q);
@@ -47,5 +74,16 @@ MK_NODISCARD enum mk_status trial_run(const struct mk_ctrl_ops *setup,
                                       const struct mk_model *believed,
                                       const struct trial_spread *spread, uint64_t seed,
                                       struct trial *out, struct mk_error *err);
+
+/* One run of a controller, which goes through it from its reset; for `hold_s` if it does not
+ * balance. */
+MK_NODISCARD enum mk_status trial_run_on(struct mk_ctrl *ctrl, const struct trial_setting *setting,
+                                         struct trial *out, struct mk_error *err);
+
+/* The model's angles count from the vertical, the counters from where the links hang: where effects
+ * such as a tilted base or a cable make these two, the rig gets encoder offsets for the difference
+ * and starts where it hangs. MK_ERR_NUMERIC when it hangs nowhere near. */
+MK_NODISCARD enum mk_status trial_hang(const struct mk_model *model, struct mk_model *rig,
+                                       double *start_rad, struct mk_error *err);
 
 #endif

@@ -26,9 +26,11 @@ struct session_options {
     const char *board;   /* name of the back end; NULL: virtual */
     const char *device;  /* NULL: the first */
     const char *model;   /* file; NULL: the setup's rig with default parameters */
+    bool keep_model;     /* `model` stays, whatever the command `model` says */
     const char *believe; /* file; NULL: the model */
     const char *out;     /* directory for logs; NULL: the current one */
     bool fast;
+    bool stream;    /* the board's clock makes the samples */
     double rate_hz; /* 0: default */
     uint64_t seed;
     volatile int *cancel; /* enum session_cancel, set from outside; may be NULL */

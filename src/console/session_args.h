@@ -1,23 +1,27 @@
-/* Options that `run` and `console` share. */
+/* Options that `run` and `console` share, for a struct options with a `session`. */
 #ifndef MECHKIT_CONSOLE_SESSION_ARGS_H
 #define MECHKIT_CONSOLE_SESSION_ARGS_H
 
-#include <getopt.h>
-
+#include "console/options.h"
 #include "console/session.h"
 
-/* Rows of getopt_long's table. */
+/* Rows of a table; `model` and `fast` say what these two mean here. */
 /* clang-format off */
-#define SESSION_ARGS                                                                               \
-    {"board", required_argument, NULL, 'b'}, {"device", required_argument, NULL, 'd'},             \
-    {"model", required_argument, NULL, 'm'}, {"believe", required_argument, NULL, 'B'},            \
-    {"out", required_argument, NULL, 'o'}, {"rate", required_argument, NULL, 'r'},                 \
-    {"seed", required_argument, NULL, 's'}, {"fast", no_argument, NULL, 'f'}
+#define SESSION_OPTIONS(model_help, fast_help)                                                     \
+    {"board", OPTION_TEXT(session.board), "NAME",                                                  \
+     "virtual (default), usb, parport (docs/boards.md), null"},                                    \
+    {"device", OPTION_TEXT(session.device), "NAME", "which board, when there are several"},        \
+    {"model", OPTION_TEXT(session.model), "M.ini", model_help},                                    \
+    {"believe", OPTION_TEXT(session.believe), "M.ini",                                             \
+     "what the controller believes; default: the same model"},                                     \
+    {"fast", OPTION_FLAG(session.fast), NULL, fast_help},                                          \
+    {"out", OPTION_TEXT(session.out), "DIR",                                                       \
+     "where logs go; made if missing; default: the current directory"},                            \
+    {"rate", OPTION_NUMBER(session.rate_hz), "HZ",                                                 \
+     "samples per second, 100 .. 2000; default 500", MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ},    \
+    {"stream", OPTION_FLAG(session.stream), NULL,                                                  \
+     "samples by the board's clock (docs/boards.md)"},                                             \
+    {"seed", OPTION_SEED(session.seed), "N", "of the virtual rig's noise; default 1", 0, 9e15}
 /* clang-format on */
-
-/* Takes over one of them: true if `c` is one; *code is EXIT_OK, or the exit code of a usage error
- * that has been reported for `command`. */
-bool session_take_arg(const char *command, int c, const char *value, struct session_options *o,
-                      int *code);
 
 #endif

@@ -9,29 +9,26 @@
 /* Exit codes (docs/formats.md). */
 enum { EXIT_OK = 0, EXIT_RUN_FAILED = 1, EXIT_WRONG_USAGE = 2, EXIT_BAD_FILE = 3 };
 
+struct option_row;
+
 struct subcommand {
     const char *name;
     const char *summary;               /* one line for the list */
-    const char *help;                  /* text of `mechkit NAME --help` */
+    const char *synopsis;              /* what follows "mechkit NAME"; a line each way to call it */
+    const char *about;                 /* paragraphs before the options in --help */
+    const struct option_row *options;  /* NULL: none (console/options.h) */
+    const char *notes;                 /* after the options; may be NULL */
+    const char *argument;              /* what an argument without dashes is, as "log" */
+    int least, most;                   /* of them */
     int (*run)(int argc, char **argv); /* argv[0] is the subcommand's name; returns an exit code */
 };
 
-int sub_run(int argc, char **argv);
-int sub_console(int argc, char **argv);
-int sub_simulate(int argc, char **argv);
-int sub_design(int argc, char **argv);
-int sub_summary(int argc, char **argv);
-int sub_plot(int argc, char **argv);
-int sub_robustness(int argc, char **argv);
-int sub_identify(int argc, char **argv);
-int sub_explain(int argc, char **argv);
-int sub_boards(int argc, char **argv);
-int sub_doctor(int argc, char **argv);
-int sub_standalone(int argc, char **argv);
-int sub_excite(int argc, char **argv);
-int sub_measure(int argc, char **argv);
-int sub_export(int argc, char **argv);
-int sub_import(int argc, char **argv);
+/* The subcommands in the order of the list; NULL after the last. */
+const struct subcommand *subcommand_at(int index);
+
+extern const struct subcommand sub_boards, sub_console, sub_design, sub_doctor, sub_excite,
+    sub_explain, sub_export, sub_identify, sub_import, sub_measure, sub_plot, sub_robustness,
+    sub_run, sub_simulate, sub_standalone, sub_summary, sub_sweep;
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */

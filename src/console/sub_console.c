@@ -5,10 +5,10 @@
 #include <time.h>
 
 #include "console/guard.h"
+#include "console/history.h"
 #include "console/host.h"
 #include "console/mark.h"
 #include "console/session_args.h"
-#include "console/sub.h"
 #include "console/tui.h"
 
 #define FRAME_MS 50
@@ -19,41 +19,30 @@ struct options {
     struct session_options session;
 };
 
-static int parse(int argc, char **argv, struct options *o)
-{
-    static const struct option names[] = {SESSION_ARGS,
-                                          {"setup", required_argument, NULL, 'S'},
-                                          {"replay", required_argument, NULL, 'R'},
-                                          {"mono", no_argument, NULL, 'M'},
-                                          {"ascii", no_argument, NULL, 'A'},
-                                          {NULL, 0, NULL, 0}};
-    int c, code;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        if (c == ':')
-            return report_usage("console", "%s needs a value", argv[optind - 1]);
-        if (c == '?')
-            return report_usage("console", "unknown option '%s'", argv[optind - 1]);
-        if (session_take_arg("console", c, optarg, &o->session, &code)) {
-            if (code != EXIT_OK)
-                return code;
-        } else if (c == 'S') {
-            o->setup = optarg;
-        } else if (c == 'R') {
-            o->replay = optarg;
-        } else if (c == 'M') {
-            o->term.mono = true;
-        } else {
-            o->term.ascii = true;
-        }
-    }
-    if (optind + 1 < argc)
-        return report_usage("console", "one command file at a time: '%s' is too much",
-                            argv[optind + 1]);
-    o->script = argv[optind];
-    return EXIT_OK;
-}
+static const struct option_row option_rows[] = {
+    SESSION_OPTIONS("the rig; default: the rig of the setup with the report's parameters",
+                    "virtual board in simulated time, ten times as fast as the clock"),
+    {"setup", OPTION_TEXT(setup), "NAME", "choose this setup at once"},
+    {"replay", OPTION_TEXT(replay), "LOG", "show a log; no board is needed"},
+    {"mono", OPTION_FLAG(term.mono), NULL, "no colours (also with NO_COLOR in the environment)"},
+    {"ascii", OPTION_FLAG(term.ascii), NULL, "no characters beyond ASCII"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_console = {
+    .name = "console",
+    .summary = "the operator's screen",
+    .synopsis = "[SCRIPT.cmd] [options]",
+    .about =
+        "A text screen over a board: setup, start, halt, gains, save, identify, explain. Executes "
+        "the\n"
+        "command file first if there is one. Keys: ? lists them; Space stops the motor at once.",
+    .options = option_rows,
+    .argument = "command file",
+    .most = 1,
+    .run = run,
+};
 
 /* --- the door from the screen to the session ------------------------------------------------- */
 
@@ -213,9 +202,11 @@ static enum mk_status run_screen(const struct options *o, struct host *host, con
     }
     if (st == MK_OK) {
         set_mark(s, o->session.out);
+        history_load(&s->tui.prompt);
         post_first_commands(o, host);
         *why = show_until_end(s);
         host_finish(host);
+        history_save(&s->tui.prompt);
         take_news(s);
         mark_end(&s->mark, *why);
     }
@@ -225,15 +216,17 @@ static enum mk_status run_screen(const struct options *o, struct host *host, con
     return st;
 }
 
-int sub_console(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {.session = {.seed = 1}};
     struct mk_error err = MK_ERROR_INIT;
     struct host *host;
     const char *why = NULL;
-    int code = parse(argc, argv, &o);
+    struct arguments script;
+    int code = options_parse(&sub_console, argc, argv, &o, &script);
     if (code != EXIT_OK)
         return code;
+    o.script = script.count > 0 ? script.text[0] : NULL;
     guard_take_signals();
     enum mk_status st = host_create(&o.session, &host, &err);
     if (st == MK_OK)

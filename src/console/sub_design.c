@@ -1,12 +1,11 @@
 /* mechkit design: linearisation, controllability, gains, poles. */
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "console/linear.h"
-#include "console/sub.h"
+#include "console/options.h"
 #include "mechkit/design.h"
 #include "mechkit/json.h"
 #include "mechkit/model.h"
@@ -28,65 +27,39 @@ struct result {
     bool sampled;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static const struct option_row option_rows[] = {
+    {"model", OPTION_TEXT(model), "M.ini", "the rig", .required = true},
+    {"at", OPTION_TEXT(at), "NAME", "equilibrium, as hanging, mid, top; default: the inverted one"},
+    {"poles", OPTION_TEXT(poles), "LIST", "place the poles, e.g. \"-10 -10 -5+3i -5-3i\""},
+    {"lqr", OPTION_TEXT(lqr), "LIST",
+     "continuous LQR: weights of the states; of u, e.g. \"10 1 10 1; 0.5\""},
+    {"lqrd", OPTION_TEXT(lqrd), "LIST", "the same problem for a command held between samples"},
+    {"delay", OPTION_FLAG(delay), NULL,
+     "with --lqrd: the command acts a sample late; one more gain"},
+    {"gains", OPTION_TEXT(gains), "LIST", "no design: the closed loop of these gains"},
+    {"rate", OPTION_NUMBER(rate), "HZ", "sample rate for --lqrd; default 500",
+     .wants = "samples per second above 0"},
+    {"friction", OPTION_FLAG(friction), NULL,
+     "keep the friction of the motor joint in the linearisation"},
+    {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_design = {
+    .name = "design",
+    .summary = "linearise a rig and compute feedback gains",
+    .synopsis = "--model M.ini [options]",
+    .about = "Prints A and B at an equilibrium, controllability, gains and closed-loop poles. The "
+             "states\n"
+             "come in the order in which the command `gains` takes their gains.",
+    .options = option_rows,
+    .argument = "model",
+    .run = run,
+};
+
+static int check(const struct options *o)
 {
-    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                          {"at", required_argument, NULL, 'a'},
-                                          {"poles", required_argument, NULL, 'p'},
-                                          {"lqr", required_argument, NULL, 'l'},
-                                          {"lqrd", required_argument, NULL, 'd'},
-                                          {"gains", required_argument, NULL, 'g'},
-                                          {"rate", required_argument, NULL, 'r'},
-                                          {"friction", no_argument, NULL, 'f'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {"delay", no_argument, NULL, 'y'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'a':
-            o->at = optarg;
-            break;
-        case 'p':
-            o->poles = optarg;
-            break;
-        case 'l':
-            o->lqr = optarg;
-            break;
-        case 'd':
-            o->lqrd = optarg;
-            break;
-        case 'g':
-            o->gains = optarg;
-            break;
-        case 'r':
-            if (!mk_parse_double_z(optarg, &o->rate) || !(o->rate > 0.0) || !isfinite(o->rate))
-                return report_usage("design", "--rate %s: expected samples per second", optarg);
-            break;
-        case 'f':
-            o->friction = true;
-            break;
-        case 'y':
-            o->delay = true;
-            break;
-        case 'j':
-            o->json = optarg;
-            break;
-        case ':':
-            return report_usage("design", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("design", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (optind < argc)
-        return report_usage("design", "'%s' is too much", argv[optind]);
-    if (!o->model)
-        return report_usage("design", "--model is missing");
     if ((o->poles != NULL) + (o->lqr != NULL) + (o->lqrd != NULL) + (o->gains != NULL) > 1)
         return report_usage("design", "one of --poles, --lqr, --lqrd, --gains at a time");
     if (o->delay && !o->lqrd)
@@ -330,10 +303,13 @@ static enum mk_status write_json(const struct options *o, const struct mk_model 
     return st;
 }
 
-int sub_design(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {.rate = 500.0};
-    int code = parse(argc, argv, &o);
+    struct arguments none;
+    int code = options_parse(&sub_design, argc, argv, &o, &none);
+    if (code == EXIT_OK)
+        code = check(&o);
     if (code != EXIT_OK)
         return code;
     struct mk_model model;

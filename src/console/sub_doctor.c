@@ -1,11 +1,10 @@
 /* mechkit doctor and mechkit boards: what is there, and is it well? */
-#include <getopt.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "console/doctor.h"
-#include "console/sub.h"
+#include "console/options.h"
 
 #define BOARDS_MAX 16
 
@@ -41,10 +40,12 @@ static int list_kind(const struct mk_board_ops *ops)
     return n;
 }
 
-int sub_boards(int argc, char **argv)
+static int run_boards(int argc, char **argv)
 {
-    if (argc > 1)
-        return report_usage("boards", "'%s' is too much", argv[1]);
+    struct arguments none;
+    int code = options_parse(&sub_boards, argc, argv, NULL, &none);
+    if (code != EXIT_OK)
+        return code;
     printf("%-8s %-20s %-18s %-24s %s\n", "--board", "--device", "name", "where", "state");
     const struct mk_board_ops *ops;
     for (int i = 0; (ops = mk_board_backend(i)) != NULL; i++)
@@ -52,12 +53,49 @@ int sub_boards(int argc, char **argv)
     return EXIT_OK;
 }
 
+const struct subcommand sub_boards = {
+    .name = "boards",
+    .summary = "which boards are there, and may they be used",
+    .synopsis = "",
+    .about = "Lists the boards of every kind with what --board and --device take, and what stands "
+             "in the\n"
+             "way of using them. Moves nothing.",
+    .argument = "board",
+    .run = run_boards,
+};
+
 /* --- doctor ------------------------------------------------------------------------------------
  */
 
 struct options {
     const char *board, *device, *model;
     bool drive, hand, fast;
+};
+
+static const struct option_row option_rows[] = {
+    {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
+    {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
+    {"model", OPTION_TEXT(model), "M.ini",
+     "the rig; default: the pendubot with the report's parameters"},
+    {"hand", OPTION_FLAG(hand), NULL,
+     "asks for the joints to be turned by hand: does each encoder count?"},
+    {"drive", OPTION_FLAG(drive), NULL,
+     "two short pushes and a slow sweep: wiring, swapped encoders, cable drag"},
+    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {0}};
+
+static int run_doctor(int argc, char **argv);
+
+const struct subcommand sub_doctor = {
+    .name = "doctor",
+    .summary = "look at machine, board and rig: what is well, what is not, what to do",
+    .synopsis = "[options]",
+    .about =
+        "A line a finding: ok, problem with what to do, or skipped. Exit code 1 when there is a\n"
+        "problem. Without --drive the motor stays off.",
+    .options = option_rows,
+    .argument = "board",
+    .run = run_doctor,
 };
 
 static void print_line(void *user, enum doctor_verdict verdict, const char *what, const char *found,
@@ -76,49 +114,6 @@ static void print_request(void *user, const char *what)
     (void)user;
     printf("please   %s\n", what);
     fflush(stdout);
-}
-
-static int parse(int argc, char **argv, struct options *o)
-{
-    static const struct option names[] = {{"board", required_argument, NULL, 'b'},
-                                          {"device", required_argument, NULL, 'd'},
-                                          {"model", required_argument, NULL, 'm'},
-                                          {"drive", no_argument, NULL, 'D'},
-                                          {"hand", no_argument, NULL, 'H'},
-                                          {"fast", no_argument, NULL, 'f'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'b':
-            o->board = optarg;
-            break;
-        case 'd':
-            o->device = optarg;
-            break;
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'D':
-            o->drive = true;
-            break;
-        case 'H':
-            o->hand = true;
-            break;
-        case 'f':
-            o->fast = true;
-            break;
-        case ':':
-            return report_usage("doctor", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("doctor", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (optind < argc)
-        return report_usage("doctor", "'%s' is too much", argv[optind]);
-    return EXIT_OK;
 }
 
 static void examine(struct doctor *d, struct mk_board *board, const struct mk_model *model,
@@ -163,12 +158,13 @@ static int open_and_examine(struct doctor *d, const struct mk_board_ops *ops,
     return d->problems > 0 ? EXIT_RUN_FAILED : EXIT_OK;
 }
 
-int sub_doctor(int argc, char **argv)
+static int run_doctor(int argc, char **argv)
 {
     struct options o = {.board = "virtual"};
     struct mk_error err = MK_ERROR_INIT;
     struct mk_model model;
-    int code = parse(argc, argv, &o);
+    struct arguments none;
+    int code = options_parse(&sub_doctor, argc, argv, &o, &none);
     if (code != EXIT_OK)
         return code;
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);

@@ -1,154 +1,117 @@
 /* mechkit excite: an input that tells most about a rig's parameters. */
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "console/sub.h"
+#include "console/fix.h"
+#include "console/options.h"
 #include "mechkit/excite.h"
 #include "mechkit/json.h"
 #include "mechkit/number.h"
 
-struct options {
-    const char *model, *out, *json;
+struct range {
+    double low, high; /* low NaN: not given */
 };
 
-enum { Q1 = 256, Q2, V1, V2 };
+struct options {
+    const char *model, *out, *json;
+    struct option_texts fixed;
+    struct range q[MK_MAX_JOINTS];
+    struct mk_excite_options search;
+};
 
-static const struct option names[] = {
-    {"model", required_argument, NULL, 'm'},     {"out", required_argument, NULL, 'o'},
-    {"json", required_argument, NULL, 'j'},      {"criterion", required_argument, NULL, 'c'},
-    {"seconds", required_argument, NULL, 's'},   {"rate", required_argument, NULL, 'r'},
-    {"harmonics", required_argument, NULL, 'n'}, {"u-max", required_argument, NULL, 'u'},
-    {"q1", required_argument, NULL, Q1},         {"q2", required_argument, NULL, Q2},
-    {"v1", required_argument, NULL, V1},         {"v2", required_argument, NULL, V2},
-    {"drift", required_argument, NULL, 'd'},     {"spread", required_argument, NULL, 'p'},
-    {"fix", required_argument, NULL, 'f'},       {"against", required_argument, NULL, 'a'},
-    {"tries", required_argument, NULL, 't'},     {"seed", required_argument, NULL, 'S'},
-    {"threads", required_argument, NULL, 'T'},   {NULL, 0, NULL, 0}};
-
-/* Files come first: the model says what the other options start from. */
-static int parse_files(int argc, char **argv, struct options *o)
+static bool take_criterion(const char *value, void *target)
 {
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        if (c == ':')
-            return report_usage("excite", "%s needs a value", argv[optind - 1]);
-        if (c == '?')
-            return report_usage("excite", "unknown option '%s'", argv[optind - 1]);
-        if (c == 'm')
-            o->model = optarg;
-        else if (c == 'o')
-            o->out = optarg;
-        else if (c == 'j')
-            o->json = optarg;
+    enum mk_excite_criterion criterion = mk_excite_criterion_by_name(value);
+    *(enum mk_excite_criterion *)target = criterion;
+    return criterion != MK_EXCITE_CRITERION_COUNT;
+}
+
+static bool take_range(const char *value, void *target)
+{
+    struct range *r = target;
+    const char *colon = strchr(value, ':');
+    return colon && mk_parse_double(value, colon, &r->low) &&
+           mk_parse_double_z(colon + 1, &r->high) && r->low < r->high;
+}
+
+#define RANGE .take = take_range, .wants = "LOW:HIGH in rad, as -1:0.5"
+
+static const struct option_row option_rows[] = {
+    {"model", OPTION_TEXT(model), "M.ini", "the rig, as far as it is known", .required = true},
+    {"out", OPTION_TEXT(out), "NAME.cmd", "the command file"},
+    {"criterion", OPTION_CALL(search.criterion), "NAME",
+     "worst, a, d: largest standard error, trace or determinant of the covariance; the input is a "
+     "multisine. condition, condition-unscaled: of the regressor along a trajectory (rigs with a "
+     "motor on every joint)\ndefault: condition where it can be, else worst",
+     .take = take_criterion, .wants = "worst, a, d, condition or condition-unscaled"},
+    {"seconds", OPTION_NUMBER(search.seconds), "S", "default 10"},
+    {"rate", OPTION_NUMBER(search.rate_hz), "HZ", "of the loop; default 500"},
+    {"harmonics", OPTION_COUNT(search.harmonics), "N",
+     "2 .. 12; default 5 for a trajectory, 8 for an input", 2, MK_EXCITE_MAX_HARMONICS},
+    {"u-max", OPTION_NUMBER(search.u_max), "U", "limit of the command; default 70 % of the rig's"},
+    {"q1", OPTION_CALL(q[0]), "LO:HI", "limits of the angle, rad; default half a turn either way",
+     RANGE},
+    {"q2", OPTION_CALL(q[1]), "LO:HI", "the same of joint 2", RANGE},
+    {"v1", OPTION_NUMBER(search.v_max[0]), "V", "limit of the speed, rad/s"},
+    {"v2", OPTION_NUMBER(search.v_max[1]), "V", "the same of joint 2"},
+    {"drift", OPTION_NUMBER(search.drift), "D",
+     "process noise that the rig may have, rad/s per sqrt(s); default 1e-4", 0, INFINITY},
+    {"spread", OPTION_NUMBER(search.spread), "P",
+     "how far the parameters may be off, as 0.1; default 0: trust the model", 0, 1},
+    {"fix", OPTION_TEXTS(fixed), "NAME", "a parameter that will not be fitted; may be repeated"},
+    {"against", OPTION_TEXT(search.against), "SIGNAL", "input to compare with; default U*sin(6*t)"},
+    {"tries", OPTION_COUNT(search.evaluations), "N", "inputs to try; default 9000", 0, 1e7},
+    {"seed", OPTION_SEED(search.seed), "N", "of the search; default 1", 0, 9e15},
+    {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
+    {"threads", OPTION_COUNT(search.threads), "N", "default: all processors", 1, 256},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_excite = {
+    .name = "excite",
+    .summary = "find the input that tells most about a rig's parameters",
+    .synopsis = "--model M.ini --out NAME.cmd [options]",
+    .about =
+        "Searches for an experiment of a given length and within limits, and writes it as a "
+        "command\n"
+        "file. The foreseen standard errors are relative, those of output-error fits of its log.",
+    .options = option_rows,
+    .argument = "model",
+    .run = run,
+};
+
+static void take_limits(struct options *o)
+{
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        if (isnan(o->q[j].low))
+            continue;
+        o->search.q_min[j] = o->q[j].low;
+        o->search.q_max[j] = o->q[j].high;
     }
-    if (optind < argc)
-        return report_usage("excite", "'%s' is too much", argv[optind]);
-    if (!o->model)
-        return report_usage("excite", "--model is missing");
-    return o->out || o->json ? EXIT_OK : report_usage("excite", "--out or --json is missing");
 }
 
-static bool parse_range(const char *text, double *low, double *high)
+/* The model says what the other options start from: the command line is read for it first, then
+ * again. */
+static int parse(int argc, char **argv, struct options *o, struct mk_model *model)
 {
-    const char *colon = strchr(text, ':');
-    return colon && mk_parse_double(text, colon, low) && mk_parse_double_z(colon + 1, high) &&
-           *low < *high;
-}
-
-static bool fix_parameter(const struct mk_model *model, const char *wanted, bool *fixed)
-{
-    for (int i = 0; i < mk_model_parameter_count(model); i++) {
-        char name[64];
-        mk_model_parameter_info(model, i, name, sizeof name);
-        if (strcmp(name, wanted) == 0)
-            return fixed[i] = true;
-    }
-    return false;
-}
-
-/* One option that is a number; NULL for another. */
-static double *number_option(int c, struct mk_excite_options *e)
-{
-    switch (c) {
-    case 's':
-        return &e->seconds;
-    case 'r':
-        return &e->rate_hz;
-    case 'u':
-        return &e->u_max;
-    case 'd':
-        return &e->drift;
-    case 'p':
-        return &e->spread;
-    case V1:
-        return &e->v_max[0];
-    case V2:
-        return &e->v_max[1];
-    default:
-        return NULL;
-    }
-}
-
-static bool whole(const char *text, double most, double *out)
-{
-    return mk_parse_double_z(text, out) && *out >= 0.0 && *out <= most && *out == floor(*out);
-}
-
-static int parse(int argc, char **argv, const struct mk_model *model, struct mk_excite_options *e)
-{
-    int c;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        double *number = number_option(c, e), count = 0.0;
-        const char *name = argv[optind - 1] == optarg ? argv[optind - 2] : argv[optind - 1];
-        bool fine = true;
-        if (number)
-            fine = mk_parse_double_z(optarg, number) && isfinite(*number);
-        switch (c) {
-        case 'c':
-            e->criterion = mk_excite_criterion_by_name(optarg);
-            fine = e->criterion != MK_EXCITE_CRITERION_COUNT;
-            break;
-        case Q1:
-        case Q2:
-            fine = parse_range(optarg, &e->q_min[c - Q1], &e->q_max[c - Q1]);
-            break;
-        case 'n':
-            fine = whole(optarg, MK_EXCITE_MAX_HARMONICS, &count);
-            e->harmonics = (int)count;
-            break;
-        case 't':
-            fine = whole(optarg, 1e7, &count);
-            e->evaluations = (int)count;
-            break;
-        case 'S':
-            fine = whole(optarg, 9e15, &count);
-            e->seed = (uint64_t)count;
-            break;
-        case 'T':
-            fine = whole(optarg, 256, &count) && count > 0;
-            e->threads = (int)count;
-            break;
-        case 'a':
-            e->against = optarg;
-            break;
-        case 'f':
-            if (!fix_parameter(model, optarg, e->fixed))
-                return report_usage("excite", "--fix %s: the model has no such parameter", optarg);
-            break;
-        default:
-            break;
-        }
-        if (!fine)
-            return report_usage("excite", "%s: '%s' is not understood", name, optarg);
-    }
-    return EXIT_OK;
+    struct arguments none;
+    struct mk_error err = MK_ERROR_INIT;
+    int code = options_parse(&sub_excite, argc, argv, o, &none);
+    if (code != EXIT_OK)
+        return code;
+    if (!o->out && !o->json)
+        return report_usage("excite", "--out or --json is missing");
+    if (mk_model_read(o->model, model, &err) != MK_OK)
+        return report_error(&err);
+    *o = (struct options){.q = {{NAN, NAN}, {NAN, NAN}}};
+    mk_excite_default(model, &o->search);
+    code = options_parse(&sub_excite, argc, argv, o, &none);
+    take_limits(o);
+    return code == EXIT_OK ? fix_parameters("excite", &o->fixed, model, o->search.fixed) : code;
 }
 
 static bool show_progress(void *context, double done, const char *what)
@@ -245,27 +208,20 @@ static enum mk_status write_json(const struct mk_excitation *e, const char *path
     return st;
 }
 
-int sub_excite(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
     struct mk_model model;
-    struct mk_excite_options e;
     struct mk_excitation result = {0};
     struct mk_error err = MK_ERROR_INIT;
-    int shown = -1, code = parse_files(argc, argv, &o);
-    if (code != EXIT_OK)
-        return code;
-    if (mk_model_read(o.model, &model, &err) != MK_OK)
-        return report_error(&err);
-    mk_excite_default(&model, &e);
-    code = parse(argc, argv, &model, &e);
+    int shown = -1, code = parse(argc, argv, &o, &model);
     if (code != EXIT_OK)
         return code;
     if (isatty(STDERR_FILENO)) {
-        e.progress = show_progress;
-        e.progress_context = &shown;
+        o.search.progress = show_progress;
+        o.search.progress_context = &shown;
     }
-    enum mk_status st = mk_excite(&model, &e, &result, &err);
+    enum mk_status st = mk_excite(&model, &o.search, &result, &err);
     if (shown >= 0)
         fprintf(stderr, "\r%30s\r", "");
     if (st == MK_ERR_RANGE || st == MK_ERR_NOTSUP)

@@ -1,10 +1,10 @@
 /* mechkit export: logs and models for MATLAB, Octave, C, Python and spreadsheets. */
-#include <getopt.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "console/sub.h"
+#include "console/options.h"
 #include "mechkit/exchange.h"
 
 struct options {
@@ -12,61 +12,56 @@ struct options {
     enum mk_mat_version version;
     char separator;
     bool plain;
-    char **logs;
-    int log_count;
+    struct arguments logs;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static bool take_version(const char *value, void *target)
 {
-    static const struct option names[] = {
-        {"out", required_argument, NULL, 'o'},   {"columns", required_argument, NULL, 'c'},
-        {"model", required_argument, NULL, 'm'}, {"format", required_argument, NULL, 'f'},
-        {"name", required_argument, NULL, 'n'},  {"separator", required_argument, NULL, 's'},
-        {"plain", no_argument, NULL, 'p'},       {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'o':
-            o->out = optarg;
-            break;
-        case 'c':
-            o->columns = optarg;
-            break;
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'f':
-            if (strcmp(optarg, "v5") != 0 && strcmp(optarg, "v7.3") != 0)
-                return report_usage("export", "--format %s: expected v5 or v7.3", optarg);
-            o->version = strcmp(optarg, "v5") == 0 ? MK_MAT_5 : MK_MAT_73;
-            break;
-        case 'n':
-            o->variable = optarg;
-            break;
-        case 's':
-            if (strcmp(optarg, "tab") == 0)
-                optarg = (char[]){"\t"};
-            if (strlen(optarg) != 1 || !strchr(",;\t ", optarg[0]))
-                return report_usage("export", "--separator: expected , or ; or tab");
-            o->separator = optarg[0];
-            break;
-        case 'p':
-            o->plain = true;
-            break;
-        case ':':
-            return report_usage("export", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("export", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (!o->out)
-        return report_usage("export", "--out is missing");
-    o->logs = argv + optind;
-    o->log_count = argc - optind;
-    return EXIT_OK;
+    *(enum mk_mat_version *)target = strcmp(value, "v5") == 0 ? MK_MAT_5 : MK_MAT_73;
+    return strcmp(value, "v5") == 0 || strcmp(value, "v7.3") == 0;
 }
+
+static bool take_separator(const char *value, void *target)
+{
+    *(char *)target = strcmp(value, "tab") == 0 ? '\t' : value[0];
+    return strcmp(value, "tab") == 0 || (strlen(value) == 1 && strchr(",;\t ", value[0]));
+}
+
+static const struct option_row option_rows[] = {
+    {"out", OPTION_TEXT(out), "FILE", "where it goes; its ending says what it is",
+     .required = true},
+    {"columns", OPTION_TEXT(columns), "LIST",
+     "which, in which unit: t:ms,q1:deg,u:Nm; default: all, in the log's units"},
+    {"format", OPTION_CALL(version), "NAME", "of a .mat file: v5 (default) or v7.3 (HDF5)",
+     .take = take_version, .wants = "v5 or v7.3"},
+    {"name", OPTION_TEXT(variable), "NAME", "of the struct array; default mk"},
+    {"model", OPTION_TEXT(model), "M.ini",
+     "put the model in; says also how many N m a unit of command is"},
+    {"separator", OPTION_CALL(separator), "C",
+     "of a CSV: , (default), tab, or ; with decimal commas", .take = take_separator,
+     .wants = ", or ; or tab"},
+    {"plain", OPTION_FLAG(plain), NULL, "a CSV without # lines of metadata"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_export = {
+    .name = "export",
+    .summary = "logs and models for MATLAB, Octave, C and others",
+    .synopsis = "LOG.csv... --out FILE.mat|FILE.csv [options]\n"
+                "--model M.ini --out NAME.m|NAME.c|NAME.fmu",
+    .about =
+        "A .mat file holds a struct array, an element a log: time, signals, units, parameters,\n"
+        "gains, metadata, and the matrix Y with its column names. A .csv file holds one log.\n"
+        "\n"
+        "Without logs the model itself is written: as a function for Octave and MATLAB (.m), as\n"
+        "C with an integrator (.c and .h), or as an FMU for co-simulation (FMI 2.0).\n"
+        "docs/matlab.md says how they are used.",
+    .options = option_rows,
+    .argument = "log",
+    .most = INT_MAX,
+    .run = run,
+};
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -96,7 +91,7 @@ static enum mk_status load(const struct options *o, const char *path, const stru
 static enum mk_status export_logs(const struct options *o, const struct mk_model *model,
                                   struct mk_error *err)
 {
-    size_t n = (size_t)o->log_count;
+    size_t n = (size_t)o->logs.count;
     struct mk_mat_run *runs = calloc(n, sizeof *runs);
     struct mk_log **logs = calloc(n, sizeof *logs);
     struct mk_table **tables = calloc(n, sizeof *tables);
@@ -104,7 +99,7 @@ static enum mk_status export_logs(const struct options *o, const struct mk_model
     if (!runs || !logs || !tables)
         st = mk_error_set(err, MK_ERR_NOMEM, "out of memory");
     for (size_t i = 0; st == MK_OK && i < n; i++)
-        st = load(o, o->logs[i], model, &runs[i], &logs[i], &tables[i], err);
+        st = load(o, o->logs.text[i], model, &runs[i], &logs[i], &tables[i], err);
     if (st == MK_OK && ends_with(o->out, ".mat"))
         st = mk_mat_write(o->out, o->version, o->variable, runs, n, err);
     else if (st == MK_OK)
@@ -138,9 +133,12 @@ static enum mk_status export_model(const struct options *o, const struct mk_mode
 static int check_logs(const struct options *o)
 {
     bool csv = ends_with(o->out, ".csv");
+    if (ends_with(o->logs.text[0], ".ini"))
+        return report_usage("export", "%s is a model: --model %s", o->logs.text[0],
+                            o->logs.text[0]);
     if (!csv && !ends_with(o->out, ".mat"))
         return report_usage("export", "--out %s: logs go to a .mat or .csv file", o->out);
-    if (csv && o->log_count > 1)
+    if (csv && o->logs.count > 1)
         return report_usage("export", "one log a CSV file, please");
     return EXIT_OK;
 }
@@ -154,21 +152,21 @@ static int check_model(const struct options *o)
     return EXIT_OK;
 }
 
-int sub_export(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {.variable = "mk", .separator = ','};
-    int code = parse(argc, argv, &o);
+    int code = options_parse(&sub_export, argc, argv, &o, &o.logs);
     if (code != EXIT_OK)
         return code;
-    code = o.log_count > 0 ? check_logs(&o) : check_model(&o);
+    code = o.logs.count > 0 ? check_logs(&o) : check_model(&o);
     if (code != EXIT_OK)
         return code;
     struct mk_model model;
     struct mk_error err = MK_ERROR_INIT;
     enum mk_status st = o.model ? mk_model_read(o.model, &model, &err) : MK_OK;
     if (st == MK_OK)
-        st = o.log_count > 0 ? export_logs(&o, o.model ? &model : NULL, &err)
-                             : export_model(&o, &model, &err);
+        st = o.logs.count > 0 ? export_logs(&o, o.model ? &model : NULL, &err)
+                              : export_model(&o, &model, &err);
     if (st == MK_OK)
         return EXIT_OK;
     return st == MK_ERR_USAGE ? report_usage("export", "%s", err.message) : report_error(&err);

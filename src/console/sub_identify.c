@@ -1,12 +1,12 @@
 /* mechkit identify: parameters of a model from logs. */
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "console/sub.h"
+#include "console/fix.h"
+#include "console/options.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
 
@@ -14,98 +14,48 @@
 
 struct options {
     const char *model, *out, *json;
-    const char *fixed[MK_MAX_FIT_PARAMETERS], *validate[MAX_FILES], *input[MAX_FILES];
-    int fixed_count;
-    size_t validate_count, input_count;
+    struct option_texts fixed, validate;
+    struct arguments input;
     struct mk_ident_options ident;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static bool take_method(const char *value, void *target)
 {
-    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                          {"out", required_argument, NULL, 'o'},
-                                          {"method", required_argument, NULL, 'M'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {"fix", required_argument, NULL, 'f'},
-                                          {"cutoff", required_argument, NULL, 'c'},
-                                          {"validate", required_argument, NULL, 'v'},
-                                          {"threads", required_argument, NULL, 't'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    char *end;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'o':
-            o->out = optarg;
-            break;
-        case 'M':
-            if (!mk_ident_method_by_name(optarg))
-                return report_usage("identify", "there is no method '%s'", optarg);
-            o->ident.method = optarg;
-            break;
-        case 'j':
-            o->json = optarg;
-            break;
-        case 'f':
-            if (o->fixed_count == MK_MAX_FIT_PARAMETERS)
-                return report_usage("identify", "too many --fix");
-            o->fixed[o->fixed_count++] = optarg;
-            break;
-        case 'c':
-            o->ident.cutoff_hz = strtod(optarg, &end);
-            if (*end || !(o->ident.cutoff_hz > 0.0) || !isfinite(o->ident.cutoff_hz))
-                return report_usage("identify", "--cutoff %s: expected Hz", optarg);
-            break;
-        case 'v':
-            if (o->validate_count == MAX_FILES)
-                return report_usage("identify", "at most %d validation logs", MAX_FILES);
-            o->validate[o->validate_count++] = optarg;
-            break;
-        case 't':
-            o->ident.threads = (int)strtol(optarg, &end, 10);
-            if (*end || o->ident.threads < 1 || o->ident.threads > 256)
-                return report_usage("identify", "--threads %s: expected 1 .. 256", optarg);
-            break;
-        case ':':
-            return report_usage("identify", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("identify", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    for (; optind < argc; optind++) {
-        if (o->input_count == MAX_FILES)
-            return report_usage("identify", "at most %d logs", MAX_FILES);
-        o->input[o->input_count++] = argv[optind];
-    }
-    if (!o->model)
-        return report_usage("identify", "--model is missing");
-    if (!o->out && !o->json)
-        return report_usage("identify", "--out or --json is missing");
-    return o->input_count ? EXIT_OK : report_usage("identify", "a log is missing");
+    *(const char **)target = value;
+    return mk_ident_method_by_name(value) != NULL;
 }
 
-/* Parameters named by --fix; the usage error names one that is not there. */
-static int fix_parameters(struct options *o, const struct mk_model *model)
-{
-    for (int f = 0; f < o->fixed_count; f++) {
-        bool found = false;
-        for (int i = 0; i < mk_model_parameter_count(model); i++) {
-            char name[64];
-            mk_model_parameter_info(model, i, name, sizeof name);
-            if (strcmp(name, o->fixed[f]) == 0)
-                o->ident.fixed[i] = found = true;
-        }
-        if (!found)
-            return report_usage("identify", "--fix %s: the model has no such parameter",
-                                o->fixed[f]);
-    }
-    return EXIT_OK;
-}
+static const struct option_row option_rows[] = {
+    {"model", OPTION_TEXT(model), "M.ini", "the model to fit", .required = true},
+    {"out", OPTION_TEXT(out), "FITTED.ini", "the fitted model, with standard errors"},
+    {"method", OPTION_CALL(ident.method), "NAME",
+     "output-error (default): maximum likelihood of the measured angles; olsen, swevers, wls, sls, "
+     "energy: linear, base parameters only",
+     .take = take_method, .wants = "output-error, olsen, swevers, wls, sls or energy"},
+    {"json", OPTION_TEXT(json), "FILE", "the result with covariance; \"-\": standard output"},
+    {"fix", OPTION_TEXTS(fixed), "NAME",
+     "hold a parameter, as p5 or effect.backlash.width; may be repeated"},
+    {"validate", OPTION_TEXTS(validate), "V.csv",
+     "free-run error on a log that was not fitted; may be repeated"},
+    {"cutoff", OPTION_NUMBER(ident.cutoff_hz), "HZ",
+     "linear methods: averaging over windows of 1 / HZ; default 3", .wants = "Hz above 0"},
+    {"threads", OPTION_COUNT(ident.threads), "N", "default: all processors", 1, 256},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_identify = {
+    .name = "identify",
+    .summary = "fit a model's parameters to logs",
+    .synopsis = "--model M.ini --out FITTED.ini [options] LOG.csv...",
+    .about = "Fits [parameters], and those of the effects in the model, and says how well they are "
+             "known.",
+    .options = option_rows,
+    .argument = "log",
+    .least = 1,
+    .most = MAX_FILES,
+    .run = run,
+};
 
 static bool show_progress(void *context, double done, const char *what)
 {
@@ -208,11 +158,11 @@ static enum mk_status finish(const struct options *o, const struct mk_model *giv
              r->method, r->rows);
     print_result(r);
     cJSON *data = cJSON_AddArrayToObject(json, "data");
-    for (size_t i = 0; i < o->input_count && st == MK_OK; i++)
-        st = compare(given, &r->model, o->input[i], logs[i], data, err);
+    for (int i = 0; i < o->input.count && st == MK_OK; i++)
+        st = compare(given, &r->model, o->input.text[i], logs[i], data, err);
     cJSON *check = cJSON_AddArrayToObject(json, "validation");
-    for (size_t i = 0; i < o->validate_count && st == MK_OK; i++)
-        st = compare(given, &r->model, o->validate[i], validation[i], check, err);
+    for (size_t i = 0; i < o->validate.count && st == MK_OK; i++)
+        st = compare(given, &r->model, o->validate.text[i], validation[i], check, err);
     if (st == MK_OK && o->out)
         st = mk_model_write(o->out, &r->model, comment, err);
     if (st == MK_OK && o->json)
@@ -221,10 +171,12 @@ static enum mk_status finish(const struct options *o, const struct mk_model *giv
     return st;
 }
 
-int sub_identify(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
-    int rc = parse(argc, argv, &o), turn = 0;
+    int rc = options_parse(&sub_identify, argc, argv, &o, &o.input), turn = 0;
+    if (rc == EXIT_OK && !o.out && !o.json)
+        rc = report_usage("identify", "--out or --json is missing");
     if (rc != EXIT_OK)
         return rc;
     struct mk_error err = MK_ERROR_INIT;
@@ -232,19 +184,20 @@ int sub_identify(int argc, char **argv)
     struct mk_log *logs[MAX_FILES] = {NULL}, *validation[MAX_FILES] = {NULL};
     static struct mk_ident_result result;
     enum mk_status st = mk_model_read(o.model, &model, &err);
-    if (st == MK_OK && (rc = fix_parameters(&o, &model)) != EXIT_OK)
+    if (st == MK_OK &&
+        (rc = fix_parameters("identify", &o.fixed, &model, o.ident.fixed)) != EXIT_OK)
         return rc;
-    for (size_t i = 0; i < o.input_count && st == MK_OK; i++)
-        st = mk_log_read(o.input[i], &logs[i], &err);
-    for (size_t i = 0; i < o.validate_count && st == MK_OK; i++)
-        st = mk_log_read(o.validate[i], &validation[i], &err);
+    for (int i = 0; i < o.input.count && st == MK_OK; i++)
+        st = mk_log_read(o.input.text[i], &logs[i], &err);
+    for (size_t i = 0; i < o.validate.count && st == MK_OK; i++)
+        st = mk_log_read(o.validate.text[i], &validation[i], &err);
     if (isatty(STDERR_FILENO)) {
         o.ident.progress = show_progress;
         o.ident.progress_context = &turn;
     }
     if (st == MK_OK)
-        st = mk_identify(&model, (const struct mk_log *const *)logs, o.input_count, &o.ident,
-                         &result, &err);
+        st = mk_identify(&model, (const struct mk_log *const *)logs, (size_t)o.input.count,
+                         &o.ident, &result, &err);
     if (turn > 0)
         fprintf(stderr, "\r%30s\r", "");
     if (st == MK_OK)

@@ -1,10 +1,9 @@
 /* mechkit import: logs from other people's files, and whether they can be what they are said to be.
  */
-#include <getopt.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "console/sub.h"
+#include "console/options.h"
 #include "mechkit/exchange.h"
 #include "mechkit/json.h"
 
@@ -13,49 +12,47 @@ struct options {
     bool force;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static const struct option_row option_rows[] = {
+    {"map", OPTION_TEXT(map), "M.map", "what the columns mean (docs/formats.md)"},
+    {"rig", OPTION_TEXT(rig), "KIND",
+     "instead of a mapping: inertia-wheel, pendulum, pendubot, reaction-wheel or furuta; the "
+     "columns "
+     "go by their names"},
+    {"out", OPTION_TEXT(out), "LOG.csv", "the log"},
+    {"write-map", OPTION_TEXT(fixed), "M.map", "the mapping, with what is proposed"},
+    {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
+    {"json", OPTION_TEXT(json), "FILE", "what was assumed and found; \"-\": standard output"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_import = {
+    .name = "import",
+    .summary = "logs from other people's files, and whether they can be true",
+    .synopsis = "FILE --map M.map|--rig KIND [--out LOG.csv] [options]",
+    .about =
+        "Reads text with columns (also .gz) or a .mat file. A mapping says which column is what, "
+        "in\n"
+        "which unit, sign and offset (docs/formats.md); without one the names of the columns do.\n"
+        "Says what was assumed and checks it against how rigs move: unit of time and angles,\n"
+        "gravity, sign of the command, joints swapped. What cannot be is not written, and a mend\n"
+        "is proposed: exit code 1.",
+    .options = option_rows,
+    .argument = "file",
+    .least = 1,
+    .most = 1,
+    .run = run,
+};
+
+static int check(const struct options *o)
 {
-    static const struct option names[] = {{"out", required_argument, NULL, 'o'},
-                                          {"map", required_argument, NULL, 'm'},
-                                          {"rig", required_argument, NULL, 'r'},
-                                          {"write-map", required_argument, NULL, 'w'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {"force", no_argument, NULL, 'f'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'o':
-            o->out = optarg;
-            break;
-        case 'm':
-            o->map = optarg;
-            break;
-        case 'r':
-            o->rig = optarg;
-            break;
-        case 'w':
-            o->fixed = optarg;
-            break;
-        case 'j':
-            o->json = optarg;
-            break;
-        case 'f':
-            o->force = true;
-            break;
-        case ':':
-            return report_usage("import", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("import", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (optind + 1 != argc)
-        return report_usage("import", optind < argc ? "one file at a time" : "which file?");
-    o->file = argv[optind];
     if (!o->map && !o->rig)
         return report_usage("import", "--map or --rig is missing");
+    if (o->rig && !mk_plant_by_name(o->rig))
+        return report_usage("import",
+                            "--rig %s: expected inertia-wheel, pendulum, pendubot, reaction-wheel "
+                            "or furuta",
+                            o->rig);
     if (o->map && o->rig)
         return report_usage("import", "the rig stands in the map: --map or --rig, not both");
     if (!o->out && !o->fixed && !o->json)
@@ -158,17 +155,16 @@ static enum mk_status write_outputs(const struct options *o, const struct mk_log
     return st;
 }
 
-int sub_import(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
-    int code = parse(argc, argv, &o);
+    struct arguments files;
+    int code = options_parse(&sub_import, argc, argv, &o, &files);
+    if (code == EXIT_OK)
+        code = check(&o);
     if (code != EXIT_OK)
         return code;
-    if (o.rig && !mk_plant_by_name(o.rig))
-        return report_usage("import",
-                            "--rig %s: expected inertia-wheel, pendulum, pendubot, "
-                            "reaction-wheel or furuta",
-                            o.rig);
+    o.file = files.text[0];
     struct mk_import_map map;
     struct mk_import_finding findings[MK_IMPORT_FINDINGS];
     struct mk_table *table = NULL;

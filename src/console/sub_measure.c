@@ -1,69 +1,60 @@
 /* mechkit measure: simple experiments. */
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "console/sub.h"
+#include "console/options.h"
 #include "mechkit/json.h"
 #include "mechkit/measure.h"
-#include "mechkit/number.h"
 
 #define MAX_FILES 64
 
 struct options {
     const char *kind, *model, *out, *json;
-    const char *input[MAX_FILES];
-    size_t input_count;
+    struct arguments input;
     struct mk_measure_options measure;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static const struct option_row option_rows[] = {
+    {"model", OPTION_TEXT(model), "M.ini", "the rig, as far as it is known", .required = true},
+    {"known", OPTION_NUMBER(measure.known), "X",
+     "inertia (kg m^2) or m g l (N m) from scales and drawing: inertia and torque then give the "
+     "torque constant"},
+    {"out", OPTION_TEXT(out), "M.ini", "the model with what was measured"},
+    {"json", OPTION_TEXT(json), "FILE",
+     "the result with all pieces of the logs; \"-\": standard output"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_measure = {
+    .name = "measure",
+    .summary = "simple experiments: friction, inertia, free swings, torque constant",
+    .synopsis = "KIND --model M.ini [options] LOG.csv...",
+    .about =
+        "Reads a number or two off the logs of a simple experiment (scripts/measure-*.cmd). KIND:\n"
+        "\n"
+        "  friction  Coulomb and viscous, both ways: inertia wheel, runs at constant speed\n"
+        "  inertia   inertia wheel, runs at constant acceleration\n"
+        "  swing     natural frequency and inertia: pendulum or reaction wheel, free swings\n"
+        "  torque    m g l in command units: pendulum, slow sweep",
+    .options = option_rows,
+    .argument = "kind",
+    .most = 1 + MAX_FILES,
+    .run = run,
+};
+
+/* The first argument says what is measured, the others are the logs. */
+static int take_kind(struct options *o)
 {
-    static const struct option names[] = {{"model", required_argument, NULL, 'm'},
-                                          {"out", required_argument, NULL, 'o'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {"known", required_argument, NULL, 'k'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'o':
-            o->out = optarg;
-            break;
-        case 'j':
-            o->json = optarg;
-            break;
-        case 'k':
-            if (!mk_parse_double_z(optarg, &o->measure.known) || !(o->measure.known > 0.0) ||
-                !isfinite(o->measure.known))
-                return report_usage("measure", "--known %s: expected a value above 0", optarg);
-            break;
-        case ':':
-            return report_usage("measure", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("measure", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (optind < argc)
-        o->kind = argv[optind++];
-    if (!o->kind || !mk_measure_by_name(o->kind))
+    o->kind = o->input.count > 0 ? o->input.text[0] : "";
+    if (!mk_measure_by_name(o->kind))
         return report_usage("measure", "expected friction, inertia, swing or torque%s%s",
-                            o->kind ? ", not " : "", o->kind ? o->kind : "");
-    for (; optind < argc; optind++) {
-        if (o->input_count == MAX_FILES)
-            return report_usage("measure", "at most %d logs", MAX_FILES);
-        o->input[o->input_count++] = argv[optind];
-    }
-    if (!o->model)
-        return report_usage("measure", "--model is missing");
-    return o->input_count ? EXIT_OK : report_usage("measure", "a log is missing");
+                            *o->kind ? ", not " : "", o->kind);
+    o->input.text++;
+    o->input.count--;
+    return o->input.count > 0 ? EXIT_OK : report_usage("measure", "which log?");
 }
 
 static void print_measurement(const struct mk_measurement *m)
@@ -89,7 +80,7 @@ static void add_runs(cJSON *root, const struct options *o, const struct mk_measu
     for (int i = 0; i < m->run_count; i++) {
         const struct mk_measure_run *r = &m->run[i];
         cJSON *one = cJSON_CreateObject();
-        cJSON_AddStringToObject(one, "file", o->input[r->log]);
+        cJSON_AddStringToObject(one, "file", o->input.text[r->log]);
         cJSON_AddItemToObject(one, "begin", mk_json_number(r->begin));
         cJSON_AddItemToObject(one, "end", mk_json_number(r->end));
         cJSON_AddItemToObject(one, m->kind->x_name, mk_json_number(r->x));
@@ -123,10 +114,12 @@ static enum mk_status write_json(const struct options *o, const struct mk_measur
     return st;
 }
 
-int sub_measure(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
-    int code = parse(argc, argv, &o);
+    int code = options_parse(&sub_measure, argc, argv, &o, &o.input);
+    if (code == EXIT_OK)
+        code = take_kind(&o);
     if (code != EXIT_OK)
         return code;
     static struct mk_measurement result;
@@ -134,10 +127,10 @@ int sub_measure(int argc, char **argv)
     struct mk_model model;
     struct mk_log *logs[MAX_FILES] = {NULL};
     enum mk_status st = mk_model_read(o.model, &model, &err);
-    for (size_t i = 0; i < o.input_count && st == MK_OK; i++)
-        st = mk_log_read(o.input[i], &logs[i], &err);
+    for (int i = 0; i < o.input.count && st == MK_OK; i++)
+        st = mk_log_read(o.input.text[i], &logs[i], &err);
     if (st == MK_OK)
-        st = mk_measure(o.kind, &model, (const struct mk_log *const *)logs, o.input_count,
+        st = mk_measure(o.kind, &model, (const struct mk_log *const *)logs, (size_t)o.input.count,
                         &o.measure, &result, &err);
     if (st == MK_OK && o.out) {
         char comment[80];

@@ -1,66 +1,59 @@
 /* mechkit plot: logs as SVG or PNG, or in the terminal, drawn by gnuplot. */
-#include <errno.h>
-#include <getopt.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
+#include "console/gnuplot.h"
+#include "console/options.h"
 #include "console/plot.h"
-#include "console/sub.h"
 
-struct options {
-    struct plot plot;
-    const char *with;
+struct size {
+    int width, height;
 };
 
-static int parse_options(int argc, char **argv, struct options *o)
+struct options {
+    const char *out, *with, *title;
+    struct size size;
+    bool spectrum, phase;
+};
+
+static bool take_size(const char *value, void *target)
 {
-    static const struct option names[] = {{"out", required_argument, NULL, 'o'},
-                                          {"with", required_argument, NULL, 'w'},
-                                          {"title", required_argument, NULL, 't'},
-                                          {"size", required_argument, NULL, 's'},
-                                          {"spectrum", no_argument, NULL, 'f'},
-                                          {"phase", no_argument, NULL, 'p'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'o':
-            o->plot.out = optarg;
-            break;
-        case 'w':
-            o->with = optarg;
-            break;
-        case 't':
-            o->plot.title = optarg;
-            break;
-        case 's': {
-            char rest;
-            if (sscanf(optarg, "%dx%d%c", &o->plot.width, &o->plot.height, &rest) != 2 ||
-                o->plot.width < 20 || o->plot.width > 20000 || o->plot.height < 5 ||
-                o->plot.height > 20000)
-                return report_usage("plot", "--size %s: expected WIDTHxHEIGHT", optarg);
-            break;
-        }
-        case 'f':
-            o->plot.kind = PLOT_SPECTRUM;
-            break;
-        case 'p':
-            o->plot.kind = PLOT_PHASE;
-            break;
-        case ':':
-            return report_usage("plot", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("plot", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    return EXIT_OK;
+    struct size *s = target;
+    char rest;
+    return sscanf(value, "%dx%d%c", &s->width, &s->height, &rest) == 2 && s->width >= 20 &&
+           s->width <= 20000 && s->height >= 5 && s->height <= 20000;
 }
+
+static const struct option_row option_rows[] = {
+    {"out", OPTION_TEXT(out), "FILE", "a .svg or .png; default: drawn in the terminal"},
+    {"with", OPTION_TEXT(with), "PRED.csv",
+     "a prediction over the angles (mechkit simulate), and its error"},
+    {"spectrum", OPTION_FLAG(spectrum), NULL,
+     "spectra of command and angles, and the response between them: gain, phase and coherence "
+     "(Welch)"},
+    {"phase", OPTION_FLAG(phase), NULL, "phase plane of every joint"},
+    {"title", OPTION_TEXT(title), "TEXT", "default: setup and rig"},
+    {"size", OPTION_CALL(size), "WxH", "pixels, or characters of a panel in the terminal",
+     .take = take_size, .wants = "WIDTHxHEIGHT, as 1100x760"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_plot = {
+    .name = "plot",
+    .summary = "draw logs as SVG, PNG or in the terminal (needs gnuplot)",
+    .synopsis = "LOG.csv... [--out FILE.svg|FILE.png] [options]",
+    .about =
+        "Angles, command and phase plane of up to eight runs over each other; the hand-over of a\n"
+        "single one is marked.",
+    .options = option_rows,
+    .argument = "log",
+    .least = 1,
+    .most = PLOT_MAX_LOGS,
+    .run = run,
+};
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -68,27 +61,16 @@ static bool ends_with(const char *text, const char *end)
     return n >= m && strcmp(text + n - m, end) == 0;
 }
 
-static int parse(int argc, char **argv, struct options *o)
+/* Options that do not go together; 0 when they do. */
+static int check(const struct options *o, int logs)
 {
-    int code = parse_options(argc, argv, o);
-    if (code != EXIT_OK)
-        return code;
-    struct plot *p = &o->plot;
-    p->count = argc - optind;
-    if (p->count < 1)
-        return report_usage("plot", "which log?");
-    if (p->count > PLOT_MAX_LOGS)
-        return report_usage("plot", "at most %d logs in one plot", PLOT_MAX_LOGS);
-    for (int i = 0; i < p->count; i++) {
-        const char *slash = strrchr(argv[optind + i], '/');
-        p->names[i] = slash ? slash + 1 : argv[optind + i];
-    }
-    if (p->out && !ends_with(p->out, ".svg") && !ends_with(p->out, ".png"))
-        return report_usage("plot", "--out %s: expected a name that ends in .svg or .png", p->out);
-    if (o->with && p->count > 1)
+    if (o->out && !ends_with(o->out, ".svg") && !ends_with(o->out, ".png"))
+        return report_usage("plot", "--out %s: expected a name that ends in .svg or .png", o->out);
+    if (o->with && logs > 1)
         return report_usage("plot", "--with is for one log");
-    if (o->with && p->kind == PLOT_SPECTRUM)
-        return report_usage("plot", "--with and --spectrum do not go together");
+    if (o->spectrum && (o->with || o->phase))
+        return report_usage("plot", "--spectrum and --%s do not go together",
+                            o->with ? "with" : "phase");
     return EXIT_OK;
 }
 
@@ -106,65 +88,49 @@ static void find_size(struct plot *p)
         p->width = window.ws_col;
 }
 
-/* --- gnuplot ----------------------------------------------------------------------------- */
-
-static enum mk_status run_gnuplot(const char *script, struct mk_error *err)
+static enum mk_status write_script(FILE *f, const void *plot, struct mk_error *err)
 {
-    fflush(stdout);
-    pid_t child = fork();
-    if (child < 0)
-        return mk_error_errno(err, errno, NULL, "cannot start gnuplot");
-    if (child == 0) {
-        execlp("gnuplot", "gnuplot", script, (char *)NULL);
-        _exit(errno == ENOENT ? 127 : 126);
-    }
-    int status = 0;
-    while (waitpid(child, &status, 0) < 0 && errno == EINTR)
-        continue;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
-        return MK_OK;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
-        return mk_error_set(err, MK_ERR_NOTSUP, "gnuplot is not installed: install gnuplot-nox");
-    return mk_error_set(err, MK_ERR_EXPECT, "gnuplot failed");
+    return plot_script(f, plot, err);
 }
 
-static enum mk_status draw(const struct plot *plot, struct mk_error *err)
+static const char *base_name(const char *path)
 {
-    char path[] = "/tmp/mechkit-plot-XXXXXX";
-    int fd = mkstemp(path);
-    FILE *f = fd < 0 ? NULL : fdopen(fd, "w");
-    if (!f)
-        return mk_error_errno(err, errno, path, "cannot make a temporary file");
-    enum mk_status st = plot_script(f, plot, err);
-    if (fclose(f) != 0 && st == MK_OK)
-        st = mk_error_errno(err, errno, path, "cannot write");
-    if (st == MK_OK)
-        st = run_gnuplot(path, err);
-    unlink(path);
-    return st;
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
 }
 
-int sub_plot(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
+    struct arguments paths;
     struct mk_log *logs[PLOT_MAX_LOGS] = {NULL}, *with = NULL;
     struct mk_error err = MK_ERROR_INIT;
     enum mk_status st = MK_OK;
-    int code = parse(argc, argv, &o);
+    int code = options_parse(&sub_plot, argc, argv, &o, &paths);
+    if (code == EXIT_OK)
+        code = check(&o, paths.count);
     if (code != EXIT_OK)
         return code;
-    char **paths = argv + optind;
-    find_size(&o.plot);
-    for (int i = 0; st == MK_OK && i < o.plot.count; i++) {
-        st = mk_log_read(paths[i], &logs[i], &err);
-        o.plot.logs[i] = logs[i];
+    struct plot plot = {.kind = o.spectrum ? PLOT_SPECTRUM
+                                : o.phase  ? PLOT_PHASE
+                                           : PLOT_RUN,
+                        .count = paths.count,
+                        .title = o.title,
+                        .out = o.out,
+                        .width = o.size.width,
+                        .height = o.size.height};
+    find_size(&plot);
+    for (int i = 0; st == MK_OK && i < plot.count; i++) {
+        plot.names[i] = base_name(paths.text[i]);
+        st = mk_log_read(paths.text[i], &logs[i], &err);
+        plot.logs[i] = logs[i];
     }
     if (st == MK_OK && o.with)
         st = mk_log_read(o.with, &with, &err);
-    o.plot.with = with;
+    plot.with = with;
     if (st == MK_OK)
-        st = draw(&o.plot, &err);
-    for (int i = 0; i < o.plot.count; i++)
+        st = gnuplot_run(plot.out, write_script, &plot, &err);
+    for (int i = 0; i < plot.count; i++)
         mk_log_free(logs[i]);
     mk_log_free(with);
     return st == MK_OK ? EXIT_OK : report_error(&err);

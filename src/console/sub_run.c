@@ -1,5 +1,4 @@
 /* mechkit run: a command file, headless. */
-#include <getopt.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -9,7 +8,6 @@
 #include "console/cmd.h"
 #include "console/cmdfile.h"
 #include "console/session_args.h"
-#include "console/sub.h"
 
 /* Set by a signal: every wait ends, the script stops, the motor goes off. */
 static volatile int cancelled;
@@ -37,49 +35,28 @@ struct options {
     struct session_options session;
 };
 
-static int take_option(struct options *o, int c, const char *value)
-{
-    int code = EXIT_OK;
-    if (session_take_arg("run", c, value, &o->session, &code))
-        return code;
-    if (c == 'c')
-        o->check = true;
-    else if (c == 'C')
-        o->commands = true;
-    else
-        o->quiet = true;
-    return EXIT_OK;
-}
+static const struct option_row option_rows[] = {
+    SESSION_OPTIONS("the rig, before what the file says; default: the rig of the setup with the "
+                    "report's parameters",
+                    "virtual board in simulated time, as fast as it goes"),
+    {"check", OPTION_FLAG(check), NULL,
+     "parse only: report every error in the script, run nothing"},
+    {"commands", OPTION_FLAG(commands), NULL, "list commands, conditions and setups"},
+    {"quiet", OPTION_FLAG(quiet), NULL, "print errors only"},
+    {0}};
 
-static int parse(int argc, char **argv, struct options *o)
-{
-    static const struct option names[] = {SESSION_ARGS,
-                                          {"check", no_argument, NULL, 'c'},
-                                          {"commands", no_argument, NULL, 'C'},
-                                          {"quiet", no_argument, NULL, 'q'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        if (c == ':')
-            return report_usage("run", "%s needs a value", argv[optind - 1]);
-        if (c == '?')
-            return report_usage("run", "unknown option '%s'", argv[optind - 1]);
-        int code = take_option(o, c, optarg);
-        if (code != EXIT_OK)
-            return code;
-    }
-    if (o->commands)
-        return EXIT_OK;
-    if (optind >= argc)
-        return report_usage("run", "which command file?");
-    if (optind + 1 < argc)
-        return report_usage("run", "one command file at a time: '%s' is too much",
-                            argv[optind + 1]);
-    o->script = argv[optind];
-    return EXIT_OK;
-}
+static int run(int argc, char **argv);
+
+const struct subcommand sub_run = {
+    .name = "run",
+    .summary = "execute a command file on a board",
+    .synopsis = "SCRIPT.cmd [options]",
+    .about = "Executes a command file headless (\"-\": standard input).",
+    .options = option_rows,
+    .argument = "command file",
+    .most = 1,
+    .run = run,
+};
 
 static void say(void *user, const char *line)
 {
@@ -140,14 +117,18 @@ static int execute(struct options *o, const struct cmdfile *file)
     return code;
 }
 
-int sub_run(int argc, char **argv)
+static int run(int argc, char **argv)
 {
-    struct options o = {.session = {.seed = 1}};
-    int code = parse(argc, argv, &o);
+    struct options o = {.session = {.seed = 1, .keep_model = true}};
+    struct arguments script;
+    int code = options_parse(&sub_run, argc, argv, &o, &script);
     if (code != EXIT_OK)
         return code;
     if (o.commands)
         return list_commands();
+    if (script.count == 0)
+        return report_usage("run", "which command file?");
+    o.script = script.text[0];
     struct cmdfile *file;
     struct mk_error err = MK_ERROR_INIT;
     if (cmdfile_read(o.script, report_script_error, NULL, &file, &err) != MK_OK)

@@ -1,13 +1,10 @@
 /* mechkit simulate: free-run prediction of a log. */
-#include <getopt.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 
-#include "console/sub.h"
+#include "console/options.h"
 #include "mechkit/json.h"
-#include "mechkit/number.h"
 #include "mechkit/sim.h"
 #include "sim/predict.h"
 
@@ -17,57 +14,40 @@ struct options {
     bool states;
 };
 
-static int parse(int argc, char **argv, struct options *o)
+static bool take_solver(const char *value, void *target)
 {
-    static const struct option names[] = {
-        {"model", required_argument, NULL, 'm'},  {"input", required_argument, NULL, 'i'},
-        {"out", required_argument, NULL, 'o'},    {"window", required_argument, NULL, 'w'},
-        {"solver", required_argument, NULL, 's'}, {"json", required_argument, NULL, 'j'},
-        {"states", no_argument, NULL, 'x'},       {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        switch (c) {
-        case 'm':
-            o->model = optarg;
-            break;
-        case 'i':
-            o->input = optarg;
-            break;
-        case 'o':
-            o->out = optarg;
-            break;
-        case 'j':
-            o->json = optarg;
-            break;
-        case 'w':
-            if (!mk_parse_double_z(optarg, &o->predict.window_s) || !(o->predict.window_s > 0.0) ||
-                !isfinite(o->predict.window_s))
-                return report_usage("simulate", "--window %s: expected seconds", optarg);
-            break;
-        case 'x':
-            o->states = true;
-            break;
-        case 's':
-            o->predict.sim.solver = mk_solver_by_name(optarg);
-            if (o->predict.sim.solver == MK_SOLVER_COUNT)
-                return report_usage("simulate", "there is no solver '%s'", optarg);
-            break;
-        case ':':
-            return report_usage("simulate", "%s needs a value", argv[optind - 1]);
-        default:
-            return report_usage("simulate", "unknown option '%s'", argv[optind - 1]);
-        }
-    }
-    if (optind < argc)
-        return report_usage("simulate", "'%s' is too much", argv[optind]);
-    if (!o->model || !o->input)
-        return report_usage("simulate", "--%s is missing", o->model ? "input" : "model");
-    if (!o->out && !o->json)
-        return report_usage("simulate", "--out or --json is missing");
-    return EXIT_OK;
+    enum mk_solver solver = mk_solver_by_name(value);
+    *(enum mk_solver *)target = solver;
+    return solver != MK_SOLVER_COUNT;
 }
+
+static const struct option_row option_rows[] = {
+    {"model", OPTION_TEXT(model), "M.ini", "the rig", .required = true},
+    {"input", OPTION_TEXT(input), "LOG.csv", "the log whose command drives it", .required = true},
+    {"out", OPTION_TEXT(out), "PRED.csv", "the prediction, on the log's own time base"},
+    {"window", OPTION_NUMBER(predict.window_s), "S",
+     "start again from the data every S seconds; adds a column window", .wants = "seconds above 0"},
+    {"solver", OPTION_CALL(predict.sim.solver), "NAME",
+     "arkode-erk (default), cvode-adams, cvode-bdf, dop853", .take = take_solver,
+     .wants = "arkode-erk, cvode-adams, cvode-bdf or dop853"},
+    {"states", OPTION_FLAG(states), NULL,
+     "also columns x1, x2, ...: joints, their speeds, the effects' states"},
+    {"json", OPTION_TEXT(json), "FILE", "figures per joint (rms, nrmse); \"-\": standard output"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_simulate = {
+    .name = "simulate",
+    .summary = "predict a log by driving a model with its command",
+    .synopsis = "--model M.ini --input LOG.csv [--out PRED.csv] [options]",
+    .about =
+        "Drives the model by the log's command (zero-order hold) from the log's start and writes\n"
+        "t,q1,q2,dq1,dq2 on the log's own time base.",
+    .options = option_rows,
+    .argument = "log",
+    .run = run,
+};
 
 static double now(void)
 {
@@ -113,10 +93,13 @@ static void print_figures(const struct options *o, const struct mk_model *model,
                failed == 1 ? "" : "s");
 }
 
-int sub_simulate(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {0};
-    int code = parse(argc, argv, &o);
+    struct arguments none;
+    int code = options_parse(&sub_simulate, argc, argv, &o, &none);
+    if (code == EXIT_OK && !o.out && !o.json)
+        code = report_usage("simulate", "--out or --json is missing");
     if (code != EXIT_OK)
         return code;
     struct mk_model model;

@@ -1,5 +1,4 @@
 /* mechkit standalone: the board's own controller, from setup to the uploaded arrays. */
-#include <getopt.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -7,10 +6,11 @@
 #include <string.h>
 
 #include "console/doctor.h"
-#include "console/sub.h"
+#include "console/options.h"
 #include "driver/standalone.h"
 #include "driver/wire.h"
 #include "mechkit/log.h"
+#include "mechkit/loop.h"
 #include "mechkit/number.h"
 
 #define GUARD_MS 200      /* the board stops when the host falls silent for so long */
@@ -32,7 +32,8 @@ static const struct setup {
 struct options {
     const struct setup *setup;
     const char *board, *device, *model, *gains, *out;
-    double seconds, rate_hz, every;
+    double seconds, rate_hz;
+    int every; /* 0: found out */
     bool fast;
 };
 
@@ -47,43 +48,39 @@ static void on_signal(int number)
 /* --- options -----------------------------------------------------------------------------------
  */
 
-static int number_option(const char *name, const char *text, double low, double high, double *out)
-{
-    if (mk_parse_double_z(text, out) && *out >= low && *out <= high)
-        return EXIT_OK;
-    return report_usage("standalone", "--%s %s: expected a number from %g to %g", name, text, low,
-                        high);
-}
+static const struct option_row option_rows[] = {
+    {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
+    {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
+    {"model", OPTION_TEXT(model), "M.ini",
+     "the rig; default: the rig of the setup with the report's parameters"},
+    {"gains", OPTION_TEXT(gains), "LIST",
+     "the first gains of the setup (docs/protocol.md); default: the board's"},
+    {"seconds", OPTION_NUMBER(seconds), "S", "how long; default 10", 0.01, 3600},
+    {"rate", OPTION_NUMBER(rate_hz), "HZ", "samples per second; default 500", MK_LOOP_RATE_MIN_HZ,
+     MK_LOOP_RATE_MAX_HZ},
+    {"every", OPTION_COUNT(every), "N", "samples a record; default: so that the arrays last", 1,
+     255},
+    {"out", OPTION_TEXT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
+    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {0}};
 
-static int take_option(struct options *o, int c, const char *value)
-{
-    switch (c) {
-    case 'b':
-        o->board = value;
-        return EXIT_OK;
-    case 'd':
-        o->device = value;
-        return EXIT_OK;
-    case 'm':
-        o->model = value;
-        return EXIT_OK;
-    case 'g':
-        o->gains = value;
-        return EXIT_OK;
-    case 'o':
-        o->out = value;
-        return EXIT_OK;
-    case 'f':
-        o->fast = true;
-        return EXIT_OK;
-    case 's':
-        return number_option("seconds", value, 0.01, 3600.0, &o->seconds);
-    case 'r':
-        return number_option("rate", value, 100.0, 2000.0, &o->rate_hz);
-    default:
-        return number_option("every", value, 1.0, 255.0, &o->every);
-    }
-}
+static int run(int argc, char **argv);
+
+const struct subcommand sub_standalone = {
+    .name = "standalone",
+    .summary = "let the board's own controller run, and fetch what it recorded",
+    .synopsis = "SETUP [options]",
+    .about =
+        "The board controls the rig by itself, as the original kit did: the setup and its gains "
+        "go\n"
+        "down, it starts, halts, and the recorded arrays come up as a log. The links must hang\n"
+        "still. Setups: pendubot-mid, pendubot-top, reaction-wheel, furuta, pi-speed.",
+    .options = option_rows,
+    .argument = "setup",
+    .least = 1,
+    .most = 1,
+    .run = run,
+};
 
 static int find_setup(const char *name, struct options *o)
 {
@@ -91,31 +88,6 @@ static int find_setup(const char *name, struct options *o)
         if (strcmp(setups[i].name, name) == 0)
             o->setup = &setups[i];
     return o->setup ? EXIT_OK : report_usage("standalone", "the board has no setup '%s'", name);
-}
-
-static int parse(int argc, char **argv, struct options *o)
-{
-    static const struct option names[] = {
-        {"board", required_argument, NULL, 'b'},   {"device", required_argument, NULL, 'd'},
-        {"model", required_argument, NULL, 'm'},   {"gains", required_argument, NULL, 'g'},
-        {"out", required_argument, NULL, 'o'},     {"fast", no_argument, NULL, 'f'},
-        {"seconds", required_argument, NULL, 's'}, {"rate", required_argument, NULL, 'r'},
-        {"every", required_argument, NULL, 'e'},   {NULL, 0, NULL, 0}};
-    int c;
-    opterr = 0;
-    optind = 1;
-    while ((c = getopt_long(argc, argv, ":", names, NULL)) != -1) {
-        if (c == ':')
-            return report_usage("standalone", "%s needs a value", argv[optind - 1]);
-        if (c == '?')
-            return report_usage("standalone", "unknown option '%s'", argv[optind - 1]);
-        int code = take_option(o, c, optarg);
-        if (code != EXIT_OK)
-            return code;
-    }
-    if (optind + 1 != argc)
-        return report_usage("standalone", optind >= argc ? "which setup?" : "one setup at a time");
-    return find_setup(argv[optind], o);
 }
 
 /* --- the run -----------------------------------------------------------------------------------
@@ -147,7 +119,7 @@ static enum mk_status send_gains(struct mk_wire *w, const char *list, int count,
 static unsigned record_every(const struct options *o)
 {
     double every =
-        o->every > 0.0 ? o->every : ceil(o->seconds * o->rate_hz / (MK_STANDALONE_RECORDS - 1));
+        o->every > 0 ? o->every : ceil(o->seconds * o->rate_hz / (MK_STANDALONE_RECORDS - 1));
     return (unsigned)fmin(every, 255.0);
 }
 
@@ -273,8 +245,8 @@ static void quiet_line(void *user, enum doctor_verdict verdict, const char *what
         mk_error_set(user, MK_ERR_FAULT, "%s: %s: %s", what, found, advice);
 }
 
-static enum mk_status run(struct mk_board *board, const struct mk_model *model,
-                          const struct options *o, struct mk_error *err)
+static enum mk_status run_board(struct mk_board *board, const struct mk_model *model,
+                                const struct options *o, struct mk_error *err)
 {
     struct mk_wire *w = mk_wire_of(board);
     struct doctor d = {.line = quiet_line, .user = err};
@@ -299,7 +271,7 @@ static enum mk_status run(struct mk_board *board, const struct mk_model *model,
     return ran != MK_OK ? ran : st;
 }
 
-int sub_standalone(int argc, char **argv)
+static int run(int argc, char **argv)
 {
     struct options o = {
         .board = "virtual", .out = "standalone.csv", .seconds = 10.0, .rate_hz = 500.0};
@@ -307,7 +279,10 @@ int sub_standalone(int argc, char **argv)
     struct mk_model model;
     struct mk_clock clock;
     struct mk_board *board;
-    int code = parse(argc, argv, &o);
+    struct arguments setup;
+    int code = options_parse(&sub_standalone, argc, argv, &o, &setup);
+    if (code == EXIT_OK)
+        code = find_setup(setup.text[0], &o);
     if (code != EXIT_OK)
         return code;
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
@@ -327,7 +302,7 @@ int sub_standalone(int argc, char **argv)
         .model = &model, .clock = &clock, .seed = 1, .device = o.device};
     enum mk_status st = mk_board_open(ops, &config, &board, &err);
     if (st == MK_OK) {
-        st = run(board, &model, &o, &err);
+        st = run_board(board, &model, &o, &err);
         mk_board_close(board);
     }
     if (st != MK_OK)

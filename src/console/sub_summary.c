@@ -1,24 +1,37 @@
 /* mechkit summary: a line a log. */
+#include <limits.h>
 #include <stdio.h>
 
-#include "console/sub.h"
+#include "console/options.h"
 #include "console/summary.h"
 
-int sub_summary(int argc, char **argv)
+static int run(int argc, char **argv)
 {
-    if (argc < 2)
-        return report_usage("summary", "which log?");
-    int code = EXIT_OK;
-    for (int i = 1; i < argc; i++) {
+    struct arguments logs;
+    int code = options_parse(&sub_summary, argc, argv, NULL, &logs);
+    for (int i = 0; code != EXIT_WRONG_USAGE && i < logs.count; i++) {
         struct run_summary r;
         struct mk_error err = MK_ERROR_INIT;
         char line[300];
-        if (argv[i][0] == '-')
-            return report_usage("summary", "unknown option '%s'", argv[i]);
-        if (summarise(argv[i], &r, &err) != MK_OK)
+        if (summarise(logs.text[i], &r, &err) != MK_OK)
             code = report_error(&err);
+        else if (logs.count > 1)
+            printf("%s: %s\n", logs.text[i], summary_line(&r, line, sizeof line));
         else
             puts(summary_line(&r, line, sizeof line));
     }
     return code;
 }
+
+const struct subcommand sub_summary = {
+    .name = "summary",
+    .summary = "what happened in runs, a line a log",
+    .synopsis = "LOG.csv...",
+    .about = "Prints for each log: setup, length, when it was caught, how still it was held, "
+             "command, and\n"
+             "lateness of the loop.",
+    .argument = "log",
+    .least = 1,
+    .most = INT_MAX,
+    .run = run,
+};

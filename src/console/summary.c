@@ -138,7 +138,10 @@ const char *summary_line(const struct run_summary *r, char *buf, size_t size)
     size_t used = add(buf, size, 0, part);
     if (!isnan(r->caught_t)) {
         snprintf(part, sizeof part, "  caught at %5.2f s, %s %5.2f s", r->caught_t,
-                 r->balanced_at_end ? "held" : "lost after", r->held_s);
+                 r->balanced_at_end ? "held"
+                 : r->fault[0]      ? "balanced"
+                                    : "lost after",
+                 r->held_s);
         used = add(buf, size, used, part);
         int j = isnan(r->rms[1]) ? 0 : 1;
         if (!isnan(r->rms[j])) {

@@ -5,6 +5,8 @@
 
 #include "console/tui.h"
 
+#define LINES_MAX 3 /* of a point */
+
 enum verdict { WELL, LOOK, WRONG };
 
 struct list {
@@ -31,9 +33,10 @@ static void line(struct list *l, enum verdict v, const char *what, const char *f
     int row = l->r.row + l->row++;
     canvas_text(l->c, row, l->r.col + 1, 2, marks[v].style, marks[v].mark);
     canvas_text(l->c, row, l->r.col + 5, 10, STYLE_TITLE, what);
-    struct tui_rect rest = {row, l->r.col + 16, 2, l->r.cols - 17};
+    int room = l->r.rows - l->row + 1, most = room < LINES_MAX ? room : LINES_MAX;
+    struct tui_rect rest = {row, l->r.col + 16, most, l->r.cols - 17};
     int lines = canvas_wrap(l->c, rest, STYLE_NORMAL, text);
-    l->row += lines > 1;
+    l->row += lines > most ? most - 1 : lines > 1 ? lines - 1 : 0;
 }
 
 static void check_links(struct list *l, const struct host_status *st)
@@ -84,7 +87,9 @@ static void check_limits(struct list *l, const struct host_status *st)
 
 static void check_log(struct list *l, const struct host_status *st)
 {
-    if (st->disk_free_mb >= 0.0 && st->disk_free_mb < 100.0)
+    if (st->disk_free_mb < 0.0)
+        line(l, WRONG, "disk", "logs cannot be written to the folder of --out");
+    else if (st->disk_free_mb < 100.0)
         line(l, WRONG, "disk", "%.0f MB left for logs", st->disk_free_mb);
     else
         line(l, WELL, "disk", "%.1f GB left for logs", st->disk_free_mb / 1000.0);

@@ -76,29 +76,36 @@ static void number(char *buf, size_t size, double x)
     }
 }
 
+static int pending_gains(const struct tui_gains *g)
+{
+    int n = 0;
+    for (int i = 0; i < g->setup->param_count; i++)
+        n += g->setup->param[i].gain && g->pending[i];
+    return n;
+}
+
+/* In one command: they take effect between two samples, together. */
 static void send_gains(struct tui *t)
 {
     char line[900] = "gains", text[40];
     const struct mk_ctrl_ops *ops = t->gains.setup;
-    bool any = false;
     for (int i = 0; i < ops->param_count; i++) {
         if (!ops->param[i].gain)
             continue;
-        any = any || t->gains.pending[i];
         number(text, sizeof text, value_of(t, i));
         size_t used = strlen(line);
         snprintf(line + used, sizeof line - used, " %s", text);
     }
-    if (any)
-        tui_post(t, "%s", line);
+    tui_post(t, "%s", line);
 }
 
-static void send_others(struct tui *t)
+/* By name. */
+static void send_each(struct tui *t, bool gains)
 {
     char text[40];
     const struct mk_ctrl_ops *ops = t->gains.setup;
     for (int i = 0; i < ops->param_count; i++) {
-        if (ops->param[i].gain || !t->gains.pending[i])
+        if (ops->param[i].gain != gains || !t->gains.pending[i])
             continue;
         number(text, sizeof text, t->gains.value[i]);
         tui_post(t, "set %s %s", ops->param[i].name, text);
@@ -120,8 +127,11 @@ static void send(struct tui *t)
         g->sure = true;
         return;
     }
-    send_gains(t); /* all gains in one command: they take effect between two samples, together */
-    send_others(t);
+    if (pending_gains(g) > 1)
+        send_gains(t);
+    else
+        send_each(t, true);
+    send_each(t, false);
     memset(g->pending, 0, sizeof g->pending);
     g->sure = false;
     snprintf(g->note, sizeof g->note, "sent");

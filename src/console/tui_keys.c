@@ -9,7 +9,7 @@ struct binding {
     int key;
     const char *name;  /* as shown */
     const char *label; /* in the line of keys; "": in the help only */
-    const char *help;
+    const char *help;  /* "": told beside the key before */
     bool (*can)(const struct tui *t);
     void (*act)(struct tui *t);
 };
@@ -280,21 +280,21 @@ static const struct binding bindings[] = {
     {':', ":", "command", "type a command; Tab completes", always, command},
     {'?', "?", "help", "this list", always, help},
     {'q', "q", "quit", "motor off, end", always, quit},
-    {'[', "[", "", "shorter time", always, shorter},
-    {']', "]", "", "longer time", always, longer},
-    {'+', "+", "", "enlarge the selected lane", has_samples, enlarge},
-    {'-', "-", "", "reduce it", has_samples, reduce},
+    {'[', "[ ]", "", "shorter, longer time", always, shorter},
+    {']', "", "", "", always, longer},
+    {'+', "+ -", "", "enlarge, reduce the chosen lane", has_samples, enlarge},
+    {'-', "", "", "", has_samples, reduce},
     {'=', "=", "", "fit it to what is in view", has_samples, fit},
-    {TK_TAB, "Tab", "", "select the next lane", always, next_lane},
+    {TK_TAB, "Tab", "", "choose the next lane", always, next_lane},
     {'t', "t", "", "trigger: off, rise, fall, catch", always, trigger},
-    {'>', ">", "", "raise the trigger's level", always, level_up},
-    {'<', "<", "", "lower it", always, level_down},
-    {TK_LEFT, "Left", "", "cursor; reads out values", has_samples, cursor_left},
-    {TK_RIGHT, "Right", "", "cursor", has_samples, cursor_right},
-    {TK_PAGE_UP, "PgUp", "", "earlier", has_samples, earlier},
-    {TK_PAGE_DOWN, "PgDn", "", "later", has_samples, later},
-    {TK_UP, "Up", "", "scroll the card; select a lane", always, card_up},
-    {TK_DOWN, "Down", "", "scroll the card; select a lane", always, card_down},
+    {'>', "> <", "", "raise, lower its level", always, level_up},
+    {'<', "", "", "", always, level_down},
+    {TK_LEFT, "Left", "", "and Right: cursor, reads out", has_samples, cursor_left},
+    {TK_RIGHT, "", "", "", has_samples, cursor_right},
+    {TK_PAGE_UP, "PgUp", "", "and PgDn: earlier, later", has_samples, earlier},
+    {TK_PAGE_DOWN, "", "", "", has_samples, later},
+    {TK_UP, "Up", "", "and Down: scroll; choose a lane", always, card_up},
+    {TK_DOWN, "", "", "", always, card_down},
     {'R', "R", "", "record a command file; end", always, record},
     {TK_CTRL('z'), "^Z", "", "motor off, out to the shell", always, suspend},
     {TK_CTRL('l'), "^L", "", "draw the screen anew", always, redraw},
@@ -336,23 +336,30 @@ void tui_draw_keys(struct tui *t, struct canvas *c, int row)
     }
 }
 
+static void draw_help_line(struct canvas *c, struct tui_rect r, const char *name, const char *help,
+                           bool can)
+{
+    canvas_text(c, r.row, r.col, 6, can ? STYLE_KEY : STYLE_DIM, name);
+    canvas_text(c, r.row, r.col + 6, r.cols - 7, can ? STYLE_NORMAL : STYLE_DIM, help);
+}
+
+/* In one column or two; where there is no room for all, the last ones are left out. */
 void tui_draw_help(struct tui *t, struct tui_rect r)
 {
-    struct canvas *c = &t->canvas;
-    int rows = BINDINGS + 1, columns = r.rows >= rows ? 1 : 2;
-    int each = (rows + columns - 1) / columns, width = r.cols / columns;
-    for (int i = 0; i < BINDINGS; i++) {
-        const struct binding *b = &bindings[i];
-        int row = r.row + i % each, col = r.col + i / each * width;
-        bool can = b->can(t);
-        if (i % each >= r.rows)
+    int lines = 1, k = 0;
+    for (int i = 0; i < BINDINGS; i++)
+        lines += bindings[i].help[0] != '\0';
+    int columns = r.rows >= lines ? 1 : 2, each = (lines + columns - 1) / columns;
+    each = each < r.rows ? each : r.rows;
+    struct tui_rect at = {.rows = 1, .cols = r.cols / columns};
+    for (int i = 0; i <= BINDINGS && k < each * columns; i++) {
+        if (i < BINDINGS && !bindings[i].help[0])
             continue;
-        canvas_text(c, row, col, 6, can ? STYLE_KEY : STYLE_DIM, b->name);
-        canvas_text(c, row, col + 6, width - 7, can ? STYLE_NORMAL : STYLE_DIM, b->help);
-    }
-    int row = r.row + BINDINGS % each, col = r.col + BINDINGS / each * width;
-    if (BINDINGS % each < r.rows) {
-        canvas_text(c, row, col, 6, STYLE_KEY, "1..6");
-        canvas_text(c, row, col + 6, width - 7, STYLE_NORMAL, "q1 q2 dq1 dq2 u ref on, off");
+        at.row = r.row + k % each;
+        at.col = r.col + k++ / each * at.cols;
+        if (i < BINDINGS)
+            draw_help_line(&t->canvas, at, bindings[i].name, bindings[i].help, bindings[i].can(t));
+        else
+            draw_help_line(&t->canvas, at, "1..6", "q1 q2 dq1 dq2 u ref on, off", true);
     }
 }

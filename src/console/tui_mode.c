@@ -52,8 +52,8 @@ static void rigs_of(const struct mk_ctrl_ops *ops, char *buf, size_t size)
 static void draw_setup(struct tui *t, struct tui_rect area)
 {
     struct canvas *c = &t->canvas;
-    int n = setup_count();
-    struct tui_rect r = {area.row + 1, 2, n + 6, c->cols - 4};
+    int n = setup_count(), room = area.rows >= n + 10 ? 3 : 0; /* for the whole of a long line */
+    struct tui_rect r = {area.row + 1, 2, n + 6 + room, c->cols - 4};
     canvas_fill(c, r, ' ', STYLE_NORMAL);
     struct tui_rect in = canvas_frame(c, r, "choose a setup");
     for (int i = 0; i < n; i++) {
@@ -64,9 +64,13 @@ static void draw_setup(struct tui *t, struct tui_rect area)
                      i == t->chosen ? '>' : ' ', i + 1, ops->name, ops->help);
     }
     char rigs[120];
-    rigs_of(mk_ctrl_setup(t->chosen), rigs, sizeof rigs);
-    canvas_print(c, in.row + n + 1, in.col + 1, in.cols - 1, STYLE_DIM, "rig: %s", rigs);
-    canvas_text(c, in.row + n + 3, in.col + 1, in.cols - 1, STYLE_KEY,
+    const struct mk_ctrl_ops *chosen = mk_ctrl_setup(t->chosen);
+    if (room > 0)
+        canvas_wrap(c, (struct tui_rect){in.row + n + 1, in.col + 1, 2, in.cols - 2}, STYLE_NORMAL,
+                    chosen->help);
+    rigs_of(chosen, rigs, sizeof rigs);
+    canvas_print(c, in.row + n + room + 1, in.col + 1, in.cols - 1, STYLE_DIM, "rig: %s", rigs);
+    canvas_text(c, in.row + n + room + 3, in.col + 1, in.cols - 1, STYLE_KEY,
                 "Up Down choose   Enter takes it   Esc leaves");
 }
 

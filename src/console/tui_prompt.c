@@ -22,6 +22,8 @@ void prompt_remember(struct tui_prompt *p, const char *line)
         memmove(p->history[0], p->history[1], sizeof p->history - sizeof p->history[0]);
         p->lines--;
     }
+    if (p->typed_lines < PROMPT_HISTORY)
+        p->typed_lines++;
     snprintf(p->history[p->lines++], PROMPT_TEXT, "%s", line);
 }
 

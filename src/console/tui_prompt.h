@@ -14,6 +14,7 @@ struct tui_prompt {
     int at;                 /* byte of the cursor */
     char history[PROMPT_HISTORY][PROMPT_TEXT];
     int lines, back;         /* back: how far into the history; 0: the line being typed */
+    int typed_lines;         /* of them, typed since the program began */
     char typed[PROMPT_TEXT]; /* the line being typed, while the history is shown */
     char hint[PROMPT_TEXT];  /* candidates of the last completion; "": none */
 };

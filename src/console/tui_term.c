@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <term.h> /* after curses.h */
 #include <termios.h>
 #include <unistd.h>
 #include <wchar.h>
@@ -101,11 +102,21 @@ enum mk_status term_open(const struct term_options *options, struct mk_error *er
     setlocale(LC_CTYPE, "");
     term.unicode = !options->ascii && strcmp(nl_langinfo(CODESET), "UTF-8") == 0 && has_braille();
     term.have_before = tcgetattr(STDIN_FILENO, &term.before) == 0;
-    term.screen = newterm(NULL, stdout, stdin);
-    if (!term.screen)
+    const char *name = getenv("TERM");
+    int known = 0;
+    if (!name || setupterm(name, STDOUT_FILENO, &known) != OK)
         return mk_error_set(err, MK_ERR_NOTSUP,
                             "the terminal '%s' is not known here; try TERM=vt100",
-                            getenv("TERM") ? getenv("TERM") : "");
+                            name ? name : "");
+    bool addressable = cursor_address != NULL;
+    del_curterm(cur_term);
+    if (!addressable)
+        return mk_error_set(err, MK_ERR_NOTSUP,
+                            "the terminal '%s' cannot place its cursor; if it can, try TERM=vt100",
+                            name);
+    term.screen = newterm(NULL, stdout, stdin);
+    if (!term.screen)
+        return mk_error_set(err, MK_ERR_NOTSUP, "curses cannot use the terminal '%s'", name);
     set_modes();
     choose_looks(options->mono);
     term.open = true;

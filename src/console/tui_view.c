@@ -24,10 +24,8 @@ static void name_state(const struct tui *t, struct title *out)
     const struct host_status *st = &t->status;
     const struct mk_loop_snapshot *snap = &st->snap;
     *out = (struct title){"NO SETUP", STYLE_BAR, ""};
-    if (t->in_log) {
-        out->state = t->playing ? "REPLAY" : "LOG";
-        snprintf(out->more, sizeof out->more, "%s  t %.2f s", t->log_name, t->log.end_t);
-    } else if (st->have_loop && snap->state == MK_LOOP_FAULTED) {
+    /* What the motor does comes before what is looked at. */
+    if (st->have_loop && snap->state == MK_LOOP_FAULTED) {
         out->state = "FAULT";
         out->style = STYLE_BAD;
         char joint[24] = "";
@@ -40,6 +38,9 @@ static void name_state(const struct tui *t, struct title *out)
         out->style = STYLE_GOOD;
         snprintf(out->more, sizeof out->more, "%s  t %.2f s", mk_phase_name(snap->sample.phase),
                  snap->sample.t);
+    } else if (t->in_log) {
+        out->state = t->playing ? "REPLAY" : "LOG";
+        snprintf(out->more, sizeof out->more, "t %.2f s", t->log.end_t);
     } else if (st->setup) {
         out->state = "READY";
         snprintf(out->more, sizeof out->more, "motor off%s",
@@ -57,7 +58,10 @@ static void draw_title(const struct tui *t, struct canvas *c)
     canvas_fill(c, (struct tui_rect){0, 0, 1, c->cols}, ' ', STYLE_BAR);
     const struct host_status *st = &t->status;
     snprintf(text, sizeof text, " mechkit   %s   %s%s", st->setup ? st->setup->name : "-",
-             st->backend ? st->backend->name : "-", st->fast ? " (simulated time)" : "");
+             st->backend ? st->backend->name : "-",
+             st->fast                         ? " (simulated time)"
+             : st->setup && st->config.stream ? " (board's clock)"
+                                              : "");
     canvas_text(c, 0, 0, c->cols, STYLE_BAR, text);
     snprintf(text, sizeof text, " %s %s%s", name.state, name.more[0] ? " " : "", name.more);
     int width = tui_columns(text) + 1, at = c->cols - width;
@@ -123,8 +127,9 @@ static void draw_angle(struct canvas *c, int row, struct tui_rect r, int joint,
     col = canvas_text(c, row, col, 4, STYLE_DIM, " rad");
     if (mk_plant(f->plant)->joint_is_wheel[joint])
         return; /* turns and turns */
-    canvas_print(c, row, col, r.cols - (col - r.col), STYLE_DIM, "%6.1f\u00b0",
-                 f->q[joint] * DEGREES);
+    double degrees = f->q[joint] * DEGREES;
+    canvas_print(c, row, col, r.cols - (col - r.col), STYLE_DIM, "%6.*f\u00b0",
+                 degrees > -99.95 && degrees < 999.95 ? 1 : 0, degrees);
 }
 
 static void draw_speed(struct canvas *c, int row, struct tui_rect r, int joint,
@@ -171,8 +176,10 @@ static void draw_speeds(struct canvas *c, int row, struct tui_rect r, const stru
     if (f->known && isfinite(f->v[0]) && isfinite(f->v[1])) {
         canvas_print(c, row, r.col + 4, 8, STYLE_VALUE, "%7.2f", f->v[0]);
         canvas_print(c, row, r.col + 11, 8, STYLE_VALUE, "%8.2f", f->v[1]);
+        canvas_text(c, row, r.col + 19, r.cols - 19, STYLE_DIM, " rad/s");
+    } else {
+        canvas_text(c, row, r.col + 5, r.cols - 5, STYLE_DIM, "       -");
     }
-    canvas_text(c, row, r.col + 19, r.cols - 19, STYLE_DIM, " rad/s");
 }
 
 static int draw_figures(const struct tui *t, struct canvas *c, struct tui_rect r, bool compact)
@@ -198,12 +205,13 @@ static int draw_loop(const struct tui *t, struct canvas *c, struct tui_rect r)
         canvas_text(c, r.row, r.col + 1, r.cols - 1, STYLE_DIM, "-");
         return r.row + 1;
     }
+    bool ran = st->have_loop && s->ticks > 0;
     canvas_print(c, r.row, r.col + 1, r.cols - 1, STYLE_NORMAL, "%.0f Hz  %s", st->config.rate_hz,
-                 st->fast         ? "simulated time"
-                 : !st->have_loop ? ""
-                 : s->realtime    ? "real time"
-                                  : "NOT real time");
-    if (!st->have_loop)
+                 st->fast      ? "simulated time"
+                 : !ran        ? ""
+                 : s->realtime ? "real time"
+                               : "NOT real time");
+    if (!ran)
         return r.row + 1;
     canvas_print(c, r.row + 1, r.col + 1, r.cols - 1, STYLE_NORMAL, "late us p99 %.0f max %.0f",
                  s->late_p99_us, s->late_max_us);
@@ -243,7 +251,7 @@ static void draw_scope(struct tui *t, struct canvas *c, struct tui_rect r)
     if (s->count) {
         scope_draw(s, c, in);
         scope_caption(s, caption, sizeof caption);
-        snprintf(title, sizeof title, " scope %s%s ", caption,
+        snprintf(title, sizeof title, " %.40s %s%s ", t->in_log ? t->log_name : "scope", caption,
                  s->has_model ? "  dotted: model" : "");
     } else {
         tui_draw_check(t, in);
@@ -356,7 +364,8 @@ void tui_draw(struct tui *t, int rows, int cols)
         return;
     }
     int events = rows >= 40 ? 6 : rows >= 22 ? 3 : 1;
-    int panel = cols >= 110 ? WIDE_PANEL_COLS : PANEL_COLS;
+    /* As wide as the rig's picture can make use of. */
+    int panel = cols >= 160 ? cols * 3 / 10 : cols >= 110 ? WIDE_PANEL_COLS : PANEL_COLS;
     struct tui_rect body = {1, 0, rows - 2 - events, cols};
     struct tui_rect scope = {1, panel, body.rows, cols - panel};
     draw_title(t, c);

@@ -16,6 +16,8 @@ enum mk_status mk_balance_prepare(struct mk_balance *b, struct mk_ctrl *ctrl,
                                   const double *equilibrium, const double *p, mk_roa_law law,
                                   struct mk_error *err)
 {
+    ctrl->balances = true;
+    memcpy(ctrl->equilibrium, equilibrium, sizeof ctrl->equilibrium);
     b->roa.model = &ctrl->model;
     b->roa.law = law;
     b->roa.user = ctrl;

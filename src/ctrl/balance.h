@@ -5,6 +5,7 @@
 #ifndef MECHKIT_CTRL_BALANCE_H
 #define MECHKIT_CTRL_BALANCE_H
 
+#include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
 #include "ctrl/observer.h"
 #include "ctrl/roa.h"
@@ -12,6 +13,7 @@
 /* Rows that a balancing setup has in its table, from row `first` on. */
 enum {
     MK_BALANCE_FRICTION,
+    MK_BALANCE_COMPENSATE,
     MK_BALANCE_GUARD,
     MK_BALANCE_LEVEL,
     MK_BALANCE_HORIZON,
@@ -28,6 +30,7 @@ enum { MK_GUARD_BOX = 0, MK_GUARD_ROA = 1, MK_GUARD_BOTH = 2 };
 #define MK_BALANCE_PARAMS(first, friction, level, horizon, reserve)                                \
     [(first) + MK_BALANCE_FRICTION] = {"friction", "",                                             \
         "share of the believed friction compensated while balancing", 0.0, 1.0, friction, false},  \
+    [(first) + MK_BALANCE_COMPENSATE] = {MK_COMPENSATE_ROW},                                       \
     [(first) + MK_BALANCE_GUARD] = {"guard", "",                                                   \
         "hand-over: 0 the report's box, 1 region of attraction, 2 both", 0.0, 2.0, 1.0, false},    \
     [(first) + MK_BALANCE_LEVEL] = {"level", "",                                                   \

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
 
 /* One row a setup: the order is the one of lists shown to people. */
@@ -114,6 +115,21 @@ static enum mk_status check_values(const struct mk_ctrl *ctrl, struct mk_error *
     return MK_OK;
 }
 
+#define COMPENSATE "compensate"
+
+static enum mk_status prepare_compensation(struct mk_ctrl *ctrl, struct mk_error *err)
+{
+    if (mk_ctrl_param_index(ctrl->ops, COMPENSATE) < 0 || ctrl->model.effect_count == 0)
+        return MK_OK;
+    return mk_compensator_create(&ctrl->model, ctrl->dt, ctrl->balances ? ctrl->equilibrium : NULL,
+                                 &ctrl->compensator, err);
+}
+
+static double compensated_share(const struct mk_ctrl *ctrl)
+{
+    return ctrl->compensator ? ctrl->value[mk_ctrl_param_index(ctrl->ops, COMPENSATE)] : 0.0;
+}
+
 enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
                               double dt, const struct mk_signal *signal, struct mk_ctrl **out,
                               struct mk_error *err)
@@ -139,14 +155,15 @@ enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_mod
     }
     if (ops->create && (st = ops->create(ctrl, err)) != MK_OK)
         goto fail;
-    if ((st = check_values(ctrl, err)) != MK_OK) {
+    if ((st = check_values(ctrl, err)) != MK_OK ||
+        (st = prepare_compensation(ctrl, err)) != MK_OK) {
         if (ops->destroy)
             ops->destroy(ctrl);
         goto fail;
     }
     if (ops->changed)
         ops->changed(ctrl);
-    ops->reset(ctrl);
+    mk_ctrl_reset(ctrl);
     *out = ctrl;
     return MK_OK;
 
@@ -162,6 +179,27 @@ void mk_ctrl_destroy(struct mk_ctrl *ctrl)
         return;
     if (ctrl->ops->destroy)
         ctrl->ops->destroy(ctrl);
+    mk_compensator_destroy(ctrl->compensator);
     free(ctrl->priv);
     free(ctrl);
+}
+
+void mk_ctrl_reset(struct mk_ctrl *ctrl)
+{
+    if (ctrl->compensator)
+        mk_compensator_reset(ctrl->compensator);
+    ctrl->ops->reset(ctrl);
+}
+
+void mk_ctrl_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in, struct mk_ctrl_output *out)
+{
+    double share = compensated_share(ctrl);
+    if (!(share > 0.0) || !mk_ctrl_input_ok(ctrl, in)) {
+        ctrl->ops->step(ctrl, in, out);
+        return;
+    }
+    struct mk_ctrl_input seen;
+    mk_compensator_before(ctrl->compensator, in, &seen);
+    ctrl->ops->step(ctrl, &seen, out);
+    mk_compensator_after(ctrl->compensator, in, share, out);
 }

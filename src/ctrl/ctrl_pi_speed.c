@@ -8,9 +8,10 @@
  * friction and its asymmetry cost no steady-state error; c is the share of the believed friction
  * that is fed forward.
  */
+#include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
 
-enum { KP, KI, SPEED, FRICTION, PARAM_COUNT };
+enum { KP, KI, SPEED, FRICTION, COMPENSATE, PARAM_COUNT };
 
 #define POLE_RADPS 10.0
 
@@ -87,6 +88,7 @@ const struct mk_ctrl_ops mk_ctrl_pi_speed = {
                        false},
             [FRICTION] = {"friction", "", "share of the believed friction fed forward", 0.0, 1.0,
                           0.0, false},
+            [COMPENSATE] = {MK_COMPENSATE_ROW},
         },
     .create = pi_speed_create,
     .reset = pi_speed_reset,

@@ -42,6 +42,21 @@ static enum mk_status prepare_joints(struct mk_loop *loop, struct mk_error *err)
     return MK_OK;
 }
 
+static enum mk_status check_stream(const struct mk_board *board, double rate_hz,
+                                   struct mk_error *err)
+{
+    double period_us = 1e6 / rate_hz;
+    if (!board->ops->stream)
+        return mk_error_set(err, MK_ERR_NOTSUP, "board %s does not sample by its own clock",
+                            board->ops->name);
+    if (fabs(period_us - round(period_us)) > 1e-6)
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "a board's clock makes whole microseconds: %g Hz is not possible, "
+                            "%g Hz is",
+                            rate_hz, 1e6 / round(period_us));
+    return MK_OK;
+}
+
 static enum mk_status check_config(const struct mk_ctrl *ctrl, const struct mk_loop_config *config,
                                    struct mk_error *err)
 {
@@ -61,6 +76,8 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
 {
     *out = NULL;
     enum mk_status st = check_config(ctrl, config, err);
+    if (st == MK_OK && config->stream)
+        st = check_stream(board, config->rate_hz, err);
     if (st != MK_OK)
         return st;
     struct mk_loop *loop = calloc(1, sizeof *loop);

@@ -93,9 +93,13 @@ struct mk_loop_run {   /* the loop thread's */
     uint64_t end_tick; /* first tick that is not made: UINT64_MAX until a fault sets the tail */
     double u_next;     /* command for the next exchange */
     double u_held;     /* command in force, as far as is known */
-    bool board_lost;
     int lost_since;    /* exchanges lost since the last good one */
     uint64_t missed;   /* ticks skipped just now */
+    bool streaming;    /* the board's clock makes the ticks */
+    bool timed;        /* one of its samples has come, so that the next two are known */
+    int64_t zero_ns;   /* board's clock at tick 0 */
+    int64_t ahead_ns;  /* host's clock minus the board's, as of the fastest sample */
+    int64_t begin_ns;  /* when the work of this tick began */
     double since_good; /* s since the last good sample */
     uint32_t sequence;
     int32_t raw[MK_MAX_JOINTS];   /* counter as read last */
@@ -145,8 +149,8 @@ struct mk_loop {
 
 /* Waits for the next deadline and makes one sample. False: the run is over. RT. */
 bool mk_loop_tick(struct mk_loop *loop);
-/* Sets the first deadline. RT. */
-void mk_loop_begin_ticks(struct mk_loop *loop);
+/* Watchdog set, board's clock started or the first deadline set. */
+enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err);
 /* Zero torque and nothing more to come. RT. */
 void mk_loop_end_ticks(struct mk_loop *loop);
 /* Latches a fault and zeroes the motor at once. RT. */

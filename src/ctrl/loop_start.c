@@ -10,6 +10,10 @@
 #define REST_S 0.2
 #define REST_BLOCKS 4
 
+/* Each exchange lets a virtual rig live through the time since the last one. On a machine too busy
+ * for that it takes longer from sample to sample: the watch gives up after so long. */
+#define REST_LIMIT_S 5.0
+
 /* Largest wander of a block's mean that still counts as hanging still: five counts or so. */
 #define REST_MOTION_RAD 0.008
 
@@ -44,6 +48,11 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
         if (atomic_load_explicit(&loop->estop, memory_order_relaxed)) {
             mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, 0.0, 0);
             return mk_loop_fault_error(MK_FAULT_ESTOP, 0.0, 0, err);
+        }
+        double since_s = 1e-9 * (double)(mk_clock_now_ns(clock) - t0_ns);
+        if (since_s > REST_LIMIT_S) {
+            mk_safety_latch(&loop->safety, MK_FAULT_OVERRUN, since_s, 0);
+            return mk_loop_fault_error(MK_FAULT_OVERRUN, since_s, 0, err);
         }
         enum mk_status st = mk_board_exchange(loop->board, 0.0, &w->last);
         bool lost = st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO;
@@ -144,6 +153,7 @@ static void forget_last_run(struct mk_loop *loop)
     r->u_next = r->u_held = 0.0;
     r->since_good = 0.0;
     r->missed = 0;
+    r->streaming = r->timed = false;
     r->shown = (struct mk_loop_snapshot){.balanced_since = NAN, .caught_t = NAN};
     atomic_ullong *counters[] = {&loop->ticks, &loop->late, &loop->overruns,
                                  &loop->lost,  &loop->gaps, &loop->dropped};
@@ -157,15 +167,20 @@ static void forget_last_run(struct mk_loop *loop)
     mk_ctrl_reset(loop->ctrl);
 }
 
-/* Simulated time needs no thread: the ticks are made by whoever waits. */
-static enum mk_status begin_simulated(struct mk_loop *loop, struct mk_error *err)
+enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
 {
     const struct mk_board_ops *ops = loop->board->ops;
     enum mk_status st = MK_OK;
     if (ops->set_watchdog)
         st = ops->set_watchdog(loop->board, loop->config.watchdog_ms, err);
-    if (st == MK_OK)
-        mk_loop_begin_ticks(loop);
+    if (st == MK_OK && loop->config.stream) {
+        st = ops->stream(loop->board, (uint32_t)lround(1e6 * loop->dt), err);
+        loop->run.streaming = st == MK_OK;
+    }
+    loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
+    /* In real time the first sample gets a period to wake up properly. */
+    if (!loop->simulated)
+        loop->run.t0_ns += (int64_t)(1e9 * loop->dt);
     return st;
 }
 
@@ -215,7 +230,8 @@ enum mk_status mk_loop_start(struct mk_loop *loop, const char *log_path,
     }
     loop->run.shown.state = MK_LOOP_RUNNING;
     mk_loop_publish(loop);
-    st = loop->simulated ? begin_simulated(loop, err) : begin_realtime(loop, err);
+    /* Simulated time needs no thread: the ticks are made by whoever waits. */
+    st = loop->simulated ? mk_loop_begin_ticks(loop, err) : begin_realtime(loop, err);
     if (st != MK_OK) {
         (void)mk_loop_writer_finish(loop, NULL);
         return refuse(loop, st);

@@ -51,12 +51,8 @@ static void *loop_thread(void *arg)
         return NULL;
 
     /* Here and not in the host thread: the watchdog's time begins now. */
-    const struct mk_board_ops *ops = loop->board->ops;
-    if (ops->set_watchdog)
-        loop->host.prologue =
-            ops->set_watchdog(loop->board, loop->config.watchdog_ms, &loop->host.prologue_error);
+    loop->host.prologue = mk_loop_begin_ticks(loop, &loop->host.prologue_error);
     bool well = loop->host.prologue == MK_OK;
-    mk_loop_begin_ticks(loop);
     sem_post(&loop->host.ready);
 
     while (well && !atomic_load_explicit(&loop->stop, memory_order_relaxed))

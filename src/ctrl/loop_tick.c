@@ -27,6 +27,10 @@ void mk_loop_trip(struct mk_loop *loop, enum mk_fault fault, double t, int joint
     mk_safety_latch(&loop->safety, fault, t, joint);
     (void)loop->board->ops->safe_state(loop->board);
     r->u_next = r->u_held = 0.0;
+    if (r->streaming) /* that has ended it; the tail goes by the host's clock */
+        r->t0_ns =
+            mk_clock_now_ns(loop->board->clock) - (int64_t)((double)r->tick * 1e9 * loop->dt);
+    r->streaming = false;
     bool useless = fault == MK_FAULT_UNPLUGGED || fault == MK_FAULT_LOG;
     uint64_t tail = useless ? 0 : (uint64_t)llround(TAIL_S / loop->dt);
     r->end_tick = r->tick + 1 + tail;
@@ -41,6 +45,25 @@ static void count_up(atomic_ullong *counter, uint64_t n)
 static int64_t deadline_of(const struct mk_loop *loop, uint64_t tick)
 {
     return loop->run.t0_ns + (int64_t)((double)tick * 1e9 / loop->config.rate_hz + 0.5);
+}
+
+static void note_overrun(struct mk_loop *loop, struct mk_sample *s)
+{
+    s->flags |= MK_FLAG_OVERRUN;
+    count_up(&loop->overruns, 1);
+}
+
+/* Of an overrun the whole delay is told, not what is left of it modulo the period. */
+static void note_time(struct mk_loop *loop, struct mk_sample *s, int64_t late_ns)
+{
+    struct mk_loop_run *r = &loop->run;
+    if (r->missed > 0 || (double)late_ns > 0.5e9 * loop->dt) {
+        s->flags |= MK_FLAG_LATE;
+        count_up(&loop->late, 1);
+    }
+    int64_t whole_ns = late_ns + (int64_t)((double)r->missed * 1e9 * loop->dt);
+    s->late_us = (double)whole_ns / 1e3;
+    mk_histogram_add(&loop->lateness, whole_ns);
 }
 
 /* Sleeps to the next deadline. Deadlines that have passed whole are skipped: the time they were for
@@ -58,20 +81,62 @@ static void await_deadline(struct mk_loop *loop, struct mk_sample *s)
             r->missed = 1;
         r->tick += r->missed;
         deadline = deadline_of(loop, r->tick);
-        s->flags |= MK_FLAG_OVERRUN;
-        count_up(&loop->overruns, 1);
+        note_overrun(loop, s);
     }
-    int64_t late_ns = now > deadline ? now - deadline : 0;
-    if (r->missed > 0 || (double)late_ns > 0.5e9 * loop->dt) {
-        s->flags |= MK_FLAG_LATE;
-        count_up(&loop->late, 1);
+    note_time(loop, s, now > deadline ? now - deadline : 0);
+    r->begin_ns = now;
+}
+
+/* --- the board's clock ---------------------------------------------------------------------------
+ */
+
+/* The board's clock may run slower than the host's by so much: then the fastest sample so far is
+ * not for ever the measure of the later ones. */
+#define DRIFT_PPM 200
+
+static uint64_t tick_of(const struct mk_loop *loop, const struct mk_board_sample *b)
+{
+    double t = (double)(b->board_ns - loop->run.zero_ns) * 1e-9;
+    return t > 0.0 ? (uint64_t)llround(t * loop->config.rate_hz) : 0;
+}
+
+/* Waits for the board's next sample: its time says which tick this is. One that comes after its row
+ * has been written off is let go. */
+static enum mk_status await_sample(struct mk_loop *loop, struct mk_board_sample *b,
+                                   struct mk_sample *s)
+{
+    const uint32_t ended = MK_BOARD_ST_WATCHDOG | MK_BOARD_ST_FAULT;
+    struct mk_loop_run *r = &loop->run;
+    enum mk_status st;
+    r->missed = 0;
+    do
+        st = mk_board_exchange(loop->board, r->u_next, b);
+    while (st == MK_OK && !(b->status & ended) && r->timed && tick_of(loop, b) < r->tick);
+    r->begin_ns = mk_clock_now_ns(loop->board->clock);
+    if (st != MK_OK || (b->status & ended))
+        return st;
+    int64_t ahead_ns = r->begin_ns - b->board_ns, drift_ns = (int64_t)(DRIFT_PPM * 1e3 * loop->dt);
+    if (!r->timed) {
+        r->timed = true;
+        r->zero_ns = b->board_ns - (int64_t)((double)r->tick * 1e9 * loop->dt);
+        r->ahead_ns = ahead_ns;
     }
-    s->tick = r->tick;
-    s->t = (double)r->tick / loop->config.rate_hz;
-    /* Of an overrun the whole delay is told, not what is left of it modulo the period. */
-    double skipped_ns = (double)r->missed * 1e9 * loop->dt;
-    s->late_us = ((double)late_ns + skipped_ns) / 1e3;
-    mk_histogram_add(&loop->lateness, late_ns + (int64_t)skipped_ns);
+    r->missed = tick_of(loop, b) - r->tick;
+    r->tick += r->missed;
+    if (r->missed > 0)
+        note_overrun(loop, s);
+    r->ahead_ns = ahead_ns < r->ahead_ns + drift_ns ? ahead_ns : r->ahead_ns + drift_ns;
+    note_time(loop, s, ahead_ns - r->ahead_ns);
+    return st;
+}
+
+/* --- one sample ----------------------------------------------------------------------------------
+ */
+
+static void place(const struct mk_loop *loop, struct mk_sample *s)
+{
+    s->tick = loop->run.tick;
+    s->t = (double)s->tick / loop->config.rate_hz;
 }
 
 /* Parameters change only here, all of them together. */
@@ -150,11 +215,15 @@ static void exchange(struct mk_loop *loop, struct mk_sample *s)
 {
     struct mk_loop_run *r = &loop->run;
     struct mk_board_sample b = {0};
+    enum mk_status st;
+    if (r->streaming)
+        st = await_sample(loop, &b, s);
+    else
+        st = mk_board_exchange(loop->board, r->u_next, &b);
+    place(loop, s);
     for (uint64_t k = 0; k < r->missed && k < EXTRAPOLATE_MAX; k++)
         for (int j = 0; j < loop->plant->joints; j++)
             mk_velocity_step(&r->speed[j], NAN);
-
-    enum mk_status st = mk_board_exchange(loop->board, r->u_next, &b);
     if (st == MK_OK)
         take_reading(loop, &b, s);
     else
@@ -234,8 +303,9 @@ bool mk_loop_tick(struct mk_loop *loop)
 {
     struct mk_loop_run *r = &loop->run;
     struct mk_sample s = {.ref = NAN};
-    await_deadline(loop, &s);
-    int64_t begin_ns = mk_clock_now_ns(loop->board->clock);
+    if (!r->streaming)
+        await_deadline(loop, &s);
+    place(loop, &s);
     bool was_well = loop->safety.fault == MK_FAULT_NONE;
 
     /* Reasons to stop that are known before the exchange: its command is already 0. */
@@ -260,17 +330,9 @@ bool mk_loop_tick(struct mk_loop *loop)
         }
     }
     hand_over(loop, &s);
-    mk_histogram_add(&loop->busy, mk_clock_now_ns(loop->board->clock) - begin_ns);
+    mk_histogram_add(&loop->busy, mk_clock_now_ns(loop->board->clock) - r->begin_ns);
     r->tick++;
     return r->tick < r->end_tick;
-}
-
-void mk_loop_begin_ticks(struct mk_loop *loop)
-{
-    loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
-    /* In real time the first sample gets a period to wake up properly. */
-    if (!loop->simulated)
-        loop->run.t0_ns += (int64_t)(1e9 * loop->dt);
 }
 
 void mk_loop_end_ticks(struct mk_loop *loop)

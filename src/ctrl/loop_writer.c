@@ -137,6 +137,8 @@ static void describe_run(struct meta_list *m, const struct mk_loop *loop)
     describe_control(m, loop);
     meta_string(m, "phases", "0 idle, 1 swing-up, 2 balance, 3 track");
     meta_string(m, "program", "mechkit " MK_VERSION);
+    if (config->stream)
+        meta_string(m, "clock", "board");
     if (loop->simulated)
         meta_string(m, "realtime", "simulated time");
     else
@@ -191,7 +193,7 @@ static void note_fault(struct mk_loop_writer *w, const struct mk_loop_record *r)
     char text[96], joint[24] = "";
     if (r->fault_joint > 0)
         snprintf(joint, sizeof joint, " joint %d", r->fault_joint);
-    snprintf(text, sizeof text, "%s%s at %.6f s", mk_fault_name(r->fault), joint, r->sample.t);
+    snprintf(text, sizeof text, "%s%s at %.4f s", mk_fault_name(r->fault), joint, r->sample.t);
     note(w, "fault", text);
     w->fault_noted = true;
 }

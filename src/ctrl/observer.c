@@ -34,7 +34,7 @@ static void derivative(const struct mk_model *model, const double *x, double u, 
 
 void mk_ctrl_predict(const struct mk_model *model, double *x, double u, double dt)
 {
-    double slope[MK_CTRL_STATES], middle[MK_CTRL_STATES];
+    double slope[MK_CTRL_STATES] = {0.0}, middle[MK_CTRL_STATES]; /* one joint: half of it is 0 */
     u = mk_clamp(u, -model->u_max, model->u_max);
     derivative(model, x, u, slope);
     for (int i = 0; i < MK_CTRL_STATES; i++)

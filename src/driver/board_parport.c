@@ -45,6 +45,7 @@ const struct mk_board_ops mk_board_parport_ops = {
     .identify = mk_wire_board_identify,
     .zero_counters = mk_wire_board_zero,
     .exchange = mk_wire_board_exchange,
+    .stream = mk_wire_board_stream,
     .safe_state = mk_wire_board_safe,
     .set_watchdog = mk_wire_board_watchdog,
     .close = parport_close,

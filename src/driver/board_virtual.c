@@ -34,12 +34,22 @@ static enum mk_status virtual_send(void *link, const uint8_t *bytes, size_t n, i
     return mk_emulated_receive(&v->emulated, bytes, n);
 }
 
+/* Nothing has been said: what comes next is a streamed sample, at its time. */
+static void await_sample(struct mk_emulated *e)
+{
+    if (e->sent_size > 0 || !e->device.stream_us)
+        return;
+    mk_clock_sleep_until(e->clock, e->opened_ns + (int64_t)e->device.stream_next_ns);
+    (void)mk_emulated_run(e);
+}
+
 static enum mk_status virtual_receive(void *link, const uint8_t **bytes, size_t *n,
                                       int64_t deadline_ns)
 {
     struct virtual_board *v = link;
     struct mk_clock *clock = v->emulated.clock;
-    (void)deadline_ns;
+    if (deadline_ns > 0) /* 0: what is there already */
+        await_sample(&v->emulated);
     if (v->delay_ns > 0)
         mk_clock_sleep_until(clock, mk_clock_now_ns(clock) + v->delay_ns);
     v->delay_ns = 0;
@@ -130,6 +140,7 @@ const struct mk_board_ops mk_board_virtual_ops = {
     .identify = mk_wire_board_identify,
     .zero_counters = mk_wire_board_zero,
     .exchange = virtual_exchange,
+    .stream = mk_wire_board_stream,
     .safe_state = mk_wire_board_safe,
     .set_watchdog = virtual_set_watchdog,
     .close = virtual_close,

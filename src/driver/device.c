@@ -28,6 +28,7 @@ static void apply(struct mk_device *d, int32_t micro)
 static void motor_off(struct mk_device *d)
 {
     d->stream_us = 0;
+    d->stream_micro = 0;
     d->standalone.running = false;
     apply(d, 0);
 }
@@ -44,6 +45,11 @@ void mk_device_trip(struct mk_device *d, uint16_t fault)
 static void feed(struct mk_device *d)
 {
     d->fed_ns = d->hal->now_ns(d->hal->user);
+}
+
+static void set_watchdog(struct mk_device *d, uint32_t ms)
+{
+    d->watchdog_ns = (uint64_t)ms * 1000000u;
 }
 
 static uint16_t status_bits(const struct mk_device *d)
@@ -97,7 +103,10 @@ static int on_hello(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
     const struct mk_device_info *info = &d->info;
     const struct mk_device_hal *hal = d->hal;
     motor_off(d);
+    d->greeted = true;
     d->line_errors = 0;
+    set_watchdog(d, MK_WATCHDOG_DEFAULT_MS);
+    d->watched = false;
     memset(out, 0, MK_HELLO_SIZE);
     out[MK_HELLO_VERSION] = MK_FRAME_VERSION;
     out[MK_HELLO_COUNTER_BITS] = info->counter_bits;
@@ -131,7 +140,8 @@ static int on_watchdog(struct mk_device *d, const struct mk_frame *f, uint8_t *o
     uint32_t ms = mk_get32(f->payload);
     if (ms > MK_WATCHDOG_MAX_MS)
         return refuse(MK_REFUSED_RANGE);
-    d->watchdog_ns = (uint64_t)ms * 1000000u;
+    set_watchdog(d, ms);
+    d->watched = true;
     d->fired = false;
     if (d->fault == MK_WIRE_FAULT_WATCHDOG)
         d->fault = MK_WIRE_FAULT_NONE;
@@ -224,13 +234,15 @@ static int on_stream(struct mk_device *d, const struct mk_frame *f, uint8_t *out
         return refuse(MK_REFUSED_STATE);
     apply(d, 0);
     d->stream_us = us;
+    d->stream_micro = 0;
     d->stream_sample = d->stream_answered = 0;
-    d->stream_next_ns = d->hal->now_ns(d->hal->user) + (uint64_t)us * 1000u;
+    d->stream_next_ns = d->hal->now_ns(d->hal->user);
     feed(d);
     return 0;
 }
 
-/* Has no answer of its own: the next sample shows what became of it. */
+/* Acts with the next sample, which shows what became of it: so the time from a sample to its
+ * command is one period, whatever the line and the host take of it. */
 static int on_command(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
 {
     (void)out;
@@ -238,8 +250,8 @@ static int on_command(struct mk_device *d, const struct mk_frame *f, uint8_t *ou
     if (!d->stream_us || sample >= d->stream_sample)
         return refuse(MK_REFUSED_STATE);
     d->stream_answered = sample + 1;
+    d->stream_micro = (int32_t)mk_get32(f->payload + 4);
     feed(d);
-    apply(d, (int32_t)mk_get32(f->payload + 4));
     return 0;
 }
 
@@ -384,7 +396,6 @@ static void on_frame(struct mk_device *d, const struct mk_frame *f)
     } else if (!d->greeted && !hello) {
         send_refusal(d, f->type, MK_REFUSED_STATE);
     } else {
-        d->greeted = true;
         execute(d, f);
     }
 }
@@ -409,9 +420,12 @@ void mk_device_receive(struct mk_device *d, const uint8_t *bytes, size_t n)
 
 /* --- what time brings ------------------------------------------------------------------------ */
 
+/* Of a host that set no time every command is guarded, in force or waiting for its sample, but not
+ * the silence between them. */
 static bool watchdog_waits(const struct mk_device *d)
 {
-    return d->watchdog_ns > 0 && !d->fired;
+    bool commanded = d->micro != 0 || d->stream_micro != 0 || d->standalone.running;
+    return d->watchdog_ns > 0 && !d->fired && (d->watched || commanded);
 }
 
 static void stream(struct mk_device *d, uint64_t now)
@@ -421,7 +435,7 @@ static void stream(struct mk_device *d, uint64_t now)
         mk_device_trip(d, MK_WIRE_FAULT_STREAM);
         return;
     }
-    take_reading(d, d->micro, payload);
+    take_reading(d, d->stream_micro, payload);
     const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_SAMPLE, sizeof payload, d->stream_sample++,
                                payload};
     /* Samples that could not be taken in time are left out, not crowded together. */

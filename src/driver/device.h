@@ -49,6 +49,7 @@ struct mk_device {
     uint64_t fault_ns;
 
     uint64_t watchdog_ns; /* 0: off */
+    bool watched;         /* the host has set it */
     uint64_t fed_ns;
     bool fired;
 
@@ -56,11 +57,11 @@ struct mk_device {
     uint64_t stream_next_ns;
     uint32_t stream_sample;   /* number of the next one */
     uint32_t stream_answered; /* samples up to here are answered */
+    int32_t stream_micro;     /* the newest answer: acts with the next sample */
 
     struct mk_standalone standalone;
 
     struct mk_decoder decoder;
-    uint32_t seen_broken; /* of decoder.broken */
     unsigned line_errors; /* rises by 8 a broken frame, falls by 1 a good one */
     bool greeted;         /* sequence numbers mean something */
     uint32_t sequence;    /* of the newest request */

@@ -25,7 +25,7 @@ enum mk_message {
     MK_MSG_LCD = 0x08,
     MK_MSG_LEDS = 0x09,
     MK_MSG_STREAM = 0x0a,  /* the board samples by its own clock */
-    MK_MSG_COMMAND = 0x0b, /* the host's answer to a streamed sample; itself unanswered */
+    MK_MSG_COMMAND = 0x0b, /* the host's answer to a streamed sample; acts with the next one */
     MK_MSG_SETUP = 0x10,   /* stand-alone: choose a controller */
     MK_MSG_GAINS = 0x11,
     MK_MSG_START = 0x12,
@@ -118,6 +118,7 @@ enum mk_wire_fault {
 #define MK_LCD_COLUMNS 20 /* LCD: u8 row, then up to 20 characters */
 
 #define MK_WATCHDOG_MAX_MS 60000
+#define MK_WATCHDOG_DEFAULT_MS 20 /* from HELLO until a host sets it */
 #define MK_STREAM_MIN_US 250
 #define MK_STREAM_MAX_US 1000000
 

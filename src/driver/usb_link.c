@@ -90,7 +90,8 @@ static enum mk_status usb_receive(void *link, const uint8_t **bytes, size_t *n, 
 {
     struct mk_usb *u = link;
     discard_handed(u);
-    while (u->used == 0) {
+    /* Even after the deadline one look: it may be us who were late. */
+    for (bool looked = false; u->used == 0; looked = true) {
         if (u->gone)
             return MK_ERR_NODEV;
         if (u->garbled) {
@@ -98,7 +99,7 @@ static enum mk_status usb_receive(void *link, const uint8_t **bytes, size_t *n, 
             mk_usb_start_reads(u);
             return MK_ERR_PROTO;
         }
-        if (mk_usb_now_ns() >= deadline_ns)
+        if (looked && mk_usb_now_ns() >= deadline_ns)
             return MK_ERR_TIMEOUT;
         handle_events(u, NULL, deadline_ns);
     }

@@ -12,6 +12,9 @@
 #define HELLO_NS 100000000
 #define SAFE_TRIES 2
 #define SAFE_NS 10000000
+/* What is there already is looked at even past a deadline, for it may be us who were late; but a
+ * board that never stops talking must not hold its host. */
+#define LATE_LOOKS 4
 
 static int64_t monotonic_ns(void)
 {
@@ -77,12 +80,16 @@ static enum mk_status send_frame(struct mk_wire *w, enum mk_message type, const 
 
 static enum mk_status next_frame(struct mk_wire *w, struct mk_frame *out, int64_t deadline_ns)
 {
+    int late = 0;
     while (!mk_decoder_next(&w->decoder, &w->rest, &w->rest_size, out)) {
-        enum mk_status st = w->ops->receive(w->link, &w->rest, &w->rest_size, deadline_ns);
+        enum mk_status st = late > LATE_LOOKS
+                                ? MK_ERR_TIMEOUT
+                                : w->ops->receive(w->link, &w->rest, &w->rest_size, deadline_ns);
         if (st != MK_OK) {
             w->rest_size = 0;
             return st;
         }
+        late += monotonic_ns() >= deadline_ns;
     }
     return MK_OK;
 }
@@ -121,7 +128,7 @@ static enum mk_status refused(struct mk_wire *w, const struct mk_frame *f)
 static enum mk_status await_answer(struct mk_wire *w, enum mk_message type, struct mk_frame *answer,
                                    int64_t deadline_ns)
 {
-    for (;;) {
+    for (int late = 0; late <= LATE_LOOKS; late += monotonic_ns() >= deadline_ns) {
         enum mk_status st = next_frame(w, answer, deadline_ns);
         if (st != MK_OK)
             return st;
@@ -134,6 +141,7 @@ static enum mk_status await_answer(struct mk_wire *w, enum mk_message type, stru
         if (answer->type != MK_MSG_SAMPLE)
             w->stats.stale++;
     }
+    return MK_ERR_TIMEOUT;
 }
 
 static enum mk_status describe(struct mk_wire *w, enum mk_status st, enum mk_message type,
@@ -324,7 +332,7 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
 {
     int64_t deadline_ns = monotonic_ns() + timeout_ns;
     struct mk_frame f;
-    for (;;) {
+    for (int late = 0; late <= LATE_LOOKS; late += monotonic_ns() >= deadline_ns) {
         enum mk_status st = w->gone ? MK_ERR_NODEV : next_frame(w, &f, deadline_ns);
         if (st == MK_ERR_NODEV)
             w->gone = true;
@@ -338,6 +346,7 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
             return refused(w, &f);
         w->stats.stale++;
     }
+    return MK_ERR_TIMEOUT;
 }
 
 enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double u)
@@ -350,6 +359,41 @@ enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double 
     w->sequence++;
     return send_frame(w, MK_MSG_COMMAND, payload, sizeof payload,
                       monotonic_ns() + MK_WIRE_EXCHANGE_NS);
+}
+
+/* Of several samples that wait the newest counts: the time of the others is gone. */
+static enum mk_status take_newest(struct mk_wire *w, struct mk_wire_reading *out)
+{
+    int64_t patience_ns = (int64_t)w->stream_us * 1000 + MK_WIRE_EXCHANGE_NS;
+    int64_t deadline_ns = monotonic_ns() + patience_ns;
+    enum mk_status st = mk_wire_next_sample(w, patience_ns, &w->newest, out);
+    struct mk_frame f;
+    if (st != MK_OK)
+        return st;
+    w->any = true;
+    while (monotonic_ns() < deadline_ns && next_frame(w, &f, 0) == MK_OK)
+        if (f.type == MK_MSG_SAMPLE && parse_reading(&f, out) == MK_OK)
+            w->newest = f.sequence;
+    return MK_OK;
+}
+
+/* The board streams no longer: its status says why. */
+static enum mk_status why_it_ended(struct mk_wire *w, struct mk_wire_reading *out)
+{
+    w->stream_us = 0;
+    enum mk_status st = mk_wire_exchange(w, 0.0, out);
+    bool told = (out->status & (MK_WIRE_ST_WATCHDOG | MK_WIRE_ST_FAULT)) != 0;
+    return st == MK_OK && !told ? MK_ERR_STATE : st;
+}
+
+/* An exchange with a board that streams: the answer to its last sample, then the next one. The same
+ * answer again does no harm; it finds out whether the board is still there. */
+static enum mk_status stream_exchange(struct mk_wire *w, double u, struct mk_wire_reading *out)
+{
+    enum mk_status st = w->any ? mk_wire_answer_sample(w, w->newest, u) : MK_OK;
+    if (st != MK_ERR_NODEV) /* a command that did not get out shows in the sample */
+        st = take_newest(w, out);
+    return st == MK_ERR_STATE ? why_it_ended(w, out) : st;
 }
 
 /* --- stand-alone control -------------------------------------------------------------------------
@@ -451,16 +495,30 @@ enum mk_status mk_wire_board_zero(struct mk_board *board, struct mk_error *err)
 
 enum mk_status mk_wire_board_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
-    struct mk_wire_reading reading;
-    enum mk_status st = mk_wire_exchange(board->priv, u, &reading);
+    struct mk_wire *w = board->priv;
+    struct mk_wire_reading reading = {0};
+    enum mk_status st =
+        w->stream_us ? stream_exchange(w, u, &reading) : mk_wire_exchange(w, u, &reading);
     if (st == MK_OK)
         *out = reading.sample;
     return st;
 }
 
+enum mk_status mk_wire_board_stream(struct mk_board *board, uint32_t period_us,
+                                    struct mk_error *err)
+{
+    struct mk_wire *w = board->priv;
+    enum mk_status st = mk_wire_stream(w, period_us, err);
+    w->stream_us = st == MK_OK ? period_us : 0;
+    w->any = false;
+    return st;
+}
+
 enum mk_status mk_wire_board_safe(struct mk_board *board)
 {
-    return mk_wire_request(board->priv, MK_MSG_SAFE, NULL, 0, SAFE_TRIES, SAFE_NS, NULL);
+    struct mk_wire *w = board->priv;
+    w->stream_us = 0;
+    return mk_wire_request(w, MK_MSG_SAFE, NULL, 0, SAFE_TRIES, SAFE_NS, NULL);
 }
 
 enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_ms,

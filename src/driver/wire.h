@@ -42,6 +42,10 @@ struct mk_wire {
     struct mk_board_identity identity; /* from HELLO */
     uint32_t capabilities;             /* enum mk_wire_capability */
     double u_max;                      /* the board's own limit, command units */
+
+    uint32_t stream_us; /* the board samples by its own clock; 0: when it is asked */
+    uint32_t newest;    /* number of the newest of its samples */
+    bool any;           /* there has been one */
 };
 
 struct mk_wire_reading {
@@ -110,6 +114,8 @@ enum mk_status mk_wire_board_identify(struct mk_board *board, struct mk_board_id
 enum mk_status mk_wire_board_zero(struct mk_board *board, struct mk_error *err);
 enum mk_status mk_wire_board_exchange(struct mk_board *board, double u,
                                       struct mk_board_sample *out);
+enum mk_status mk_wire_board_stream(struct mk_board *board, uint32_t period_us,
+                                    struct mk_error *err);
 enum mk_status mk_wire_board_safe(struct mk_board *board);
 enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_ms,
                                       struct mk_error *err);

@@ -165,17 +165,39 @@ static const struct mk_table_column *column_of(const struct mk_table *table, con
     return NULL;
 }
 
+static enum mk_status check_source(const struct mk_table *table, const char *path,
+                                   const struct mk_import_column *c, struct mk_error *err)
+{
+    const struct mk_table_column *from = column_of(table, c->from);
+    size_t same = 0;
+    if (!from)
+        return not_recognised(table, path, c->to, err);
+    for (size_t i = 0; i < table->count; i++)
+        same += strcmp(table->column[i].name, c->from) == 0;
+    if (same > 1)
+        return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
+                           "%zu columns are called %s: which is %s? A mapping can say so by its "
+                           "number, column = %zu for the first",
+                           same, c->from, c->to, (size_t)(from - table->column) + 1);
+    if (from->text_line)
+        return mk_error_at(err, MK_ERR_PARSE, path, from->text_line, 0,
+                           "'%s' in column %s is no number; a missing value is an empty field, nan "
+                           "or NA",
+                           from->text, from->name);
+    return MK_OK;
+}
+
 static enum mk_status apply_column(const struct mk_table *table, const char *path,
                                    const struct mk_import_map *map,
                                    const struct mk_import_column *c, struct mk_log *log,
                                    struct mk_error *err)
 {
-    const struct mk_table_column *from = column_of(table, c->from);
     const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
     enum quantity quantity = quantity_of_column(c->to);
     double size = unit ? unit_size(unit, quantity, map->u_to_torque) : 1.0;
-    if (!from)
-        return not_recognised(table, path, c->to, err);
+    enum mk_status st = check_source(table, path, c, err);
+    if (st != MK_OK)
+        return st;
     if (size == 0.0 && quantity == QUANTITY_COMMAND)
         return mk_error_at(
             err, MK_ERR_PARSE, path, 0, 0,
@@ -185,6 +207,7 @@ static enum mk_status apply_column(const struct mk_table *table, const char *pat
     double *data = mk_log_add_column(log, c->to);
     if (!data)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+    const struct mk_table_column *from = column_of(table, c->from);
     for (size_t r = 0; r < table->rows; r++)
         data[r] = c->sign * size * from->data[r] + c->offset;
     return MK_OK;

@@ -104,7 +104,9 @@ static int on_column(struct reader *r, const char *section, const char *key, con
         snprintf(c->to, sizeof c->to, "%s", section);
     }
     if (strcmp(key, "column") == 0) {
-        snprintf(c->from, sizeof c->from, "%s", value);
+        if (strlen(value) >= sizeof c->from)
+            return refuse(r, "too long a name", section, key);
+        strcpy(c->from, value);
         return 1;
     }
     if (strcmp(key, "unit") == 0) {
@@ -132,6 +134,9 @@ static int on_entry(void *user, const char *section, const char *key, const char
     struct reader *r = user;
     if (r->status != MK_OK)
         return 0;
+    for (const char *at = value; *at; at++)
+        if (iscntrl((unsigned char)*at))
+            return refuse(r, "there is a control character in the value", section, key);
     if (strcmp(section, "source") == 0)
         return on_source(r, key, value);
     if (strcmp(section, "rig") == 0)
@@ -168,6 +173,8 @@ enum mk_status mk_import_map_read(const char *path, struct mk_import_map *out, s
     if (!r.file)
         return mk_error_errno(err, errno, path, "cannot read the mapping");
     int bad = ini_parse_stream(next_line, &r, on_entry, &r);
+    if (r.status == MK_OK && ferror(r.file))
+        r.status = mk_error_errno(err, errno ? errno : EIO, path, "cannot read the mapping");
     if (r.status == MK_OK && bad != 0)
         r.status = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r.line, 0,
                                "expected `key = value` or `[section]`");

@@ -57,6 +57,7 @@ class Checker
     }
     void find(const std::string &what, const mk_import_map *fixed);
     void check_time();
+    void check_angles();
     void check_speeds();
     void check_motion();
 };
@@ -241,6 +242,24 @@ void Checker::check_time()
     find(what, nullptr);
 }
 
+// No wheel turns a hundred thousand times in a run: such numbers are something else, or garbage.
+void Checker::check_angles()
+{
+    const double most = 1e6; // rad
+    Log log = apply(map_);
+    for (const char *name : {"q1", "q2"}) {
+        const double *q = log ? mk_log_get(log.get(), name) : nullptr;
+        double reach = 0.0;
+        for (size_t r = 0; q && r < log->rows; r++)
+            reach = std::fmax(reach, std::fabs(q[r])); // fmax passes a NaN over
+        if (reach <= most)
+            continue;
+        char what[120];
+        snprintf(what, sizeof what, "%s reaches %.3g rad: that is no angle of a rig", name, reach);
+        find(what, nullptr);
+    }
+}
+
 // Speeds that still run against their angles when the angles are right.
 void Checker::check_speeds()
 {
@@ -325,6 +344,7 @@ void Checker::check_motion()
 void Checker::run()
 {
     check_time();
+    check_angles();
     check_motion();
     check_speeds();
 }

@@ -1,8 +1,10 @@
 /* MAT files of other people as tables: whatever numbers they hold, by name. */
+#include <errno.h>
 #include <matio.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "exchange/source.h"
 
@@ -149,6 +151,9 @@ static enum mk_status as_table(struct collector *c, const char *path, struct mk_
 
 enum mk_status source_read_mat(const char *path, struct mk_table **out, struct mk_error *err)
 {
+    struct stat kind;
+    if (stat(path, &kind) == 0 && S_ISDIR(kind.st_mode))
+        return mk_error_errno(err, EISDIR, path, "cannot read");
     struct collector c = {.found = calloc(MAX_COLUMNS, sizeof *c.found)};
     mat_t *mat = c.found ? Mat_Open(path, MAT_ACC_RDONLY) : NULL;
     *out = NULL;

@@ -91,6 +91,13 @@ static void find_format(struct source_format *f, struct mk_span line)
     }
 }
 
+/* As long as the decimal sign is not known, both are numbers where commas do not separate fields.
+ */
+static char either_decimal(const struct source_format *f)
+{
+    return f->decimal ? f->decimal : f->separator == ',' ? '.' : ',';
+}
+
 static bool has_numbers_only(struct mk_span line, const struct source_format *f)
 {
     struct mk_span field;
@@ -99,7 +106,7 @@ static bool has_numbers_only(struct mk_span line, const struct source_format *f)
     while (next_field(&line, f->separator, &field)) {
         if (field.begin == field.end)
             continue;
-        if (!number_in(field, f->decimal ? f->decimal : f->separator == ',' ? '.' : ',', &value))
+        if (!number_in(field, either_decimal(f), &value))
             return false;
         numbers++;
     }
@@ -167,16 +174,36 @@ static enum mk_status read_names(struct reader *r, struct mk_span line, bool nam
     return st;
 }
 
-/* A line of text below the names: units, as far as they are known. */
+/* The unit that a field of its own names, with or without brackets; NULL: none. */
+static const char *unit_in(struct mk_span field)
+{
+    char text[32];
+    if (field.begin < field.end && strchr("[(", *field.begin))
+        field.begin++, field.end -= field.end > field.begin;
+    snprintf(text, sizeof text, "%.*s", (int)(field.end - field.begin), field.begin);
+    return canonical_unit(text);
+}
+
+/* Whether a line below the names is about units: it names one, or has no number. Else it is a row,
+ * whatever text there is in it. */
+static bool is_about_units(struct mk_span line, const struct source_format *f)
+{
+    struct mk_span field;
+    double value;
+    bool numbers = false;
+    while (next_field(&line, f->separator, &field)) {
+        if (unit_in(field))
+            return true;
+        numbers |= number_in(field, either_decimal(f), &value);
+    }
+    return !numbers;
+}
+
 static void read_units(struct reader *r, struct mk_span line)
 {
     struct mk_span field;
     for (size_t i = 0; next_field(&line, r->format.separator, &field) && i < r->table->count; i++) {
-        char text[32];
-        if (field.begin < field.end && strchr("[(", *field.begin))
-            field.begin++, field.end -= field.end > field.begin;
-        snprintf(text, sizeof text, "%.*s", (int)(field.end - field.begin), field.begin);
-        const char *unit = canonical_unit(text);
+        const char *unit = unit_in(field);
         if (unit)
             snprintf(r->table->column[i].unit, sizeof r->table->column[i].unit, "%s", unit);
     }
@@ -199,6 +226,26 @@ static bool make_room(struct reader *r)
     return true;
 }
 
+/* Ways to say that there is no value, beside nan and nothing. */
+static bool is_missing(struct mk_span field)
+{
+    static const char *const words[] = {"", "NA", "N/A", "null", "NULL", "None", "-"};
+    size_t n = (size_t)(field.end - field.begin);
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++)
+        if (strlen(words[i]) == n && memcmp(field.begin, words[i], n) == 0)
+            return true;
+    return false;
+}
+
+/* A column of text may well be there; only one that is taken for numbers must not have any. */
+static void note_text(struct mk_table_column *c, struct mk_span field, int line)
+{
+    if (c->text_line || is_missing(field))
+        return;
+    c->text_line = line;
+    snprintf(c->text, sizeof c->text, "%.*s", (int)(field.end - field.begin), field.begin);
+}
+
 static enum mk_status read_row(struct reader *r, struct mk_span line)
 {
     struct mk_span field;
@@ -217,7 +264,8 @@ static enum mk_status read_row(struct reader *r, struct mk_span line)
         if (!r->format.decimal && r->format.separator != ',' &&
             memchr(field.begin, ',', (size_t)(field.end - field.begin)))
             r->format.decimal = ',';
-        number_in(field, r->format.decimal, &value);
+        if (!number_in(field, r->format.decimal, &value))
+            note_text(&t->column[n], field, r->lines.line);
         t->column[n++].data[t->rows] = value;
     }
     while (n < t->count)
@@ -237,7 +285,7 @@ static enum mk_status read_line(struct reader *r, struct mk_span line)
         enum mk_status st = read_names(r, line, !numbers);
         return st == MK_OK && numbers ? read_row(r, line) : st;
     }
-    if (r->table->rows == 0 && !numbers) {
+    if (r->table->rows == 0 && !numbers && is_about_units(line, &r->format)) {
         read_units(r, line);
         return MK_OK;
     }

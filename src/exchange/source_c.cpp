@@ -1,6 +1,9 @@
 // A model as C: its equations, and an integrator that finds the instants at which contact opens and
 // closes.
+#include <cmath>
+
 #include "exchange/source_text.hpp"
+#include "sim/predict.h"
 
 namespace mk
 {
@@ -369,6 +372,8 @@ std::vector<std::pair<std::string, std::string>> words(const SymbolicModel &s,
     std::vector<std::string> parameter_names;
     for (const ExportedParameter &p : s.parameters)
         parameter_names.push_back(p.name);
+    double rtol, atol;
+    mk_free_run_tolerances(&s.model, &rtol, &atol);
     bool late = s.command_delay > 0.0;
     bool old = s.sensor_delay[0] > 0.0 || s.sensor_delay[1] > 0.0;
     return {{"NAME", name},
@@ -392,8 +397,8 @@ std::vector<std::pair<std::string, std::string>> words(const SymbolicModel &s,
             {"COMMAND_DELAY", literal(s.command_delay)},
             {"SENSOR_DELAY", literal(s.sensor_delay[0]) + ", " + literal(s.sensor_delay[1])},
             {"SECOND_INPUT", s.two_inputs ? "u[1]" : "0.0"},
-            {"RTOL", literal(s.model.rtol < 1e-9 ? s.model.rtol : 1e-9)},
-            {"ATOL", literal(s.model.atol < 1e-11 ? s.model.atol : 1e-11)}};
+            {"RTOL", literal(std::fmin(rtol, 1e-9))},
+            {"ATOL", literal(std::fmin(atol, 1e-11))}};
 }
 
 } // namespace

@@ -45,6 +45,8 @@ struct Row {
     const char *name;
     bool linear;
     Starts (*starts)(const Setting &);
+    double most = HUGE_VAL; // a larger size is no such fault of any rig
+    int shape = -1;         // parameter that says little before the size is about right
 };
 
 Starts product(std::initializer_list<double> first, std::initializer_list<double> second)
@@ -111,7 +113,7 @@ Starts cable_hysteresis(const Setting &s)
     Starts all;
     for (double yield : {0.03, 0.1, 0.4})
         if (!s.wheel() && s.speed() / yield < TOO_FAST)
-            all.push_back({3.0 * small(s), yield});
+            all.push_back({2.0 * small(s) / yield, yield});
     return all;
 }
 Starts cogging(const Setting &s)
@@ -267,7 +269,7 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"load-friction", true, load_friction},
                     {"friction-drift", true, friction_drift},
                     {"cable-stiffness", true, cable_stiffness},
-                    {"cable-hysteresis", false, cable_hysteresis},
+                    {"cable-hysteresis", false, cable_hysteresis, HUGE_VAL, 1},
                     {"cogging", true, cogging},
                     {"imbalance", true, imbalance},
                     {"end-stop", false, end_stop},
@@ -275,17 +277,17 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"backlash", false, backlash},
                     {"input-delay", false, input_delay},
                     {"deadband", false, deadband},
-                    {"gain-asymmetry", true, gain_asymmetry},
-                    {"gain-drift", true, gain_drift},
-                    {"torque-ripple", true, torque_ripple},
+                    {"gain-asymmetry", true, gain_asymmetry, 0.5},
+                    {"gain-drift", true, gain_drift, 0.7},
+                    {"torque-ripple", true, torque_ripple, 0.5},
                     {"actuator-lag", false, actuator_lag},
                     {"saturation", false, saturation},
-                    {"back-emf-limit", false, back_emf_limit},
-                    {"encoder-scale", true, encoder_scale},
-                    {"encoder-eccentricity", true, encoder_eccentricity},
+                    {"back-emf-limit", false, back_emf_limit, HUGE_VAL, 1},
+                    {"encoder-scale", true, encoder_scale, 0.2},
+                    {"encoder-eccentricity", true, encoder_eccentricity, 0.15},
                     {"encoder-offset", true, encoder_offset},
                     {"sensor-delay", false, sensor_delay},
-                    {"base-tilt", true, base_tilt},
+                    {"base-tilt", true, base_tilt, 0.35},
                     {"base-compliance", true, base_compliance},
                     {"custom", true, custom},
                     {"custom-wave", true, custom_wave}};
@@ -337,6 +339,27 @@ bool is_library(const mk_effect_info *effect)
     return strncmp(effect->name, "custom", 6) == 0;
 }
 
+bool same_cause(const Candidate &a, const Candidate &b)
+{
+    if (a.effect != b.effect || a.joint != b.joint)
+        return false;
+    // Terms of the library are causes of their own.
+    int term = mk_effect_parameter_index(a.effect, "term");
+    return term < 0 || a.value[term] == b.value[term];
+}
+
+bool same_start(const Candidate &a, const Candidate &b)
+{
+    bool resonance = a.effect->state_count > 0;
+    return same_cause(a, b) &&
+           !(resonance && std::fabs(std::log(a.value[0] / b.value[0])) > std::log(1.3));
+}
+
+bool is_play(const mk_effect_info *effect)
+{
+    return effect->event_count > 0 && effect->state_count > 0;
+}
+
 bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
 {
     out = model;
@@ -370,7 +393,9 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
                                joint,
                                {},
                                row.linear,
-                               std::max(mk_effect_parameter_index(effect, "gain"), 0)};
+                               std::max(mk_effect_parameter_index(effect, "gain"), 0),
+                               row.most,
+                               row.shape};
                 for (int i = 0; i < effect->parameter_count; i++)
                     c.value[i] =
                         i < (int)start.size() ? start[(size_t)i] : effect->parameter[i].initial;

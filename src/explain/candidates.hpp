@@ -27,6 +27,8 @@ struct Candidate {
     // next to nothing.
     bool linear;
     int size;
+    double most = HUGE_VAL; // of it, for any rig
+    int shape = -1;         // parameter that says little before the size is about right
 };
 
 // All candidates for a model that may have effects already.
@@ -34,6 +36,15 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
 
 // A term of the library rather than an entry of the catalogue.
 bool is_library(const mk_effect_info *effect);
+
+// Two bodies that touch now and then.
+bool is_play(const mk_effect_info *effect);
+
+// The same effect at the same joint, with whatever values. Terms of the library are causes of their
+// own.
+bool same_cause(const Candidate &a, const Candidate &b);
+// Starts of the same cause that are not worth a try each: resonances apart are.
+bool same_start(const Candidate &a, const Candidate &b);
 
 // The model with one more effect; false when it does not fit in.
 bool with_candidate(const mk_model &model, const Candidate &candidate, mk_model &out);

@@ -10,7 +10,8 @@ namespace
 
 constexpr size_t MOST = 3;            // causes looked for
 constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
-constexpr double IMMATERIAL = 2.0e-3; // drift that does not matter within a second of free run
+constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
+constexpr double LOST = 1.0;          // drift at which a stretch says nothing
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 
@@ -38,7 +39,15 @@ void CauseSearch::run()
 {
     search.polish(refit, true);
     best = refit;
+    add_causes();
+    try_runners_up();
+}
+
+void CauseSearch::add_causes()
+{
     while (rounds.size() < MOST && !search.cancelled && search.work_done() < MOST_WORK) {
+        if (search.complete(best))
+            return;
         // Nameless terms that already follow the data will not become a name.
         bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
             return is_library(r.field[0].added.effect);
@@ -61,9 +70,10 @@ void CauseSearch::run()
             round.field = search.extend(best, how);
         }
         most_tried = std::max(most_tried, search.tried());
-        if (round.field.empty())
-            return;
-        if (!choose(round.field, needed))
+        bool found = choose(round.field, needed);
+        if (how.thorough && !(found && search.complete(round.field[0])))
+            found = consider_play(round.field, needed) || found;
+        if (!found)
             return;
         before = best;
         best = round.field[0];
@@ -71,8 +81,44 @@ void CauseSearch::run()
         rounds.push_back(std::move(round));
         if (rounds.size() > 1 && idle_without_last())
             return;
+        if (give_up_early && best.drift >= LOST)
+            return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
+    }
+}
+
+// The first cause was chosen while another one was missing, and led to no model that follows the
+// data: what came next may have been the right one.
+void CauseSearch::try_runners_up()
+{
+    constexpr size_t RUNNERS_UP = 2;
+    if (rounds.empty() || follows(best) || best.drift >= LOST ||
+        mk_model_hides_joint(&best.point.model))
+        return;
+    const std::vector<Hypothesis> field = rounds[0].field;
+    size_t tried = 0;
+    for (size_t i = 1; i < field.size() && tried < RUNNERS_UP; i++) {
+        if (is_library(field[i].added.effect) || field[i].score > refit.score - ENOUGH ||
+            search.work_done() > MUCH_WORK || search.cancelled)
+            continue;
+        tried++;
+        const std::vector<Round> kept = rounds;
+        const Hypothesis kept_best = best, kept_before = before;
+        rounds.resize(1);
+        rounds[0] = {field, {}};
+        std::swap(rounds[0].field[0], rounds[0].field[i]);
+        before = refit;
+        best = rounds[0].field[0];
+        add_causes();
+        const bool better = best.score < kept_best.score - ENOUGH;
+        if (better && follows(best))
+            return;
+        if (!better) {
+            rounds = kept;
+            best = kept_best;
+            before = kept_before;
+        }
     }
 }
 
@@ -95,6 +141,8 @@ bool CauseSearch::idle_without_last()
         return false;
     best = before;
     rounds.pop_back();
+    if (rounds.size() == 1)
+        rounds[0].field[0] = best;
     return true;
 }
 
@@ -119,11 +167,28 @@ bool CauseSearch::choose(std::vector<Hypothesis> &field, double needed)
             return false;
         std::swap(field[0], field[chosen]);
         search.polish(field[0], true);
-        if (!Search::vanished(field[0]))
+        if (!Search::discredited(field[0]))
             return true;
         field.erase(field.begin());
     }
     return false;
+}
+
+// Play, where nothing else explains the data. True if it is the better choice.
+bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
+{
+    ExtendOptions how;
+    how.kind = Kind::play;
+    const double leader = field.empty() ? HUGE_VAL : field[0].score;
+    how.beat = leader;
+    std::vector<Hypothesis> plays = search.extend(best, how);
+    const bool better = choose(plays, needed) && plays[0].score < leader;
+    field.insert(better ? field.begin() : field.end(), plays.begin(), plays.end());
+    if (!field.empty())
+        std::stable_sort(
+            field.begin() + 1, field.end(),
+            [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    return better;
 }
 
 void CauseSearch::forget_lacks()
@@ -173,18 +238,17 @@ void CauseSearch::reconsider()
         ExtendOptions how;
         how.only = &others;
         std::vector<Hypothesis> field = search.extend(without, how);
-        if (field.empty())
-            continue;
-        size_t chosen = pick(field);
-        std::swap(field[0], field[chosen]);
-        search.polish(field[0], true);
-        if (without.score < field[0].score + ENOUGH && without.score < best.score + ENOUGH) {
+        const bool led = choose(field, -HUGE_VAL);
+        const double leader = led ? field[0].score : HUGE_VAL;
+        if (without.score < std::min(leader, best.score) + ENOUGH) {
             best = without; // not needed any more
             forget_lacks();
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
             i--;
             continue;
         }
+        if (!led)
+            continue;
         bool better = field[0].score < best.score - 1e-6;
         if (better) {
             // The new one sits last in the model; rounds follow the model's order.
@@ -229,20 +293,37 @@ Lack CauseSearch::without(size_t cause)
     return lack_of(remove(cause, less) ? less : refit);
 }
 
+// A rival that got lost on its way starts again from where the best one ended.
+void CauseSearch::lead_home(Hypothesis &rival)
+{
+    mk_model m = best.point.model;
+    m.effect[m.effect_count - 1] = rival.point.model.effect[m.effect_count - 1];
+    Hypothesis again;
+    if (!search.refit_at(m, best, best.drift, again) || again.score > rival.score)
+        return;
+    again.added = rival.added;
+    rival = std::move(again);
+}
+
 void CauseSearch::polish_rivals()
 {
     constexpr double NEAR = 50.0;
     for (Round &r : rounds) {
-        for (size_t i = 1; i < r.field.size() && i <= 3; i++)
+        for (size_t i = 1; i < r.field.size() && i <= 3; i++) {
+            if (rounds.size() == 1 && follows(best) && r.field[i].score > best.score + NEAR)
+                lead_home(r.field[i]);
             if (r.field[i].score < r.field[0].score + NEAR)
                 search.polish(r.field[i], false);
+        }
         std::stable_sort(
             r.field.begin() + 1, r.field.end(),
             [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
     }
+    // What differs by less is the same thing by another name: the first stays.
+    constexpr double BETTER = 1.0;
     if (rounds.size() == 1 && rounds[0].field.size() > 1 &&
         !is_library(rounds[0].field[1].added.effect) &&
-        rounds[0].field[1].score < rounds[0].field[0].score) {
+        rounds[0].field[1].score < rounds[0].field[0].score - BETTER) {
         std::swap(rounds[0].field[0], rounds[0].field[1]);
         best = rounds[0].field[0];
     }

@@ -40,9 +40,10 @@ class CauseSearch
     static bool matters(double drift);
     int tried() const { return most_tried; }
 
-    Hypothesis refit;          // the given model, without a cause
-    Hypothesis best;           // with all of them
-    std::vector<Round> rounds; // one a cause of `best`, in its order
+    bool give_up_early = false; // where even with a cause the model is far from its data
+    Hypothesis refit;           // the given model, without a cause
+    Hypothesis best;            // with all of them
+    std::vector<Round> rounds;  // one a cause of `best`, in its order
 
   private:
     const mk_model &model;
@@ -55,9 +56,13 @@ class CauseSearch
 
     bool idle_without_last();
     bool choose(std::vector<Hypothesis> &field, double needed);
+    bool consider_play(std::vector<Hypothesis> &field, double needed);
     void forget_lacks();
+    void lead_home(Hypothesis &rival);
     bool stands_alone(const Round &round) const;
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> field) const;
+    void add_causes();
+    void try_runners_up();
     void reconsider();
     static Lack lack_of(const Hypothesis &h) { return {h.score, h.picture.evidence}; }
 };

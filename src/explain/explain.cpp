@@ -13,11 +13,13 @@
 
 #include "explain/causes.hpp"
 #include "explain/held_out.hpp"
+#include "explain/innovations.hpp"
 #include "explain/mending.hpp"
 #include "explain/next_experiment.hpp"
-#include "explain/owned_log.hpp"
 #include "explain/pushes.hpp"
+#include "explain/statistics.hpp"
 #include "explain/structure.hpp"
+#include "explain/training.hpp"
 
 namespace mk
 {
@@ -25,50 +27,9 @@ namespace mk
 namespace
 {
 
-constexpr size_t FEWEST = 40;       // rows of a log
-constexpr double MOST_DATA = 60.0;  // s to search in, if not said otherwise
-constexpr double A_RUN = 15.0;      // s of a log that are worth having
+constexpr double MOST_DATA = 30.0;  // s to search in, if not said otherwise
 constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
-
-// Rows [first, last) of a log, with its metadata and the columns a model needs.
-OwnedLog slice(const mk_log &log, size_t first, size_t last)
-{
-    mk_log *made = nullptr;
-    if (mk_log_create(last - first, &made) != MK_OK)
-        throw std::bad_alloc();
-    OwnedLog out(made);
-    for (size_t c = 0; c < log.column_count; c++) {
-        if (!log.columns[c].data)
-            continue;
-        double *data = mk_log_add_column(made, log.columns[c].name);
-        if (!data)
-            throw std::bad_alloc();
-        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
-    }
-    for (size_t m = 0; m < log.meta_count; m++)
-        if (log.meta[m].key[0] &&
-            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
-            throw std::bad_alloc();
-    return out;
-}
-
-// Probability that chi-square with k degrees of freedom exceeds x.
-double chi2_tail(double x, int k)
-{
-    if (x <= 0.0)
-        return 1.0;
-    // Series in steps of two degrees (Abramowitz, Stegun 26.4.4, 26.4.5).
-    double half = 0.5 * x, sum = 0.0, term = k % 2 ? std::sqrt(x) : 1.0;
-    for (int i = k % 2 ? 1 : 0; i < k - 1; i += 2) {
-        sum += term;
-        term *= x / (double)(i + 2);
-    }
-    if (k % 2)
-        return std::erfc(std::sqrt(half)) +
-               std::sqrt(2.0 / 3.14159265358979) * std::exp(-half) * sum;
-    return std::exp(-half) * sum;
-}
 
 class Explainer
 {
@@ -82,9 +43,12 @@ class Explainer
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
-        enum mk_status st = load(logs, log_count, holdouts, holdout_count, err);
+        enum mk_status st =
+            data.load(model, options, logs, log_count, holdouts, holdout_count, out, err);
         if (st != MK_OK)
             return st;
+        for (const FitLog &log : data.logs)
+            training.push_back(&log);
         SearchOptions so;
         so.given = &model;
         so.threads = options.threads;
@@ -100,15 +64,17 @@ class Explainer
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit);
+        look_closer(so);
         causes->polish_rivals();
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         decide();
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
+        test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured = measure(err);
         if (measured == MK_OK)
-            propose_experiment();
+            propose_experiment(model, training, causes->best, rival_fit, options.next, out);
         return measured;
     }
 
@@ -116,92 +82,16 @@ class Explainer
     const mk_model &model;
     mk_explanation &out;
     mk_explain_options options;
-    std::vector<FitLog> fit_logs;
-    std::vector<const FitLog *> training;
-    std::vector<OwnedLog> made;
-    std::vector<const mk_log *> held;
+    TrainingData data;
+    std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
 
-    enum mk_status load(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
-                        size_t holdout_count, mk_error *err)
-    {
-        held.assign(holdouts, holdouts + holdout_count);
-        enum mk_status st = MK_OK;
-        for (size_t i = 0; i < log_count; i++) {
-            mk_record record;
-            st = mk_record_from_log(logs[i], &model, &record, err);
-            if (st != MK_OK)
-                return st;
-            size_t last = record.rows;
-            if (record.rows < FEWEST)
-                return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
-                                   "%zu rows are too few to explain anything: %zu at least",
-                                   record.rows, FEWEST);
-            if (holdout_count == 0 && i + 1 == log_count) {
-                last = record.rows - record.rows / 4;
-                out.held_back = true;
-                out.held_from = record.t[last] - record.t[0];
-                made.push_back(slice(*logs[i], last, record.rows));
-                held.push_back(made.back().get());
-            }
-            fit_logs.push_back(fit_log(record, model, 0, last));
-            out.given_s += fit_logs.back().duration();
-            st = check_motion(fit_logs.back(), logs[i], err);
-            if (st != MK_OK)
-                return st;
-        }
-        if (out.given_s > options.most_s)
-            st = take_part(logs, err);
-        for (const FitLog &log : fit_logs) {
-            training.push_back(&log);
-            out.searched_s += log.duration();
-        }
-        return st;
-    }
-    // Of logs evenly over all the beginnings: effects may depend on the time since the start.
-    enum mk_status take_part(const mk_log *const *logs, mk_error *err)
-    {
-        const size_t count = fit_logs.size();
-        const double wanted = std::max(options.most_s, (double)FEWEST * fit_logs[0].period);
-        size_t kept = (size_t)std::max(1.0, std::min((double)count, wanted / A_RUN));
-        double share = wanted / (double)kept;
-        std::vector<FitLog> part;
-        for (size_t i = 0; i < kept; i++) {
-            const size_t log = i * count / kept;
-            mk_record record;
-            enum mk_status st = mk_record_from_log(logs[log], &model, &record, err);
-            if (st != MK_OK)
-                return st;
-            // What is held back has been left out of these already.
-            const FitLog &whole = fit_logs[log];
-            const double seconds = std::min(share, whole.duration());
-            size_t last = 0;
-            while (last < record.rows && record.t[last] - record.t[0] <= seconds)
-                last++;
-            part.push_back(fit_log(record, model, 0, last));
-        }
-        fit_logs = std::move(part);
-        return MK_OK;
-    }
-    static enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
-    {
-        for (int j = 0; j < log.joints; j++) {
-            double low = HUGE_VAL, high = -HUGE_VAL;
-            for (double q : log.q[j])
-                if (!std::isnan(q))
-                    low = std::min(low, q), high = std::max(high, q);
-            if (high - low >= 5.0 * log.count[j])
-                return MK_OK;
-        }
-        return mk_error_at(err, MK_ERR_RANGE, source->path, 0, 0,
-                           "nothing moves in this log: there is nothing to explain");
-    }
-
     void search_causes(const Hypothesis &refit)
     {
         causes = std::make_unique<CauseSearch>(model, *search, refit);
+        causes->give_up_early = lost.joint == 0; // look_closer() goes on
         causes->run();
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
@@ -216,7 +106,7 @@ class Explainer
     {
         constexpr double SAME = 0.05; // counts
         std::vector<const FitLog *> raw;
-        for (const FitLog &log : fit_logs)
+        for (const FitLog &log : data.logs)
             raw.push_back(&log);
         const mk_model extended = causes->best.point.model;
         LostCounts again = find_lost_counts(extended, raw, so, causes->refit, -HUGE_VAL);
@@ -267,6 +157,37 @@ class Explainer
         }
     }
 
+    // A model that does not follow its data bends within a stretch, and what it misses there is
+    // taken for noise of the readings, of which there seem to be thousands: nearly anything can
+    // earn a place that way. With stretches so short that the drift between them makes up for it,
+    // evidence counts again. Done only where needed: it takes longer.
+    void look_closer(SearchOptions so)
+    {
+        constexpr double SHORTEST = 0.03, SHORT = 0.12; // s
+        const Hypothesis &left = causes->best;
+        if (lost.joint > 0 || causes->follows(left) || mk_model_hides_joint(&left.point.model))
+            return;
+        double noise = HUGE_VAL;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            noise = std::min(noise, left.point.noise[j]);
+        so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
+        if (so.stretch > SHORT)
+            return;
+        auto closer = std::make_unique<Search>(training, so);
+        Hypothesis refit, same;
+        if (!closer->refit(causes->refit.point.model, nullptr, refit) ||
+            !closer->refit(left.point.model, nullptr, same))
+            return;
+        auto again = std::make_unique<CauseSearch>(model, *closer, refit);
+        again->run();
+        if (closer->cancelled)
+            search->cancelled = true;
+        if (again->best.score > same.score)
+            return;
+        causes = std::move(again);
+        search = std::move(closer);
+    }
+
     // --- verdict -----------------------------------------------------------------------------
 
     void decide()
@@ -300,6 +221,9 @@ class Explainer
     {
         snprintf(out.structure, sizeof out.structure, "%s",
                  describe_structure(out, *mk_plant(model.plant)).c_str());
+        out.partly_named = out.cause_count > 0;
+        for (int i = 0; i < out.cause_count; i++)
+            out.partly_named = out.partly_named && !is_library(out.cause[i].effect);
     }
     // How far the given values are from the estimate, in its own covariance: chi-square distributed
     // if they are right.
@@ -410,67 +334,6 @@ class Explainer
     }
     const Hypothesis *rival_fit[MK_MAX_RIVALS] = {};
 
-    // --- the next experiment -----------------------------------------------------------------
-
-    static std::string place(const mk_effect_info &effect, int joint)
-    {
-        return effect.name + (joint > 0 ? " at joint " + std::to_string(joint) : std::string());
-    }
-    ExperimentLimits limits() const
-    {
-        ExperimentLimits l = {};
-        DataRange range = data_range(model, training);
-        l.u_max = std::min(model.u_max, std::max(range.u_max, 0.3 * model.u_max));
-        for (int j = 0; j < mk_model_joints(&model); j++) {
-            double rest = mk_plant(model.plant)->rest[j];
-            double reach = 1.3 * std::max(range.q_max[j] - rest, rest - range.q_min[j]);
-            l.q_min[j] = rest - reach;
-            l.q_max[j] = rest + reach;
-            l.v_max[j] = 1.5 * range.v_max[j];
-        }
-        l.period = training[0]->period;
-        return l;
-    }
-    // For the nearest rival that the data leave open, or the nearest of all if asked for.
-    void propose_experiment()
-    {
-        out.next.rival = -1;
-        for (int i = 0; i < out.rival_count && out.next.rival < 0; i++) {
-            bool comparable = rival_fit[i] && rival_fit[i]->point.model.effect_count ==
-                                                  causes->best.point.model.effect_count;
-            if (comparable && (options.next || !out.rival[i].distinguishable))
-                out.next.rival = i;
-        }
-        if (out.next.rival < 0 || out.verdict != MK_VERDICT_EFFECT)
-            return;
-        const mk_rival &rival = out.rival[out.next.rival];
-        const mk_cause &cause = out.cause[rival.instead_of];
-        Experiment e = most_telling(causes->best, *rival_fit[out.next.rival], limits());
-        out.next.odds = e.odds;
-        std::string either =
-            place(*cause.effect, cause.joint) + " or " + place(*rival.effect, rival.joint);
-        constexpr double TELLING = 3.0; // twenty to one
-        if (e.odds < TELLING) {
-            snprintf(
-                out.next.why, sizeof out.next.why,
-                "%s: no input within the limits of these logs is expected to tell; look at the "
-                "rig itself",
-                either.c_str());
-            return;
-        }
-        out.next.seconds = e.seconds;
-        snprintf(out.next.input, sizeof out.next.input, "%s", e.input.c_str());
-        // Far apart the estimate, linear in the parameters, is no more than an order of magnitude.
-        char odds[32];
-        if (e.odds > 1000.0)
-            snprintf(odds, sizeof odds, "more than 1000");
-        else
-            snprintf(odds, sizeof odds, "%.2g", e.odds);
-        snprintf(out.next.why, sizeof out.next.why,
-                 "%s: %g s of %s from rest are expected to favour the right one by %s in log "
-                 "likelihood (next.cmd)",
-                 either.c_str(), e.seconds, e.input.c_str(), odds);
-    }
     // --- held-out data -----------------------------------------------------------------------
 
     // What predicts held-out data worse than the refitted model is not offered, and no cause is
@@ -508,25 +371,59 @@ class Explainer
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
     }
+    enum mk_status predict_held_out(HeldOutFigures &before, HeldOutFigures &refitted,
+                                    HeldOutFigures &after, mk_error *err)
+    {
+        // Where no model can say anything so far ahead, as of an unstable rig, less far.
+        constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
+        for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
+            const HeldOut held(data.held, out.window_s);
+            before = refitted = after = {};
+            enum mk_status st = held.figures(causes->refit.point.model, refitted, err);
+            if (st == MK_OK)
+                st = held.figures(out.extended, after, err);
+            bool lost_track = false;
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                lost_track = lost_track || (after.nrmse(j) > 1.0 && refitted.nrmse(j) > 1.0);
+            if (st == MK_OK && lost_track && !options.window_s && out.window_s > SHORTEST)
+                continue;
+            return st == MK_OK ? held.figures(model, before, err) : st;
+        }
+    }
+    // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
+    // nothing explains says nothing then: long chaotic motion leaves one.
+    bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
+    {
+        constexpr double NEARLY = 3.0;
+        bool near = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            near = near && f.nrmse(j) * held.deviation(model, j) < NEARLY * out.noise[j];
+        return near;
+    }
     enum mk_status measure(mk_error *err)
     {
-        const HeldOut data(held, out.window_s);
         HeldOutFigures before, refitted, after;
-        enum mk_status st = data.figures(model, before, err);
-        if (st == MK_OK)
-            st = data.figures(causes->refit.point.model, refitted, err);
-        if (st == MK_OK)
-            st = data.figures(out.extended, after, err);
+        enum mk_status st = predict_held_out(before, refitted, after, err);
         if (st != MK_OK)
             return st;
+        const HeldOut held(data.held, out.window_s);
         out.offered = out.cause_count > 0 && !clearly_worse(after, refitted);
+        // A formula is worth having for what it predicts only.
+        if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
+            out.offered = false;
         if (out.cause_count > 0 && !out.offered) {
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                out.declined[j] = after.nrmse(j);
             withdraw();
             after = refitted;
         }
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
+        if (out.verdict == MK_VERDICT_UNKNOWN && out.cause_count == 0 && at_noise(held, refitted)) {
+            out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+            out.structure[0] = 0;
+        }
         // Values that differ by more than chance but predict no better are as good as right.
         if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
             out.verdict = MK_VERDICT_NONE;
@@ -536,7 +433,7 @@ class Explainer
         }
         double floor = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
-            double sd = data.deviation(model, j);
+            double sd = held.deviation(model, j);
             out.before[j] = before.nrmse(j);
             out.refitted[j] = refitted.nrmse(j);
             out.after[j] = after.nrmse(j);

@@ -213,6 +213,73 @@ Experiment most_telling(const Hypothesis &a, const Hypothesis &b, const Experime
     return best;
 }
 
+namespace
+{
+
+std::string place(const mk_effect_info &effect, int joint)
+{
+    return effect.name + (joint > 0 ? " at joint " + std::to_string(joint) : std::string());
+}
+
+ExperimentLimits limits_of(const mk_model &model, const std::vector<const FitLog *> &training)
+{
+    ExperimentLimits l = {};
+    DataRange range = data_range(model, training);
+    l.u_max = std::min(model.u_max, std::max(range.u_max, 0.3 * model.u_max));
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        double rest = mk_plant(model.plant)->rest[j];
+        double reach = 1.3 * std::max(range.q_max[j] - rest, rest - range.q_min[j]);
+        l.q_min[j] = rest - reach;
+        l.q_max[j] = rest + reach;
+        l.v_max[j] = 1.5 * range.v_max[j];
+    }
+    l.period = training[0]->period;
+    return l;
+}
+
+} // namespace
+
+void propose_experiment(const mk_model &model, const std::vector<const FitLog *> &training,
+                        const Hypothesis &best, const Hypothesis *const *rival_fit, bool asked,
+                        mk_explanation &out)
+{
+    out.next.rival = -1;
+    for (int i = 0; i < out.rival_count && out.next.rival < 0; i++) {
+        bool comparable =
+            rival_fit[i] && rival_fit[i]->point.model.effect_count == best.point.model.effect_count;
+        if (comparable && (asked || !out.rival[i].distinguishable))
+            out.next.rival = i;
+    }
+    if (out.next.rival < 0 || out.verdict != MK_VERDICT_EFFECT)
+        return;
+    const mk_rival &rival = out.rival[out.next.rival];
+    const mk_cause &cause = out.cause[rival.instead_of];
+    Experiment e = most_telling(best, *rival_fit[out.next.rival], limits_of(model, training));
+    out.next.odds = e.odds;
+    std::string either =
+        place(*cause.effect, cause.joint) + " or " + place(*rival.effect, rival.joint);
+    constexpr double TELLING = 3.0; // twenty to one
+    if (e.odds < TELLING) {
+        snprintf(out.next.why, sizeof out.next.why,
+                 "%s: no input within the limits of these logs is expected to tell; look at the "
+                 "rig itself",
+                 either.c_str());
+        return;
+    }
+    out.next.seconds = e.seconds;
+    snprintf(out.next.input, sizeof out.next.input, "%s", e.input.c_str());
+    // Far apart the estimate, linear in the parameters, is no more than an order of magnitude.
+    char odds[32];
+    if (e.odds > 1000.0)
+        snprintf(odds, sizeof odds, "more than 1000");
+    else
+        snprintf(odds, sizeof odds, "%.2g", e.odds);
+    snprintf(out.next.why, sizeof out.next.why,
+             "%s: %g s of %s from rest are expected to favour the right one by %s in log "
+             "likelihood (next.cmd)",
+             either.c_str(), e.seconds, e.input.c_str(), odds);
+}
+
 } // namespace mk
 
 enum mk_status mk_explanation_write_next(const mk_explanation *e, const char *path,

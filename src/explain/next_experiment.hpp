@@ -5,6 +5,7 @@
 #include <string>
 
 #include "explain/search.hpp"
+#include "mechkit/explain.h"
 
 namespace mk
 {
@@ -28,6 +29,12 @@ struct Experiment {
 // The most telling input of a family (multisines, chirps, steps, ramps, kicks, holds): that under
 // which, `a` being true, `b` fits worst (T-optimal: Atkinson, Fedorov 1975; Box, Hill 1967).
 Experiment most_telling(const Hypothesis &a, const Hypothesis &b, const ExperimentLimits &limits);
+
+// Fills out.next for the nearest rival that the data leave open, or the nearest of all if asked
+// for. `rival_fit`: by rival of `out`.
+void propose_experiment(const mk_model &model, const std::vector<const FitLog *> &training,
+                        const Hypothesis &best, const Hypothesis *const *rival_fit, bool asked,
+                        mk_explanation &out);
 
 } // namespace mk
 #endif

@@ -293,6 +293,9 @@ std::string sentence(const mk_explanation &e)
             s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
         return "The model lacks " + s + ".";
     default:
+        if (e.partly_named)
+            return "Known effects explain a part of what is missing; the rest has no name: " +
+                   std::string(e.structure);
         return "Something is missing that no known effect explains; as a formula: " +
                std::string(e.structure);
     }
@@ -308,7 +311,7 @@ std::string cause_table(const mk_explanation &e)
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
             if (std::isfinite(c.std_error[k]))
                 add(s, " &plusmn; %.2g", c.std_error[k]);
-            add(s, " %s", c.effect->parameter[k].unit);
+            add(s, " %s", mk_model_unit(&e.given, c.effect->parameter[k].unit));
         }
         add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
             c.confidence);
@@ -347,6 +350,59 @@ std::string gain_table(const mk_explanation &e)
         add(s, "<tr><td>q%d</td><td>%.4g</td><td>%.4g</td><td>%.4g</td><td>%.2g</td></tr>", j + 1,
             e.before[j], e.refitted[j], e.after[j], e.floor[j]);
     return s + "</table>";
+}
+
+// Which readings the models mispredict from one sample to the next, and with what that goes.
+std::string residual_table(const mk_explanation &e)
+{
+    const double level = 0.01 / std::max(e.residual_test_count, 1);
+    std::string s = "<table><tr><th>Error of</th><th>goes with</th><th>refitted</th>"
+                    "<th>extended</th></tr>";
+    auto cell = [&](double figure, double p) {
+        add(s, p < level ? "<td><b>%.3f</b></td>" : "<td>%.3f</td>", figure);
+    };
+    for (int i = 0; i < e.residual_test_count; i++) {
+        const mk_residual_test &t = e.residual_test[i];
+        bool itself = strcmp(t.with, "itself") == 0;
+        if (itself)
+            add(s, "<tr><td>q%d</td><td>size, 1 if right</td><td>%.4g</td><td>%.4g</td></tr>",
+                t.joint, e.one_step_refit[t.joint - 1], e.one_step_extended[t.joint - 1]);
+        add(s, "<tr><td>q%d</td><td>%s</td>", t.joint,
+            itself ? "itself, up to 20 samples before" : t.with);
+        cell(t.before, t.p_before);
+        cell(t.after, t.p_after);
+        s += "</tr>";
+    }
+    add(s,
+        "</table><p>Correlations; bold: not by chance (%.1g in a test, 1 %% in all, Ljung-Box "
+        "and Fisher's z). With a right model nothing is bold.</p>",
+        level);
+    return s;
+}
+
+// What a controller makes of what it believes, on a virtual rig that is the extended model.
+std::string control_table(const mk_explanation &e)
+{
+    std::string s = "<table><tr><th>Setup</th><th>believes</th><th>held</th><th>caught, s</th>"
+                    "<th>error, rms</th><th>joint 1 off, rad</th><th>command, rms</th></tr>";
+    auto cell = [&](double value) {
+        std::isfinite(value) ? add(s, "<td>%.3g</td>", value) : add(s, "<td></td>");
+    };
+    for (int i = 0; i < e.control_count; i++) {
+        const mk_control_gain &c = e.control[i];
+        const mk_control_figures *figures[] = {&c.given, &c.refit, &c.extended};
+        const char *beliefs[] = {"given", "refitted", "extended"};
+        for (int k = 0; k < 3; k++) {
+            const mk_control_figures &f = *figures[k];
+            add(s, "<tr><td>%s</td><td>%s</td><td>%.0f of %d</td>", k ? "" : c.setup, beliefs[k],
+                f.held * c.runs, c.runs);
+            for (double value : {f.caught_s, f.error, f.off, f.effort})
+                cell(value);
+            s += "</tr>";
+        }
+    }
+    return s + "</table><p>Medians. Error: sway of the upright link in rad; under speed control "
+               "of the speed in rad/s.</p>";
 }
 
 std::string advice(const mk_explanation &e)
@@ -407,6 +463,10 @@ try {
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
     if (e->cause_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    if (e->residual_test_count > 0)
+        s += "<h2>Prediction from one sample to the next</h2>" + residual_table(*e);
+    if (e->control_count > 0)
+        s += "<h2>In control, on a virtual rig that is the extended model</h2>" + control_table(*e);
     s += "<h2>Parameters</h2>" + parameter_table(*e);
     s += "<h2>What to do next</h2><p>" + advice(*e) + "</p>";
     add(s, "<p>%d candidate causes, %.1f s.</p></body></html>\n", e->tried, e->seconds);

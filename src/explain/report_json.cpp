@@ -8,14 +8,14 @@
 namespace
 {
 
-cJSON *parameters_of(const mk_cause &c)
+cJSON *parameters_of(const mk_model &model, const mk_cause &c)
 {
     cJSON *all = cJSON_CreateObject();
     for (int k = 0; k < c.effect->parameter_count; k++) {
         cJSON *p = cJSON_AddObjectToObject(all, c.effect->parameter[k].name);
         cJSON_AddItemToObject(p, "value", mk_json_number(c.value[k]));
         cJSON_AddItemToObject(p, "stderr", mk_json_number(c.std_error[k]));
-        cJSON_AddStringToObject(p, "unit", c.effect->parameter[k].unit);
+        cJSON_AddStringToObject(p, "unit", mk_model_unit(&model, c.effect->parameter[k].unit));
     }
     return all;
 }
@@ -25,12 +25,12 @@ cJSON *joint_of(int joint)
     return joint > 0 ? cJSON_CreateNumber(joint) : cJSON_CreateNull();
 }
 
-cJSON *cause_json(const mk_cause &c)
+cJSON *cause_json(const mk_model &model, const mk_cause &c)
 {
     cJSON *o = cJSON_CreateObject();
     cJSON_AddStringToObject(o, "name", c.effect->name);
     cJSON_AddItemToObject(o, "joint", joint_of(c.joint));
-    cJSON_AddItemToObject(o, "parameters", parameters_of(c));
+    cJSON_AddItemToObject(o, "parameters", parameters_of(model, c));
     cJSON *evidence = cJSON_AddObjectToObject(o, "evidence");
     cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
     cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
@@ -84,8 +84,59 @@ cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t co
     cJSON_AddItemToObject(o, "nrmse_refit", mk_json_numbers(e.refitted, n));
     cJSON_AddItemToObject(o, "nrmse_after", mk_json_numbers(e.after, n));
     cJSON_AddItemToObject(o, "noise_floor", mk_json_numbers(e.floor, n));
+    if (e.cause_count > 0 && !e.offered)
+        cJSON_AddItemToObject(o, "nrmse_declined", mk_json_numbers(e.declined, n));
     cJSON_AddItemToObject(o, "closed", mk_json_number(e.closed));
     return o;
+}
+
+// One-step predictions of the training data.
+cJSON *residuals_json(const mk_explanation &e)
+{
+    cJSON *o = cJSON_CreateObject();
+    size_t n = (size_t)mk_model_joints(&e.given);
+    cJSON_AddItemToObject(o, "one_step_refit", mk_json_numbers(e.one_step_refit, n));
+    cJSON_AddItemToObject(o, "one_step_extended", mk_json_numbers(e.one_step_extended, n));
+    cJSON *tests = cJSON_AddArrayToObject(o, "tests");
+    for (int i = 0; i < e.residual_test_count; i++) {
+        const mk_residual_test &t = e.residual_test[i];
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddItemToObject(one, "joint", cJSON_CreateNumber(t.joint));
+        cJSON_AddStringToObject(one, "with", t.with);
+        cJSON_AddItemToObject(one, "refit", mk_json_number(t.before));
+        cJSON_AddItemToObject(one, "p_refit", mk_json_number(t.p_before));
+        cJSON_AddItemToObject(one, "extended", mk_json_number(t.after));
+        cJSON_AddItemToObject(one, "p_extended", mk_json_number(t.p_after));
+        cJSON_AddItemToArray(tests, one);
+    }
+    return o;
+}
+
+cJSON *figures_json(const mk_control_figures &f)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddItemToObject(o, "held", mk_json_number(f.held));
+    cJSON_AddItemToObject(o, "caught_s", mk_json_number(f.caught_s));
+    cJSON_AddItemToObject(o, "error_rms", mk_json_number(f.error));
+    cJSON_AddItemToObject(o, "off_rms", mk_json_number(f.off));
+    cJSON_AddItemToObject(o, "command_rms", mk_json_number(f.effort));
+    cJSON_AddItemToObject(o, "command_peak", mk_json_number(f.peak));
+    return o;
+}
+
+// What the extension is worth to the rig's setups; only where it was tried.
+cJSON *control_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateObject();
+    for (int i = 0; i < e.control_count; i++) {
+        const mk_control_gain &c = e.control[i];
+        cJSON *o = cJSON_AddObjectToObject(all, c.setup);
+        cJSON_AddItemToObject(o, "runs", cJSON_CreateNumber(c.runs));
+        cJSON_AddItemToObject(o, "given", figures_json(c.given));
+        cJSON_AddItemToObject(o, "refit", figures_json(c.refit));
+        cJSON_AddItemToObject(o, "extended", figures_json(c.extended));
+    }
+    return all;
 }
 
 } // namespace
@@ -103,7 +154,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *causes = cJSON_AddArrayToObject(o, "causes");
     cJSON *terms = unknown ? cJSON_AddArrayToObject(o, "terms") : causes;
     for (int i = 0; i < e->cause_count; i++)
-        cJSON_AddItemToArray(terms, cause_json(e->cause[i]));
+        cJSON_AddItemToArray(terms, cause_json(e->given, e->cause[i]));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
@@ -117,6 +168,13 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     } else {
         cJSON_AddNullToObject(o, "next_experiment");
     }
+    cJSON_AddItemToObject(o, "residuals", residuals_json(*e));
+    if (e->control_count > 0)
+        cJSON_AddItemToObject(o, "control", control_json(*e));
+    cJSON *misfit = cJSON_AddObjectToObject(o, "misfit");
+    cJSON_AddStringToObject(misfit, "what", "process noise of the speeds, rad/s per sqrt(s)");
+    cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->drift_refit));
+    cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->drift_extended));
     cJSON_AddItemToObject(o, "seconds", mk_json_number(e->seconds));
     return mk_json_write(path, o, err);
 }

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstring>
 #include <mutex>
 
 #include "base/parallel.hpp"
+#include "explain/innovations.hpp"
 
 namespace mk
 {
@@ -16,44 +16,7 @@ namespace
 
 constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
-constexpr int QUICK_ITERATIONS = 5;
-constexpr double FAR_BEHIND = 40.0; // log likelihood at the same drift
-
-bool same_place(const Candidate &a, const Candidate &b)
-{
-    if (a.effect != b.effect || a.joint != b.joint)
-        return false;
-    // Terms of the library are causes of their own.
-    int term = mk_effect_parameter_index(a.effect, "term");
-    return term < 0 || a.value[term] == b.value[term];
-}
-
-// A point with the states of further effects, at rest; the others stay as they were fitted.
-FitPoint with_states(const FitPoint &from, const mk_model &model)
-{
-    FitPoint point = from;
-    point.model = model;
-    const long all = mk_model_state_count(&model), joints = mk_model_joints(&model);
-    for (FitNodes &nodes : point.nodes) {
-        const long known = nodes.x.rows();
-        nodes.x.conservativeResize(all, Eigen::NoChange);
-        for (long i = 0; i < nodes.x.cols() && known < all; i++) {
-            double rest[MK_MAX_STATES];
-            mk_model_initial_state(&model, &nodes.x(0, i), &nodes.x(joints, i), rest);
-            for (long s = known; s < all; s++)
-                nodes.x(s, i) = rest[s];
-        }
-    }
-    return point;
-}
-
-// Starts of the same cause that are worth a try each: resonances apart.
-bool same_start(const Candidate &a, const Candidate &b)
-{
-    bool resonance = a.effect->state_count > 0;
-    return same_place(a, b) &&
-           !(resonance && std::fabs(std::log(a.value[0] / b.value[0])) > std::log(1.3));
-}
+constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
 
 } // namespace
 
@@ -79,6 +42,7 @@ FitOptions Search::fit_options() const
     FitOptions o;
     o.threads = options.threads;
     o.near = options.given;
+    o.stretch = options.stretch;
     return o;
 }
 
@@ -160,16 +124,15 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
     if (!drift_too)
         return;
     // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
-    for (double stretch : {4.0, 1.0}) {
-        if (!mk_model_hides_joint(&h.point.model))
-            break;
-        fit.options.hidden_stretch = stretch;
-        point = fit.start(h.point.model);
-        std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
-        try_drift(0.03);
-    }
-    if (mk_model_hides_joint(&h.point.model))
+    if (mk_model_hides_joint(&h.point.model)) {
+        for (double stretch : {4.0, 1.0}) {
+            fit.options.hidden_stretch = stretch;
+            point = fit.start(h.point.model);
+            std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
+            try_drift(0.03);
+        }
         return;
+    }
     bool lower = false;
     while (try_drift(h.drift / 3.0))
         lower = true;
@@ -178,162 +141,28 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
         continue;
 }
 
-// Gain in log likelihood that each linear candidate promises, from the slope of the cost where the
-// candidate is next to nothing. Many are looked at in one pass.
-void Search::screen(const Hypothesis &base, const FitOptions &loose,
-                    const std::vector<Candidate> &all, std::vector<double> &gain)
-{
-    // What has states is looked at alone.
-    constexpr size_t TOGETHER = 6;
-    std::vector<std::vector<size_t>> group;
-    for (size_t i = 0; i < all.size(); i++) {
-        if (!all[i].linear)
-            continue;
-        bool alone = all[i].effect->state_count > 0;
-        if (alone || group.empty() || group.back().size() == TOGETHER ||
-            all[group.back()[0]].effect->state_count > 0)
-            group.emplace_back();
-        group.back().push_back(i);
-    }
-    const size_t groups = group.size();
-    const std::vector<int> own = fitted_parameters(base.point.model);
-    std::atomic<size_t> done{0};
-    std::vector<double> spent(groups, 0.0);
-    Fit here(logs, loose);
-    here.options.threads = options.threads;
-    here.coarsen(base.point);
-    work += here.work_done;
-    parallel_for(options.threads, groups, [&](size_t g) {
-        mk_model model;
-        std::vector<size_t> members;
-        std::vector<int> free;
-        FitPicture p;
-        Fit fit(logs, loose);
-        fit.coarsen_as(here);
-        // So little of each that the trajectory stays where it is.
-        for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
-            model = base.point.model;
-            members.clear();
-            for (size_t k : group[g]) {
-                Candidate c = all[k];
-                c.value[c.size] *= share;
-                mk_model more;
-                if (with_candidate(model, c, more)) {
-                    model = more;
-                    members.push_back(k);
-                }
-            }
-            FitPoint point = with_states(base.point, model);
-            free = fitted_parameters(model);
-            p = fit.picture(point, free);
-            if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
-                break;
-        }
-        spent[g] = fit.work_done;
-        if (!p.finite)
-            return;
-        int first = mk_plant(model.plant)->parameter_count;
-        for (int e = 0; e < model.effect_count; e++) {
-            int count = mk_effect(model.effect[e].index)->parameter_count;
-            int member = e - base.point.model.effect_count;
-            if (member >= 0) {
-                const Candidate &c = all[members[(size_t)member]];
-                // The shape of a resonance has no slope where it is next to nothing.
-                bool size_only = c.effect->state_count > 0;
-                std::vector<int> wanted = own;
-                for (int number : free)
-                    if (number >= first && number < first + count &&
-                        (!size_only || number == first + c.size))
-                        wanted.push_back(number);
-                gain[members[(size_t)member]] =
-                    promised(p, free, wanted) - penalty((int)(wanted.size() - own.size()));
-            }
-            first += count;
-        }
-        tick(0.3 * (double)++done / (double)groups, "screening causes");
-    });
-    for (double one : spent)
-        work += one;
-}
-
 double Search::penalty(int parameters) const
 {
     return 0.5 * parameters * std::log(std::max(reading_count, 2.0));
-}
-
-// Second-order reduction of the cost if only the wanted parameters move.
-double Search::promised(const FitPicture &p, const std::vector<int> &free,
-                        const std::vector<int> &wanted)
-{
-    std::vector<long> place;
-    for (int number : wanted)
-        place.push_back(std::find(free.begin(), free.end(), number) - free.begin());
-    long n = (long)place.size();
-    Eigen::MatrixXd h(n, n);
-    Eigen::VectorXd g(n);
-    for (long i = 0; i < n; i++) {
-        g(i) = p.gradient(place[(size_t)i]);
-        for (long k = 0; k < n; k++)
-            h(i, k) = p.information(place[(size_t)i], place[(size_t)k]);
-    }
-    // Scaled to unit diagonal with a trace of damping: candidates may be collinear with the base.
-    Eigen::VectorXd root = h.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-    Eigen::MatrixXd unit = root.asDiagonal() * h * root.asDiagonal();
-    unit.diagonal().array() += 1e-9;
-    Eigen::VectorXd scaled = root.asDiagonal() * g;
-    return 0.5 * scaled.dot(unit.ldlt().solve(scaled));
-}
-
-// A few iterations of a full fit from a candidate's start.
-bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
-                     double reference, Trial &trial)
-{
-    mk_model model;
-    if (!with_candidate(base.point.model, candidate, model))
-        return false;
-    std::vector<int> free = fitted_parameters(model);
-    FitPoint p;
-    // A trajectory that is chaotic is cut into pieces that are not.
-    bool contact = candidate.effect->event_count > 0 && candidate.effect->state_count > 0;
-    double best = HUGE_VAL;
-    for (double stretch : {loose.hidden_stretch, 2.0}) {
-        Fit fit(logs, loose);
-        fit.options.hidden_stretch = stretch;
-        // A resonance goes from one optimum to the next.
-        if (candidate.linear && candidate.effect->state_count > 0)
-            fit.options.max_iterations *= 2;
-        FitPoint trial_point = fit.adopt(base.point, model);
-        if (fit.minimise(trial_point, free) && trial_point.cost < best) {
-            best = trial_point.cost;
-            p = std::move(trial_point);
-        }
-        trial.work += fit.work_done;
-        if (!contact)
-            break;
-    }
-    if (!std::isfinite(best))
-        return false;
-    int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
-    double gain = reference - p.cost - penalty(extra);
-    if (!(gain > trial.gain))
-        return false;
-    trial.gain = gain;
-    trial.candidate = candidate;
-    trial.point = std::move(p);
-    return true;
 }
 
 // A model that follows its data most likely lacks nothing that stores or strikes; of what remains,
 // the mildest start will do.
 bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
 {
-    bool first = i == 0 || !same_place(all[i - 1], all[i]);
+    bool first = i == 0 || !same_cause(all[i - 1], all[i]);
     return first && all[i].effect->state_count == 0;
 }
 
 std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
 {
     std::vector<Candidate> all = how.only ? *how.only : candidates(base.point.model, data);
+    if (!how.only)
+        all.erase(std::remove_if(all.begin(), all.end(),
+                                 [&](const Candidate &c) {
+                                     return is_play(c.effect) != (how.kind == Kind::play);
+                                 }),
+                  all.end());
     for (Candidate &c : all)
         c.linear = c.linear && !how.only;
     tried_count = (int)all.size();
@@ -341,7 +170,6 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     loose.threads = 1;
     for (double &d : loose.drift)
         d = how.small ? base.drift : std::max(base.drift, 0.01);
-    loose.max_iterations = QUICK_ITERATIONS;
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
     Hypothesis start = base;
@@ -377,21 +205,10 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     for (size_t i = 0; i < all.size(); i++)
         if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
             tries.push_back(i);
-    // What takes longest goes first, so that no thread is left with it alone at the end.
-    std::stable_sort(tries.begin(), tries.end(), [&](size_t a, size_t b) {
-        return all[a].effect->event_count + all[a].effect->state_count >
-               all[b].effect->event_count + all[b].effect->state_count;
-    });
     std::vector<Trial> trials(tries.size());
-    std::atomic<size_t> done{0};
-    parallel_for(options.threads, tries.size(), [&](size_t k) {
-        if (cancelled)
-            return;
-        try_out(start, loose, all[tries[k]], start.point.cost, trials[k]);
-        tick(0.3 + 0.4 * (double)++done / (double)tries.size(), "trying causes");
-    });
-    for (const Trial &t : trials)
-        work += t.work;
+    for (size_t k = 0; k < tries.size(); k++)
+        trials[k].candidate = all[tries[k]];
+    try_all(start, loose, trials);
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> finalists;
@@ -410,18 +227,29 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         terms += library;
         finalists.push_back(std::move(t));
     }
-    return compete(how.small ? base.drift : std::max(base.drift, 0.1), finalists);
+    return compete(base.score, how.beat, how.small ? base.drift : std::max(base.drift, 0.1),
+                   finalists);
 }
 
-bool Search::vanished(const Hypothesis &h)
+bool Search::complete(const Hypothesis &h) const
+{
+    constexpr double FLOOR = 1.5 * TIGHTEST;
+    return h.drift <= FLOOR && leaves_white_noise(logs, h);
+}
+
+bool Search::discredited(const Hypothesis &h)
 {
     const mk_effect_use &last = h.point.model.effect[h.point.model.effect_count - 1];
     const mk_parameter_info &size = mk_effect(last.index)->parameter[h.added.size];
-    return size.min == 0.0 && last.value[h.added.size] < 1e-7 * std::max(size.initial, 1e-6);
+    const double value = last.value[h.added.size], unit = std::max(size.initial, 1e-6);
+    bool off = size.min == 0.0 && value < 1e-7 * unit;
+    bool at_end = (size.min != 0.0 && value <= size.min) || value >= size.max;
+    return off || at_end || std::fabs(value) > h.added.most;
 }
 
 // Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
-std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finalists)
+std::vector<Hypothesis> Search::compete(double from, double beat, double first,
+                                        std::vector<Trial> &finalists)
 {
     struct Runner {
         Hypothesis best;
@@ -441,7 +269,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
     }
     double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
-    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
+    auto run_all = [&](double drift, int most_iterations) {
         // Threads that have no runner of their own help the others.
         const auto running = std::count_if(runners.begin(), runners.end(),
                                            [](const Runner &r) { return r.running; });
@@ -452,6 +280,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
                 return;
             FitOptions o = fit_options();
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
+            o.max_iterations = std::min(o.max_iterations, most_iterations);
             o.max_passes = 400.0;
             o.threads = helpers;
             Fit fit(logs, o);
@@ -469,17 +298,31 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
                 r.running = r.running && ++r.worse < 2;
             }
         });
-        double leader = HUGE_VAL;
+    };
+    auto leader = [&] {
+        double least = HUGE_VAL;
         for (const Runner &r : runners)
-            leader = std::min(leader, r.now);
+            least = std::min(least, r.now);
+        return least;
+    };
+    // Some take long to come to nothing: who has less than half of the leader's gain after a few
+    // iterations is not fitted to the end.
+    constexpr double HALF = 0.5, CLOSE = 200.0;
+    constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
+    run_all(first, FEW_ITERATIONS);
+    const double lead = std::min(leader(), beat);
+    for (Runner &r : runners)
+        r.running = r.running && r.now < lead + std::max(CLOSE, HALF * (from - lead));
+    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
+        run_all(drift, ALL_ITERATIONS);
         for (Runner &r : runners)
-            r.running = r.running && r.now < leader + FAR_BEHIND;
+            r.running = r.running && r.now < leader() + FAR_BEHIND;
         tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
     }
     std::vector<Hypothesis> out;
     for (Runner &r : runners) {
         work += r.work;
-        if (std::isfinite(r.best.score) && !vanished(r.best))
+        if (std::isfinite(r.best.score) && !discredited(r.best))
             out.push_back(std::move(r.best));
     }
     std::sort(out.begin(), out.end(),
@@ -487,7 +330,7 @@ std::vector<Hypothesis> Search::compete(double first, std::vector<Trial> &finali
     std::vector<Hypothesis> one_each;
     for (Hypothesis &h : out)
         if (std::none_of(one_each.begin(), one_each.end(),
-                         [&](const Hypothesis &o) { return same_place(o.added, h.added); }))
+                         [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
             one_each.push_back(std::move(h));
     return one_each;
 }

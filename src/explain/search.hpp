@@ -26,18 +26,24 @@ struct Hypothesis {
 struct SearchOptions {
     const mk_model *given = nullptr; // base parameters are somewhere near these
     int threads = 2;
-    int finalists = 8; // candidates that get a full fit
+    int finalists = 8;     // candidates that get a full fit
+    double stretch = 0.25; // s, see FitOptions
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
 };
 
+// Play takes so much longer to fit than all else that it is looked for by itself.
+enum class Kind { all_but_play, play };
+
 struct ExtendOptions {
+    Kind kind = Kind::all_but_play;
     const std::vector<Candidate> *only = nullptr; // no others than these
     bool thorough = true;                         // else without those that are slow to fit
     // The base follows its data: what it lacks is small, and shows in a few iterations from there.
     // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
     bool small = false;
     double least = 0.0;
+    double beat = HUGE_VAL; // score of a hypothesis to be compared with
 };
 
 class Search
@@ -54,8 +60,10 @@ class Search
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
-    // Whether a fit has switched the added effect off.
-    static bool vanished(const Hypothesis &h);
+    // Whether nothing is left to be explained: next to no drift, and white noise.
+    bool complete(const Hypothesis &h) const;
+    // Whether a fit has switched the added effect off, or made it larger than it can be.
+    static bool discredited(const Hypothesis &h);
     int tried() const { return tried_count; } // candidates of the last extension
     // All fits so far, in passes over the data (FitOptions::max_passes): counted, so that what is
     // left out for want of time does not depend on the machine.
@@ -77,6 +85,12 @@ class Search
         FitPoint point;
         double gain = -HUGE_VAL;
         double work = 0.0;
+        bool begun = false;
+        bool half_way = false; // one of several starts of its cause
+    };
+    struct TryOptions {
+        int iterations;
+        bool size_only; // the shape stays as it starts
     };
     std::mutex talk;
 
@@ -87,9 +101,12 @@ class Search
     static bool worth_trying(const std::vector<Candidate> &all, size_t i);
     double penalty(int parameters) const;
     void polish(Fit &fit, Hypothesis &h, bool drift_too) const;
-    bool try_out(const Hypothesis &base, const FitOptions &loose, const Candidate &candidate,
-                 double reference, Trial &trial);
-    std::vector<Hypothesis> compete(double first_drift, std::vector<Trial> &finalists);
+    void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
+    bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
+                 Trial &trial);
+    void thin_out(std::vector<Trial> &trials);
+    std::vector<Hypothesis> compete(double from, double beat, double first_drift,
+                                    std::vector<Trial> &finalists);
     FitOptions fit_options() const;
     void finish(Fit &fit, Hypothesis &h) const;
     bool tick(double done, const char *what);

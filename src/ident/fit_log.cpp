@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "mechkit/loop.h"
+
 namespace mk
 {
 
@@ -53,7 +55,7 @@ class Builder
         for (size_t k = begin; k < end; k++) {
             if (k > begin)
                 fill_gap(k - 1, k);
-            add(rec.t[k] - rec.t[begin], k);
+            add(time(k), k);
         }
     }
 
@@ -63,6 +65,9 @@ class Builder
     {
         size_t n = log.rows();
         log.doubt.assign(n, 0.0);
+        for (size_t k = 1; k < n; k++)
+            if (held[k])
+                log.doubt[k] = std::fabs(log.u[0][k] - last_command(k));
         for (int i = 0; i < MK_MAX_INPUTS; i++) {
             for (size_t k = 0; k < n; k++) {
                 if (!std::isnan(log.u[i][k]))
@@ -70,7 +75,10 @@ class Builder
                 size_t stop = k;
                 while (stop < n && std::isnan(log.u[i][stop]))
                     stop++;
-                bridge(log.u[i], k, stop);
+                if (stop < n && after_stop[stop])
+                    hold(log.u[i], k, stop);
+                else
+                    bridge(log.u[i], k, stop);
                 k = stop;
             }
         }
@@ -80,25 +88,61 @@ class Builder
     const mk_record &rec;
     FitLog &log;
     size_t begin, end;
+    std::vector<bool> held;       // by row: an older command was held, who knows for how long
+    std::vector<bool> after_stop; // by row: the loop may have stood still before it
 
+    // When readings were taken and the command changed; rows are numbered by when that should have
+    // been.
+    double time(size_t row) const
+    {
+        double late = rec.late_us && row > begin ? 1e-6 * rec.late_us[row] : 0.0;
+        // The delay is that of the first of the samples that were left out.
+        if (late > log.period && flagged(row))
+            late -= log.period * (std::round((rec.t[row] - rec.t[row - 1]) / log.period) - 1.0);
+        // Later than the next sample nothing came: such a column means something else.
+        bool sane = late > 0.0 && late < log.period;
+        return rec.t[row] - rec.t[begin] + (sane ? late : 0.0);
+    }
+    // Whether the loop calls the row's sample late, or the first after others were left out.
+    bool flagged(size_t row) const
+    {
+        constexpr unsigned OFF = MK_FLAG_LATE | MK_FLAG_OVERRUN | MK_FLAG_LOST | MK_FLAG_GAP;
+        return rec.flags && rec.flags[row] >= 0.0 && ((unsigned)rec.flags[row] & OFF);
+    }
     void add(double t, size_t row)
     {
-        bool real = row != SIZE_MAX;
+        const bool real = row != SIZE_MAX;
+        const bool late = real && !rec.late_us && !rec.board_clock && flagged(row);
         log.t.push_back(t);
         for (int i = 0; i < MK_MAX_INPUTS; i++)
             log.u[i].push_back(!rec.u[i] ? 0.0 : real ? rec.u[i][row] : MISSING);
         for (int j = 0; j < log.joints; j++)
-            log.q[j].push_back(real ? rec.q[j][row] : MISSING);
+            log.q[j].push_back(real && !late ? rec.q[j][row] : MISSING);
+        held.push_back(late);
+        after_stop.push_back(real && row > begin && (flagged(row) || flagged(row - 1)));
     }
     // Rows that are missing altogether (the board kept its pace, the log did not).
     void fill_gap(size_t before, size_t after)
     {
-        double gap = rec.t[after] - rec.t[before];
+        double gap = time(after) - time(before);
         double count = std::round(gap / log.period) - 1.0;
         if (!(count >= 1.0) || count > 50.0)
             return;
         for (double i = 1.0; i <= count; i++)
-            add(rec.t[before] - rec.t[begin] + gap * i / (count + 1.0), SIZE_MAX);
+            add(time(before) + gap * i / (count + 1.0), SIZE_MAX);
+    }
+    double last_command(size_t row) const
+    {
+        while (row-- > 0)
+            if (!std::isnan(log.u[0][row]))
+                return log.u[0][row];
+        return 0.0;
+    }
+    // The loop stood still, and with it the command.
+    void hold(std::vector<double> &u, size_t first, size_t last)
+    {
+        for (size_t k = first; k < last; k++)
+            u[k] = first > 0 ? u[first - 1] : u[last];
     }
     void bridge(std::vector<double> &u, size_t first, size_t last)
     {

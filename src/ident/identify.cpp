@@ -8,6 +8,7 @@
 #include <new>
 
 #include "ident/method.hpp"
+#include "ident/track.hpp"
 
 namespace
 {
@@ -26,6 +27,8 @@ const mk::IdentMethod *find(const char *name)
 }
 
 constexpr size_t FEWEST_ROWS = 20;
+// No rig here can be followed with readings farther apart, s.
+constexpr double LONGEST_PERIOD = 0.2;
 
 struct Range {
     double low = HUGE_VAL, high = -HUGE_VAL;
@@ -64,6 +67,11 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
         return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
                            "%zu rows are too few to fit anything: %zu at least", record.rows,
                            FEWEST_ROWS);
+    double period = mk::median_period(record);
+    if (period > LONGEST_PERIOD)
+        return mk_error_at(
+            err, MK_ERR_RANGE, log->path, 0, 0,
+            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
     enum mk_status st = check_values(record, record.u[0], "the command", log, err);
     for (int j = 0; j < mk_model_joints(&problem.model) && st == MK_OK; j++) {
         st = check_values(record, record.q[j], angles[j], log, err);
@@ -83,7 +91,7 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
     for (int i = 0; i < r.parameter_count; i++) {
         mk_ident_parameter &p = r.parameter[i];
         const mk_parameter_info *info = mk_model_parameter_info(&r.model, i, p.name, sizeof p.name);
-        p.unit = info->unit;
+        p.unit = mk_model_unit(&r.model, info->unit);
         p.initial = p.value = mk_model_parameter(&r.model, i);
         p.std_error = p.crb = std::nan("");
         p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;

@@ -78,11 +78,92 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
     }
 }
 
+// Rows that are fitted, of all logs together: what a fit may cost in memory and time.
+constexpr size_t MOST_ROWS = 1000000;
+
+// The logs as they are fitted: whole, or of each the first rows.
+std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
+{
+    size_t all = 0, left = MOST_ROWS, logs_left = problem.records.size();
+    for (const mk_record &record : problem.records)
+        all += record.rows;
+    std::vector<FitLog> logs;
+    for (const mk_record &record : problem.records) {
+        size_t rows = all > MOST_ROWS ? std::min(record.rows, left / logs_left) : record.rows;
+        logs.push_back(fit_log(record, problem.model, 0, rows));
+        left -= std::min(left, rows);
+        logs_left--;
+    }
+    if (all > MOST_ROWS) {
+        char text[128];
+        snprintf(text, sizeof text, "of %zu rows the first %zu are fitted: more would say little",
+                 all, MOST_ROWS - left);
+        warn(r, text);
+    }
+    return logs;
+}
+
+// Data on which the way from the given parameters is gone, when there is much more.
+constexpr size_t SCOUT_ROWS = 8000;
+// Relative standard error up to which they may start the fit of all.
+constexpr double SCOUT_ERROR = 0.1;
+
+// What the first logs say: the model, and the drift at which it follows them. False when there is
+// too little beyond them to be worth it, or when they do not know every parameter well.
+bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &free,
+           const FitOptions &options, mk_model &model, double &drift)
+{
+    std::vector<const FitLog *> first;
+    size_t rows = 0, all = 0;
+    for (const FitLog *log : views) {
+        if (rows < SCOUT_ROWS) {
+            first.push_back(log);
+            rows += log->rows();
+        }
+        all += log->rows();
+    }
+    if (all < 4 * rows)
+        return false;
+    Fit fit(first, options);
+    FitPoint point = fit.start(model);
+    FitPicture picture;
+    if (!fit.descend(point, free, 1.0, 1e-5, picture))
+        return false;
+    Eigen::MatrixXd cov = Fit::covariance(point.model, picture, free);
+    for (size_t i = 0; i < free.size(); i++) {
+        double variance = cov((long)i, (long)i);
+        double most = SCOUT_ERROR * Fit::scale_of(point.model, free[i]);
+        if (!(variance > 0.0 && variance < most * most))
+            return false;
+    }
+    model = point.model;
+    drift = fit.options.drift[0];
+    return true;
+}
+
+// Drift beyond which the model is not the whole truth: an honest rig's plays and cables stay below.
+constexpr double SUSPICIOUS_DRIFT = 0.009, HOPELESS_DRIFT = 0.9;
+
+void warn_of_drift(double drift, mk_ident_result &r)
+{
+    char text[160];
+    if (drift < SUSPICIOUS_DRIFT)
+        return;
+    if (drift < HOPELESS_DRIFT)
+        snprintf(text, sizeof text,
+                 "the model follows these data only with pushes of %.0e rad/s per sqrt(s): "
+                 "mechkit explain looks for what it lacks",
+                 drift);
+    else
+        snprintf(text, sizeof text,
+                 "the model does not follow these data: is it this rig, with these units, signs "
+                 "and columns?");
+    warn(r, text);
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
-    std::vector<FitLog> logs;
-    for (const mk_record &record : problem.records)
-        logs.push_back(fit_log(record, problem.model, 0, record.rows));
+    std::vector<FitLog> logs = fit_logs(problem, r);
     std::vector<const FitLog *> views;
     for (const FitLog &log : logs) {
         views.push_back(&log);
@@ -100,9 +181,13 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     std::vector<int> free = free_parameters(problem);
     if (free.empty())
         return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
-    FitPoint point = fit.start(problem.model);
+    mk_model model = problem.model;
+    double drift = 1.0;
+    if (scout(views, free, options, model, drift))
+        drift = std::min(10.0 * drift, 1.0);
+    FitPoint point = fit.start(model);
     FitPicture picture;
-    if (!fit.descend(point, free, 1.0, 1e-5, picture)) {
+    if (!fit.descend(point, free, drift, 1e-5, picture)) {
         if (fit.cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         return mk_error_set(err, MK_ERR_NUMERIC,
@@ -117,6 +202,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         r.noise[j] = j < mk_model_joints(&r.model) ? point.noise[j] : UNKNOWN;
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
+    warn_of_drift(fit.options.drift[0], r);
     judge(point, picture, free, r);
     return MK_OK;
 }

@@ -1,5 +1,6 @@
 // Parameters of a model by number: base parameters first, then those of the effects in order.
 #include <cstdio>
+#include <cstring>
 
 #include "mechkit/ident.h"
 
@@ -71,4 +72,19 @@ const mk_parameter_info *mk_model_parameter_info(const mk_model *model, int inde
     else if (name)
         snprintf(name, size, "effect.%s.%s", effect->name, info->name);
     return info;
+}
+
+const char *mk_model_unit(const mk_model *model, const char *unit)
+{
+    static const char *const command[][2] = {{"N m", "u"},
+                                             {"N m/rad", "u/rad"},
+                                             {"N m s/rad", "u s/rad"},
+                                             {"N m s^2/rad^2", "u s^2/rad^2"},
+                                             {"kg m^2", "u s^2/rad"},
+                                             {"kg m", "u s^2/m"}};
+    if (model->u_to_torque != 1.0)
+        for (const auto &row : command)
+            if (strcmp(unit, row[0]) == 0)
+                return row[1];
+    return unit;
 }

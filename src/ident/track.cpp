@@ -18,16 +18,6 @@ constexpr double ROUGHNESS = 5.0;
 // A hole of one row is bridged, a longer one ends what can be used.
 constexpr double LONGEST_GAP = 2.5;
 
-double median_period(const mk_record &r)
-{
-    std::vector<double> d;
-    size_t stride = std::max<size_t>(1, r.rows / 10000);
-    for (size_t k = 0; k + 1 < r.rows; k += stride)
-        d.push_back(r.t[k + 1] - r.t[k]);
-    std::nth_element(d.begin(), d.begin() + (long)(d.size() / 2), d.end());
-    return d[d.size() / 2];
-}
-
 // Even times and, between them, the times of readings that are off; which rows are the even ones.
 struct Grid {
     double start, period;
@@ -138,6 +128,16 @@ std::vector<double> command(const Grid &grid, const mk_record &r, const double *
 }
 
 } // namespace
+
+double median_period(const mk_record &r)
+{
+    std::vector<double> d;
+    size_t stride = std::max<size_t>(1, r.rows / 10000);
+    for (size_t k = 0; k + 1 < r.rows; k += stride)
+        d.push_back(r.t[k + 1] - r.t[k]);
+    std::nth_element(d.begin(), d.begin() + (long)(d.size() / 2), d.end());
+    return d[d.size() / 2];
+}
 
 Track track_of_record(const mk_record &r, const mk_model &model)
 {

@@ -35,6 +35,9 @@ struct WeakSample {
 // The equations of a plant: a torque equation a joint, or the balance of energy.
 struct WeakForm {
     int equations;
+    // It has a stock: windows then begin at the log's first row, cut there. Where a rig starts from
+    // rest, what it has stored is known all but exactly, and later rows are measured from that.
+    bool balance;
     // `model` has the parameters at which derivatives are taken.
     void (*sample)(const mk_model &model, const Track &track, size_t row, WeakSample &out);
 };

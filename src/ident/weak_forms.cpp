@@ -114,15 +114,36 @@ void stored(const mk_model &model, const State &s, int joints, WeakSample &out)
     }
 }
 
-// The command's work between two rows is the held command times the way: exact, however fast the
-// joint turns.
+// Sums of the balance by parts stand for differences from the row before to the row after, so what
+// flows is the mean over that time. The command's work is the held command times the way: exact,
+// however fast the joint turns.
 double power(const Track &t, const std::vector<double> &u, int joint, size_t k)
 {
     if (u.empty())
         return 0.0;
     size_t before = k > 0 ? k - 1 : 0, after = std::min(k + 1, t.rows() - 1);
     const std::vector<double> &q = t.q[joint];
-    return 0.5 * (u[k] * (q[after] - q[k]) + u[before] * (q[k] - q[before])) / t.period;
+    return (u[k] * (q[after] - q[k]) + u[before] * (q[k] - q[before])) /
+           (t.period * (double)(after - before));
+}
+
+struct Loss {
+    double viscous, coulomb; // for a parameter of 1
+};
+
+Loss loss_at(double speed)
+{
+    return {speed * speed, speed * std::tanh(MK_FRICTION_STEEPNESS * speed)};
+}
+
+// By Simpson's rule; at a log's ends by the trapezoidal one.
+Loss loss_around(const std::vector<double> &v, size_t k)
+{
+    size_t before = k > 0 ? k - 1 : 0, after = std::min(k + 1, v.size() - 1);
+    Loss a = loss_at(v[before]), b = loss_at(v[k]), c = loss_at(v[after]);
+    double middle = after - before == 2 ? 4.0 : 0.0, all = middle + 2.0;
+    return {(a.viscous + middle * b.viscous + c.viscous) / all,
+            (a.coulomb + middle * b.coulomb + c.coulomb) / all};
 }
 
 // d/dt (T + V) + friction's loss = motors' power. Friction has the last two parameters.
@@ -133,8 +154,9 @@ void energy_sample(const mk_model &model, const Track &t, size_t k, WeakSample &
     State s(t, k);
     stored(model, s, t.joints, out);
     double speed = s.v[m], sign = std::tanh(MK_FRICTION_STEEPNESS * speed);
-    out.flow[0][f] = speed * speed;
-    out.flow[0][f + 1] = speed * sign;
+    Loss loss = loss_around(t.v[m], k);
+    out.flow[0][f] = loss.viscous;
+    out.flow[0][f + 1] = loss.coulomb;
     out.source[0] = power(t, t.u[0], m, k) + power(t, t.u[1], 1, k);
     out.flow_v[0][m] =
         2.0 * model.parameter[f] * speed +
@@ -147,12 +169,12 @@ void energy_sample(const mk_model &model, const Track &t, size_t k, WeakSample &
 
 WeakForm torque_equations(const mk_model &model)
 {
-    return {mk_model_joints(&model), torque_sample};
+    return {mk_model_joints(&model), false, torque_sample};
 }
 
 WeakForm energy_balance(const mk_model &)
 {
-    return {1, energy_sample};
+    return {1, true, energy_sample};
 }
 
 } // namespace mk

@@ -1,126 +1,38 @@
-/* Model files: [rig], [parameters], [stderr], [simulation] and [effect.NAME] sections, read with
- * inih. inih tells neither line nor column, so a reader of our own feeds it line by line and
- * counts. */
+/* Model files: [rig], [parameters], [stderr], [simulation] and [effect.NAME] sections. */
 #include "mechkit/model.h"
 
 #include <errno.h>
-#include <ini.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "base/ini_file.h"
 #include "mechkit/number.h"
 
-#define MAX_ENTRIES 256
-#define MAX_TEXT 96
-
-struct entry {
-    char section[MAX_TEXT], key[MAX_TEXT], value[MAX_TEXT];
-    int line;
-    bool used;
-};
-
 struct reader {
-    FILE *file;
+    struct mk_ini *file;
     const char *path;
     struct mk_error *err;
-    enum mk_status status; /* first failure */
-    int line;
-    int count;
-    struct entry entry[MAX_ENTRIES];
 };
 
-/* --- reading lines ----------------------------------------------------------------------- */
-
-static enum mk_status fail(struct reader *r, enum mk_status status, int line, const char *what)
+static struct mk_ini_entry *find(struct reader *r, const char *section, const char *key)
 {
-    if (r->status == MK_OK)
-        r->status = mk_error_at(r->err, status, r->path, line, 0, "%s", what);
-    return r->status;
-}
-
-/* fgets for inih: one line at a time, comments and leading blanks gone (inih would take an indented
- * line as the continuation of the one before). */
-static char *next_line(char *out, int size, void *stream)
-{
-    struct reader *r = stream;
-    char line[1024];
-    if (r->status != MK_OK || !fgets(line, sizeof line, r->file))
-        return NULL;
-    r->line++;
-    if (!strchr(line, '\n') && !feof(r->file)) {
-        fail(r, MK_ERR_PARSE, r->line, "the line is too long: at most 180 characters");
-        return NULL;
-    }
-    line[strcspn(line, "#;\r\n")] = '\0';
-    const char *text = line + strspn(line, " \t");
-    if (r->line == 1 && strncmp(text, "\xef\xbb\xbf", 3) == 0)
-        text += 3;
-    if (strlen(text) + 2 > (size_t)size || strlen(text) > 180) {
-        fail(r, MK_ERR_PARSE, r->line, "the line is too long: at most 180 characters");
-        return NULL;
-    }
-    if (text[0] && text[0] != '[' && !strpbrk(text, "=:")) {
-        fail(r, MK_ERR_PARSE, r->line, "expected `key = value` or `[section]`");
-        return NULL;
-    }
-    sprintf(out, "%s\n", text);
-    return out;
-}
-
-static struct entry *find(struct reader *r, const char *section, const char *key)
-{
-    for (int i = 0; i < r->count; i++)
-        if (strcmp(r->entry[i].section, section) == 0 && strcmp(r->entry[i].key, key) == 0)
-            return &r->entry[i];
-    return NULL;
-}
-
-static int on_entry(void *user, const char *section, const char *key, const char *value)
-{
-    struct reader *r = user;
-    if (r->status != MK_OK)
-        return 0;
-    const struct entry *before = find(r, section, key);
-    if (before) {
-        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0,
-                                "key '%s' is there twice in [%s]; the first is in line %d", key,
-                                section, before->line);
-        return 0;
-    }
-    if (r->count == MAX_ENTRIES || strlen(section) >= MAX_TEXT || strlen(key) >= MAX_TEXT ||
-        strlen(value) >= MAX_TEXT) {
-        fail(r, MK_ERR_PARSE, r->line, "too long for a model file");
-        return 0;
-    }
-    struct entry *e = &r->entry[r->count++];
-    strcpy(e->section, section);
-    strcpy(e->key, key);
-    strcpy(e->value, value);
-    e->line = r->line;
-    e->used = false;
-    return 1;
+    return mk_ini_find(r->file, section, key);
 }
 
 /* --- values ------------------------------------------------------------------------------ */
 
-static enum mk_status bad_value(struct reader *r, const struct entry *e, const char *want)
-{
-    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "%s = '%s': expected %s", e->key,
-                       e->value, want);
-}
-
-static enum mk_status get_number(struct reader *r, struct entry *e, double *out)
+static enum mk_status get_number(struct reader *r, struct mk_ini_entry *e, double *out)
 {
     e->used = true;
     if (!mk_parse_double_z(e->value, out) || !isfinite(*out))
-        return bad_value(r, e, "a finite number");
+        return mk_ini_refuse(r->file, e, r->err, "a finite number");
     return MK_OK;
 }
 
-static enum mk_status get_ranged(struct reader *r, struct entry *e,
+static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
                                  const struct mk_parameter_info *p, double *out)
 {
     enum mk_status st = get_number(r, e, out);
@@ -140,7 +52,7 @@ static enum mk_status get_ranged(struct reader *r, struct entry *e,
 static enum mk_status get_positive(struct reader *r, const char *section, const char *key,
                                    double *out)
 {
-    struct entry *e = find(r, section, key);
+    struct mk_ini_entry *e = find(r, section, key);
     if (!e)
         return MK_OK;
     enum mk_status st = get_number(r, e, out);
@@ -152,7 +64,7 @@ static enum mk_status get_positive(struct reader *r, const char *section, const 
 
 static enum mk_status get_counts(struct reader *r, struct mk_model *m)
 {
-    struct entry *e = find(r, "rig", "encoder_cpr");
+    struct mk_ini_entry *e = find(r, "rig", "encoder_cpr");
     if (!e)
         return MK_OK;
     e->used = true;
@@ -172,7 +84,7 @@ static enum mk_status get_counts(struct reader *r, struct mk_model *m)
         at = end;
     }
     if (at[strspn(at, " \t,")] || got < 1)
-        return bad_value(r, e, "one whole number for each joint");
+        return mk_ini_refuse(r->file, e, r->err, "one whole number for each joint");
     if (got == 1 && n == 2)
         m->encoder_cpr[1] = m->encoder_cpr[0];
     return MK_OK;
@@ -182,7 +94,7 @@ static enum mk_status get_counts(struct reader *r, struct mk_model *m)
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
 {
-    struct entry *kind = find(r, "rig", "kind");
+    struct mk_ini_entry *kind = find(r, "rig", "kind");
     if (!kind)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
                            "[rig] kind is missing: which rig is it?");
@@ -213,7 +125,7 @@ static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
     const struct mk_plant_info *plant = mk_plant(m->plant);
     for (int i = 0; i < plant->parameter_count; i++) {
         const struct mk_parameter_info *p = &plant->parameter[i];
-        struct entry *e = find(r, "parameters", p->name);
+        struct mk_ini_entry *e = find(r, "parameters", p->name);
         if (!e)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
                                "[parameters] %s is missing: a %s needs p1 .. p%d", p->name,
@@ -232,7 +144,7 @@ static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
 }
 
 /* "effect.NAME" or "effect.NAME.2" to NAME; false when it is no such section. */
-static bool effect_name(const char *section, char name[MAX_TEXT])
+static bool effect_name(const char *section, char name[MK_INI_TEXT])
 {
     if (strncmp(section, "effect.", 7) != 0)
         return false;
@@ -246,7 +158,8 @@ static bool effect_name(const char *section, char name[MAX_TEXT])
     return true;
 }
 
-static enum mk_status unknown_effect(struct reader *r, const struct entry *e, const char *name)
+static enum mk_status unknown_effect(struct reader *r, const struct mk_ini_entry *e,
+                                     const char *name)
 {
     char known[1000] = "";
     for (int i = 0; i < mk_effect_count(); i++) {
@@ -257,20 +170,20 @@ static enum mk_status unknown_effect(struct reader *r, const struct entry *e, co
                        "there is no effect '%s'; there are %s", name, known);
 }
 
-static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct entry *first)
+static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct mk_ini_entry *first)
 {
-    char name[MAX_TEXT];
+    char name[MK_INI_TEXT];
     effect_name(first->section, name);
     const struct mk_effect_info *info = mk_effect_by_name(name);
     if (!info)
         return unknown_effect(r, first, name);
     double joint = 0.0;
-    struct entry *e = find(r, first->section, "joint");
+    struct mk_ini_entry *e = find(r, first->section, "joint");
     enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
     if (st != MK_OK)
         return st;
     if (joint != floor(joint) || fabs(joint) > 100.0)
-        return bad_value(r, e, "a joint number");
+        return mk_ini_refuse(r->file, e, r->err, "a joint number");
     struct mk_error why = MK_ERROR_INIT;
     st = mk_model_add_effect(m, name, (int)joint, &why);
     if (st != MK_OK)
@@ -294,12 +207,12 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct e
 
 static enum mk_status read_effects(struct reader *r, struct mk_model *m)
 {
-    char name[MAX_TEXT];
-    for (int i = 0; i < r->count; i++) {
-        struct entry *e = &r->entry[i];
+    char name[MK_INI_TEXT];
+    for (int i = 0; i < r->file->count; i++) {
+        struct mk_ini_entry *e = &r->file->entry[i];
         bool seen = false;
         for (int k = 0; k < i && !seen; k++)
-            seen = strcmp(r->entry[k].section, e->section) == 0;
+            seen = strcmp(r->file->entry[k].section, e->section) == 0;
         if (seen || !effect_name(e->section, name))
             continue;
         enum mk_status st = read_effect(r, m, e);
@@ -312,11 +225,11 @@ static enum mk_status read_effects(struct reader *r, struct mk_model *m)
 static enum mk_status reject_unused(struct reader *r)
 {
     static const char *const sections[] = {"rig", "parameters", "stderr", "simulation"};
-    for (int i = 0; i < r->count; i++) {
-        const struct entry *e = &r->entry[i];
+    for (int i = 0; i < r->file->count; i++) {
+        const struct mk_ini_entry *e = &r->file->entry[i];
         if (e->used)
             continue;
-        char name[MAX_TEXT];
+        char name[MK_INI_TEXT];
         bool known = effect_name(e->section, name);
         for (size_t k = 0; k < sizeof sections / sizeof sections[0]; k++)
             known = known || strcmp(sections[k], e->section) == 0;
@@ -351,31 +264,14 @@ static enum mk_status interpret(struct reader *r, struct mk_model *m)
 
 enum mk_status mk_model_read(const char *path, struct mk_model *out, struct mk_error *err)
 {
-    FILE *file = fopen(path, "r");
-    if (!file)
-        return mk_error_errno(err, errno, path, "cannot open the model");
-    struct reader *r = calloc(1, sizeof *r);
-    if (!r) {
-        fclose(file);
-        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
-    }
-    r->file = file;
-    r->path = path;
-    r->err = err;
-    int bad = ini_parse_stream(next_line, r, on_entry, r);
-    enum mk_status st = r->status;
-    if (st == MK_OK && ferror(file))
-        st = mk_error_errno(err, errno ? errno : EIO, path, "cannot read the model");
-    if (st == MK_OK && bad != 0)
-        st = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r->line, 0,
-                         "expected `key = value` or `[section]`");
+    struct reader r = {.path = path, .err = err};
     struct mk_model model;
+    enum mk_status st = mk_ini_read(path, "the model", &r.file, err);
     if (st == MK_OK)
-        st = interpret(r, &model);
+        st = interpret(&r, &model);
     if (st == MK_OK)
         *out = model;
-    free(r);
-    fclose(file);
+    mk_ini_free(r.file);
     return st;
 }
 

@@ -144,6 +144,17 @@ static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool
     return mk_log_set_meta(log, "rig", mk_plant(p->model->plant)->name);
 }
 
+/* Below this rounding is seen, and steps would be shortened for it. */
+#define FINEST_RTOL 1e-12
+#define FINEST_ATOL 1e-14
+
+void mk_free_run_tolerances(const struct mk_model *model, double *rtol, double *atol)
+{
+    bool contact = mk_model_event_count(model) > 0;
+    *rtol = contact ? fmin(model->rtol, fmax(1e-3 * model->rtol, FINEST_RTOL)) : model->rtol;
+    *atol = contact ? fmin(model->atol, fmax(1e-3 * model->atol, FINEST_ATOL)) : model->atol;
+}
+
 static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
                               const struct mk_predict_options *options, bool states,
                               struct mk_log **out, struct mk_predict_figures *figures,
@@ -152,8 +163,13 @@ static enum mk_status predict(const struct mk_model *model, const struct mk_log 
     struct prediction p = {.model = model, .joints = mk_model_joints(model)};
     struct mk_predict_figures figs;
     struct mk_log *made = NULL;
+    struct mk_sim_config config = options ? options->sim : (struct mk_sim_config){0};
+    double rtol, atol;
     size_t bad = 0;
     memset(&figs, 0, sizeof figs);
+    mk_free_run_tolerances(model, &rtol, &atol);
+    config.rtol = config.rtol > 0.0 ? config.rtol : rtol;
+    config.atol = config.atol > 0.0 ? config.atol : atol;
     *out = NULL;
     enum mk_status st = mk_record_from_log(log, model, &p.rec, err);
     if (st == MK_OK && p.rec.rows < 2)
@@ -163,7 +179,7 @@ static enum mk_status predict(const struct mk_model *model, const struct mk_log 
     if (st == MK_OK)
         st = add_columns(&p, made, options && options->window_s > 0.0, states);
     if (st == MK_OK)
-        st = mk_sim_create(model, options ? &options->sim : NULL, &p.sim, err);
+        st = mk_sim_create(model, &config, &p.sim, err);
     if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, model)))
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
     if (st == MK_OK)

@@ -1,4 +1,4 @@
-/* Prediction with the whole state, for those who go on from it elsewhere. */
+/* Prediction with the whole state, and how finely, for those who go on from it elsewhere. */
 #ifndef MECHKIT_SIM_PREDICT_H
 #define MECHKIT_SIM_PREDICT_H
 
@@ -13,6 +13,11 @@ MK_NODISCARD enum mk_status
 mk_predict_states(const struct mk_model *model, const struct mk_log *log,
                   const struct mk_predict_options *options, struct mk_log **out,
                   struct mk_predict_figures *figures, size_t *failed, struct mk_error *err);
+
+/* Tolerances at which a free run of the model agrees with others to 1e-6 rad: its own, and a
+ * thousandth of them where there is contact, since every impact multiplies the errors made before
+ * it. */
+void mk_free_run_tolerances(const struct mk_model *model, double *rtol, double *atol);
 
 #ifdef __cplusplus
 }

@@ -54,6 +54,10 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
         if (!out->q[j])
             return missing(log, err, angles[j]);
     }
+    out->flags = mk_log_get(log, "flags");
+    const char *clock = mk_log_find_meta(log, "clock");
+    out->board_clock = clock && strcmp(clock, "board") == 0;
+    out->late_us = out->board_clock ? NULL : mk_log_get(log, "late_us");
     enum mk_status st = find_commands(log, plant, out, err);
     out->u_to_torque = out->si ? 1.0 : model->u_to_torque;
     return st;

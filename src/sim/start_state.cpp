@@ -216,25 +216,43 @@ void mk_start_finder_destroy(mk_start_finder *finder)
     delete finder;
 }
 
+// What effects remember at `row`, by runs of the model from `back` on. Where all joints are read
+// the run is set back to the readings again and again: what the model lacks must not carry it away.
+static void remember(const mk_start_finder &f, size_t last, size_t back, size_t row, VectorXd &x)
+{
+    constexpr double ALONE = 0.04; // s
+    const long measured = 2 * mk_model_joints(f.model), own = x.size() - measured;
+    const double piece = mk_model_hides_joint(f.model) ? HUGE_VAL : ALONE;
+    VectorXd run(x.size()), at(x.size());
+    for (size_t k = back; k < row;) {
+        if (mk_record_state_at(f.record, f.model, 0, last, k, 0, at.data(), nullptr) != MK_OK)
+            return;
+        if (k > back)
+            at.tail(own) = run.tail(own);
+        run = at;
+        size_t next = k + 1;
+        while (next < row && f.t[next] - f.t[k] < piece)
+            next++;
+        Search search(f, k, next + 1);
+        if (!search.carry(run, next))
+            return;
+        k = next;
+    }
+    x.tail(own) = run.tail(own);
+}
+
 // State at `row` to start a search from: angles and speeds by polynomial; what effects remember of
-// the past by a run of the model from half a second before.
+// the past by a run of the model from a while before.
 static bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
 {
     constexpr double MEMORY = 0.5; // s
     if (mk_record_state_at(f.record, f.model, 0, last, row, 0, x.data(), nullptr) != MK_OK)
         return false;
-    int joints = mk_model_joints(f.model);
     size_t back = row;
     while (back > 0 && f.t[row] - f.t[back - 1] <= MEMORY)
         back--;
-    if (x.size() == 2 * joints || back == row)
-        return true;
-    VectorXd run(x.size());
-    if (mk_record_state_at(f.record, f.model, 0, last, back, 0, run.data(), nullptr) != MK_OK)
-        return true;
-    Search search(f, back, row + 1);
-    if (search.carry(run, row))
-        x.tail(x.size() - 2 * joints) = run.tail(x.size() - 2 * joints);
+    if (x.size() > 2 * mk_model_joints(f.model) && back < row)
+        remember(f, last, back, row, x);
     return true;
 }
 

@@ -26,6 +26,7 @@ void emu_bench_init(struct emu_bench *b, const char *back_end, const struct mk_b
                                                     : EMU_PP_EPP | EMU_PP_BYTE | EMU_PP_NIBBLE;
         emu_pp_init(&b->pp, 0, modes, emu_board_of(&b->board));
         b->line = &b->pp.line;
+        b->pp.timed = &b->board;
     }
 }
 
@@ -35,6 +36,14 @@ void emu_bench_plug(struct emu_bench *b)
         emu_usb_plug(&b->usb);
     else
         b->pp.unplugged = false;
+}
+
+void emu_bench_unplug(struct emu_bench *b)
+{
+    if (b->line == &b->usb.line)
+        emu_usb_unplug(&b->usb);
+    else
+        b->pp.unplugged = true;
 }
 
 void emu_bench_free(struct emu_bench *b)

@@ -22,6 +22,8 @@ void emu_bench_init(struct emu_bench *b, const char *back_end,
                     const struct mk_board_config *config);
 /* Plugs in again what the plan has unplugged. */
 void emu_bench_plug(struct emu_bench *b);
+/* Pulls the cable. */
+void emu_bench_unplug(struct emu_bench *b);
 void emu_bench_free(struct emu_bench *b);
 
 #endif

@@ -27,6 +27,8 @@ __attribute__((constructor)) static void plug_in(void)
     }
     /* One board on two plugs: whoever opens one of them has it. */
     emu_usb_init(&usb_port, 1, "MK-0001", emu_board_of(&board));
+    usb_port.timed = &board;
     emu_usb_plug(&usb_port);
     emu_pp_init(&pp_port, 0, EMU_PP_EPP | EMU_PP_BYTE | EMU_PP_NIBBLE, emu_board_of(&board));
+    pp_port.timed = &board;
 }

@@ -36,13 +36,26 @@ static int negotiate(struct emu_pp *p, int mode)
     return 0;
 }
 
+/* A board that streams: its time passes while somebody looks; simulated time as soon as the last
+ * sample has been answered. */
+static void let_time_pass(struct emu_pp *p)
+{
+    struct mk_emulated *e = p->timed;
+    if (!e || !e->device.stream_us || p->line.chunks > 0)
+        return;
+    if (e->clock->ops->simulated && e->device.stream_answered == e->device.stream_sample)
+        mk_clock_sleep_until(e->clock, e->opened_ns + (int64_t)e->device.stream_next_ns);
+    (void)mk_emulated_run(e);
+    emu_line_collect(&p->line, EMU_FAULT_NONE);
+}
+
 static int claim(struct emu_pp *p)
 {
     if (p->claimed)
         return -EINVAL;
     if (p->taken)
         return -ENXIO;
-    p->claimed = true;
+    p->claimed = p->registered = true;
     return 0;
 }
 
@@ -53,8 +66,8 @@ static int pp_ioctl(void *ctx, unsigned long request, void *arg)
     case PPCLAIM:
         return claim(p);
     case PPEXCL:
-        if (p->claimed)
-            return -EINVAL;
+        if (p->registered && !p->excl)
+            return -EINVAL; /* too late */
         p->excl = true;
         return 0;
     case PPGETMODES:
@@ -77,6 +90,7 @@ static int pp_ioctl(void *ctx, unsigned long request, void *arg)
     case PPSETTIME:
         return 0;
     case PPRSTATUS:
+        let_time_pass(p);
         *(unsigned char *)arg = emu_line_next(&p->line) ? 0 : PARPORT_STATUS_ERROR;
         return 0;
     default:
@@ -120,6 +134,7 @@ static ssize_t pp_read(void *ctx, void *bytes, size_t n)
         return -EINVAL;
     if (p->mode == IEEE1284_MODE_COMPAT)
         return -EIO; /* nothing comes in that way */
+    let_time_pass(p);
     struct emu_chunk *c = emu_line_next(&p->line);
     if (!c)
         return -EAGAIN;
@@ -143,7 +158,7 @@ static int pp_open(void *ctx)
 static void pp_close(void *ctx)
 {
     struct emu_pp *p = ctx;
-    p->claimed = p->excl = false;
+    p->claimed = p->registered = p->excl = false;
     p->mode = IEEE1284_MODE_COMPAT;
 }
 

@@ -7,17 +7,6 @@
 
 #include "emu/udev.h"
 
-#define ENDPOINT_OUT 0x01
-#define ENDPOINT_IN 0x81
-
-static const uint8_t descriptors[] = {
-    /* device: vendor class, strings 1 2 3 */
-    18, 1, 0x00, 0x02, 0xff, 0, 0, 64, EMU_USB_VENDOR & 255, EMU_USB_VENDOR >> 8,
-    EMU_USB_PRODUCT & 255, EMU_USB_PRODUCT >> 8, 0, 1, 1, 2, 3, 1,
-    /* configuration, interface, bulk out, bulk in */
-    9, 2, 32, 0, 1, 1, 0, 0xc0, 50, 9, 4, 0, 0, 2, 0xff, 0, 0, 0, 7, 5, ENDPOINT_OUT, 2, 0x00, 2, 0,
-    7, 5, ENDPOINT_IN, 2, 0x00, 2, 0};
-
 /* --- transfers; the lock is held
  * --------------------------------------------------------------------- */
 
@@ -123,32 +112,13 @@ static int submit_out(struct emu_usb *u, struct usbdevfs_urb *urb)
     return 0;
 }
 
-static int string_descriptor(const struct emu_usb *u, int index, uint8_t *out)
-{
-    const char *const text[] = {"", "mechkit", "emulated board", u->serial};
-    if (index > 3)
-        return -EPIPE;
-    int n = 2;
-    if (index == 0) {
-        out[n++] = 0x09;
-        out[n++] = 0x04;
-    }
-    for (const char *c = text[index]; *c; c++) {
-        out[n++] = (uint8_t)*c;
-        out[n++] = 0;
-    }
-    out[0] = (uint8_t)n;
-    out[1] = 3;
-    return n;
-}
-
 static int submit_control(struct emu_usb *u, struct usbdevfs_urb *urb)
 {
     const uint8_t *setup = urb->buffer;
     uint8_t answer[128];
     int wanted = setup[6] | setup[7] << 8, n = -EPIPE;
-    if (setup[0] == 0x80 && setup[1] == 6 && setup[3] == 3)
-        n = string_descriptor(u, setup[2], answer);
+    if (setup[0] == 0x80 && setup[1] == 6)
+        n = emu_usb_descriptor(u, setup[3], setup[2], answer, sizeof answer);
     if (n > wanted)
         n = wanted;
     if (n > 0)
@@ -161,10 +131,10 @@ static int submit(struct emu_usb *u, struct usbdevfs_urb *urb)
 {
     if (urb->type == USBDEVFS_URB_TYPE_CONTROL)
         return submit_control(u, urb);
-    if (urb->endpoint == ENDPOINT_OUT)
+    if (urb->endpoint == EMU_USB_OUT)
         return submit_out(u, urb);
     struct emu_urbs *waiting = &u->now->waiting;
-    if (urb->endpoint != ENDPOINT_IN || waiting->count == EMU_URBS)
+    if (urb->endpoint != EMU_USB_IN || waiting->count == EMU_URBS)
         return -ENOENT;
     waiting->urb[waiting->count++] = urb;
     pump(u);
@@ -282,11 +252,13 @@ static int let_time_pass(void *ctx, int timeout_ms)
     struct emu_usb *u = ctx;
     struct mk_emulated *e = u->timed;
     int wait_ms = -1;
+    (void)timeout_ms;
     pthread_mutex_lock(&u->lock);
     if (u->now && e->device.stream_us) {
         const struct emu_urbs *done = &u->now->done;
         int64_t next = e->opened_ns + (int64_t)e->device.stream_next_ns;
-        if (e->clock->ops->simulated && done->count == 0 && timeout_ms != 0)
+        bool answered = e->device.stream_answered == e->device.stream_sample;
+        if (e->clock->ops->simulated && done->count == 0 && answered)
             mk_clock_sleep_until(e->clock, next);
         (void)mk_emulated_run(e);
         emu_line_collect(&u->line, EMU_FAULT_NONE);
@@ -342,10 +314,26 @@ void emu_usb_plug(struct emu_usb *u)
     add_number(u, 1, "devnum", u->address);
     add_number(u, 2, "speed", 480);
     add_number(u, 3, "bConfigurationValue", 1);
-    add_file(u, 4, "descriptors", descriptors, sizeof descriptors);
+    int n = emu_usb_descriptor(u, EMU_USB_ALL, 0, u->descriptors, sizeof u->descriptors);
+    add_file(u, 4, "descriptors", u->descriptors, (size_t)n);
     if (u->timed)
         emu_poll_hook(let_time_pass, u);
     emu_udev_plug(u->name, p->path);
+}
+
+void emu_usb_deny(struct emu_usb *u, bool denied)
+{
+    u->denied = denied;
+}
+
+void emu_usb_take(struct emu_usb *u, bool taken)
+{
+    u->taken = taken;
+}
+
+void emu_usb_bind_driver(struct emu_usb *u, bool bound)
+{
+    u->driver_bound = bound;
 }
 
 void emu_usb_unplug(struct emu_usb *u)

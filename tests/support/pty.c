@@ -36,12 +36,15 @@ void pty_start(struct pty *p, int rows, int cols, const char *folder, const char
                const char *const *argv)
 {
     struct winsize size = {.ws_row = (unsigned short)rows, .ws_col = (unsigned short)cols};
+    char state[600];
+    snprintf(state, sizeof state, "%s/state", folder);
     memset(p, 0, sizeof *p);
     vt_init(&p->vt, rows, cols);
     p->child = forkpty(&p->fd, NULL, NULL, &size);
     if (p->child == 0) {
         setenv("TERM", "xterm-256color", 1);
         setenv("LC_ALL", language, 1);
+        setenv("XDG_STATE_HOME", state, 1); /* what it keeps between sessions */
         unsetenv("NO_COLOR");
         unsetenv("LINES");
         unsetenv("COLUMNS");

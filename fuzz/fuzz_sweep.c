@@ -1,0 +1,25 @@
+/* libFuzzer: spec files of sweeps. Every run of what is read has a point and values. */
+#include <stdlib.h>
+
+#include "console/sweep.h"
+#include "fuzz_file.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    static struct sweep s;
+    struct mk_error err = MK_ERROR_INIT;
+    enum mk_status st = sweep_read(fuzz_file(0, data, size), &s, &err);
+    if (st == MK_OK) {
+        if (s.total < 1 || s.total > SWEEP_RUNS_MAX)
+            abort();
+        for (int i = 0; i < s.axis_count; i++)
+            if (sweep_at(&s, 0, i) != 0 || sweep_at(&s, s.total - 1, i) != s.axis[i].count - 1)
+                abort();
+    } else if (err.message[0] == '\0') {
+        abort();
+    }
+    sweep_free(&s);
+    return 0;
+}

@@ -1,0 +1,134 @@
+/* inih tells neither line nor column, so a reader of our own feeds it line by line and counts. */
+#include "base/ini_file.h"
+
+#include <errno.h>
+#include <ini.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LONGEST_LINE 180
+
+struct reader {
+    FILE *file;
+    struct mk_ini *ini;
+    struct mk_error *err;
+    const char *what;
+    enum mk_status status; /* first failure */
+    int line;
+};
+
+static void fail(struct reader *r, const char *what)
+{
+    if (r->status == MK_OK)
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->ini->path, r->line, 0, "%s", what);
+}
+
+/* fgets for inih: one line at a time, comments and leading blanks gone (inih would take an indented
+ * line as the continuation of the one before). */
+static char *next_line(char *out, int size, void *stream)
+{
+    struct reader *r = stream;
+    char line[1024];
+    if (r->status != MK_OK || !fgets(line, sizeof line, r->file))
+        return NULL;
+    r->line++;
+    bool whole = strchr(line, '\n') || feof(r->file);
+    line[strcspn(line, "#;\r\n")] = '\0';
+    const char *text = line + strspn(line, " \t");
+    if (r->line == 1 && strncmp(text, "\xef\xbb\xbf", 3) == 0)
+        text += 3;
+    if (!whole || strlen(text) + 2 > (size_t)size || strlen(text) > LONGEST_LINE) {
+        fail(r, "the line is too long: at most 180 characters");
+        return NULL;
+    }
+    if (text[0] && text[0] != '[' && !strpbrk(text, "=:")) {
+        fail(r, "expected `key = value` or `[section]`");
+        return NULL;
+    }
+    sprintf(out, "%s\n", text);
+    return out;
+}
+
+static int on_entry(void *user, const char *section, const char *key, const char *value)
+{
+    struct reader *r = user;
+    if (r->status != MK_OK)
+        return 0;
+    const struct mk_ini_entry *before = mk_ini_find(r->ini, section, key);
+    if (before) {
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->ini->path, r->line, 0,
+                                "key '%s' is there twice in [%s]; the first is in line %d", key,
+                                section, before->line);
+        return 0;
+    }
+    if (r->ini->count == MK_INI_ENTRIES || strlen(section) >= MK_INI_TEXT ||
+        strlen(key) >= MK_INI_TEXT || strlen(value) >= MK_INI_TEXT) {
+        char text[96];
+        snprintf(text, sizeof text, "too long for %s", r->what);
+        fail(r, text);
+        return 0;
+    }
+    struct mk_ini_entry *e = &r->ini->entry[r->ini->count++];
+    strcpy(e->section, section);
+    strcpy(e->key, key);
+    strcpy(e->value, value);
+    e->line = r->line;
+    return 1;
+}
+
+static enum mk_status parse(struct reader *r)
+{
+    int bad = ini_parse_stream(next_line, r, on_entry, r);
+    if (r->status == MK_OK && ferror(r->file))
+        r->status =
+            mk_error_errno(r->err, errno ? errno : EIO, r->ini->path, "cannot read %s", r->what);
+    if (r->status == MK_OK && bad != 0) {
+        r->line = bad > 0 ? bad : r->line;
+        fail(r, "expected `key = value` or `[section]`");
+    }
+    return r->status;
+}
+
+enum mk_status mk_ini_read(const char *path, const char *what, struct mk_ini **out,
+                           struct mk_error *err)
+{
+    struct reader r = {.err = err, .what = what};
+    *out = NULL;
+    r.file = fopen(path, "r");
+    if (!r.file)
+        return mk_error_errno(err, errno, path, "cannot open %s", what);
+    r.ini = calloc(1, sizeof *r.ini);
+    if (!r.ini) {
+        fclose(r.file);
+        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
+    }
+    r.ini->path = path;
+    enum mk_status st = parse(&r);
+    fclose(r.file);
+    if (st == MK_OK)
+        *out = r.ini;
+    else
+        mk_ini_free(r.ini);
+    return st;
+}
+
+void mk_ini_free(struct mk_ini *ini)
+{
+    free(ini);
+}
+
+struct mk_ini_entry *mk_ini_find(struct mk_ini *ini, const char *section, const char *key)
+{
+    for (int i = 0; i < ini->count; i++)
+        if (strcmp(ini->entry[i].section, section) == 0 && strcmp(ini->entry[i].key, key) == 0)
+            return &ini->entry[i];
+    return NULL;
+}
+
+enum mk_status mk_ini_refuse(const struct mk_ini *ini, const struct mk_ini_entry *e,
+                             struct mk_error *err, const char *want)
+{
+    return mk_error_at(err, MK_ERR_PARSE, ini->path, e->line, 0, "%s = '%s': expected %s", e->key,
+                       e->value, want);
+}

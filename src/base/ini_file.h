@@ -1,0 +1,45 @@
+/* INI files with the lines that things were in: `[section]`, `key = value`, comments from # or ; to
+ * the end of the line. A key that is there twice in a section is an error. */
+#ifndef MECHKIT_BASE_INI_FILE_H
+#define MECHKIT_BASE_INI_FILE_H
+
+#include <stdbool.h>
+
+#include "mechkit/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MK_INI_ENTRIES 256
+#define MK_INI_TEXT 160
+
+struct mk_ini_entry {
+    char section[MK_INI_TEXT], key[MK_INI_TEXT], value[MK_INI_TEXT];
+    int line;
+    bool used; /* for the caller: what is left unused was not understood */
+};
+
+struct mk_ini {
+    const char *path; /* the caller's */
+    int count;
+    struct mk_ini_entry entry[MK_INI_ENTRIES]; /* as in the file */
+};
+
+/* Reads a whole file; `what` it is goes into messages ("the model"). The caller frees *out, which
+ * is NULL on failure. MK_ERR_NOTFOUND, MK_ERR_PERM, MK_ERR_IO, MK_ERR_NOMEM, MK_ERR_PARSE. */
+MK_NODISCARD enum mk_status mk_ini_read(const char *path, const char *what, struct mk_ini **out,
+                                        struct mk_error *err);
+void mk_ini_free(struct mk_ini *ini); /* NULL allowed */
+
+/* NULL when it is not there. */
+struct mk_ini_entry *mk_ini_find(struct mk_ini *ini, const char *section, const char *key);
+
+/* MK_ERR_PARSE: "key = 'value': expected WANT", with the file and line. */
+enum mk_status mk_ini_refuse(const struct mk_ini *ini, const struct mk_ini_entry *e,
+                             struct mk_error *err, const char *want);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,204 @@
+#include "console/sweep_journal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include "base/out_file.h"
+
+#define LINE_MAX_BYTES (SWEEP_LINE + 64)
+
+int sweep_line(char *line, size_t size, size_t index, int outcome, const char *text)
+{
+    return snprintf(line, size, "%zu,%d,%s\n", index, outcome, text);
+}
+
+bool sweep_split(const struct sweep *s, char *line, size_t *index, int *outcome,
+                 const char **columns)
+{
+    char *end;
+    errno = 0;
+    unsigned long long run = strtoull(line, &end, 10);
+    if (end == line || *end != ',' || errno || run >= s->total)
+        return false;
+    const char *at = end + 1;
+    long word = strtol(at, &end, 10);
+    if (end == at || *end != ',' || word < 0 || word >= SWEEP_OUTCOMES || !s->kind->outcome[word])
+        return false;
+    *index = (size_t)run;
+    *outcome = (int)word;
+    *columns = end + 1;
+    return strlen(*columns) < SWEEP_LINE;
+}
+
+static bool keep(struct sweep_journal *j, size_t index, int outcome, const char *text)
+{
+    struct sweep_result *r = &j->result[index];
+    char *copy = strdup(text);
+    if (!copy)
+        return false;
+    j->done += r->text == NULL;
+    free(r->text);
+    *r = (struct sweep_result){copy, outcome};
+    return true;
+}
+
+static int heading(const struct sweep *s, char *text, size_t size)
+{
+    return snprintf(text, size, "# mechkit-sweep-journal: 1 %016" PRIx64 " %zu\n", s->fingerprint,
+                    s->total);
+}
+
+static enum mk_status append(struct sweep_journal *j, const char *text, size_t size,
+                             struct mk_error *err)
+{
+    int failed = mk_write_all(j->fd, text, size, NULL);
+    if (failed == 0) {
+        j->size += size;
+        return MK_OK;
+    }
+    if (ftruncate(j->fd, (off_t)j->size) != 0)
+        return mk_error_errno(err, errno, j->path, "cannot cut off half a line");
+    return mk_error_errno(err, failed, j->path, "cannot write down a result");
+}
+
+static enum mk_status read_lines(struct sweep_journal *j, FILE *f, struct mk_error *err)
+{
+    char line[LINE_MAX_BYTES], first[100];
+    heading(j->sweep, first, sizeof first);
+    for (int n = 1; fgets(line, sizeof line, f); n++) {
+        size_t length = strlen(line), index;
+        int outcome;
+        const char *text;
+        if (length == 0 || line[length - 1] != '\n')
+            break; /* killed while it wrote */
+        if (n == 1 && strcmp(line, first) != 0)
+            return mk_error_at(err, MK_ERR_STATE, j->path, 1, 0,
+                               "belongs to another sweep, or the spec, a model or the program has "
+                               "changed since: take the spec back, or remove this file");
+        j->size += length;
+        line[length - 1] = '\0';
+        if (n == 1)
+            continue;
+        if (!sweep_split(j->sweep, line, &index, &outcome, &text))
+            return mk_error_at(err, MK_ERR_PARSE, j->path, n, 0,
+                               "is no line of this sweep's journal: remove the file");
+        if (!keep(j, index, outcome, text))
+            return mk_error_set(err, MK_ERR_NOMEM, "no memory for the results of a sweep");
+    }
+    return MK_OK;
+}
+
+/* Reads the file and leaves it at the end of its last whole line. */
+static enum mk_status take_over(struct sweep_journal *j, struct mk_error *err)
+{
+    int fd = dup(j->fd);
+    FILE *f = fd < 0 ? NULL : fdopen(fd, "r");
+    if (!f)
+        return mk_error_errno(err, errno, j->path, "cannot read the journal");
+    enum mk_status st = read_lines(j, f, err);
+    fclose(f);
+    if (st != MK_OK)
+        return st;
+    if (ftruncate(j->fd, (off_t)j->size) != 0 || lseek(j->fd, 0, SEEK_END) < 0)
+        return mk_error_errno(err, errno, j->path, "cannot go on in the journal");
+    char text[100];
+    return j->size ? MK_OK : append(j, text, (size_t)heading(j->sweep, text, sizeof text), err);
+}
+
+enum mk_status sweep_journal_open(struct sweep_journal *j, const struct sweep *s, const char *out,
+                                  struct mk_error *err)
+{
+    *j = (struct sweep_journal){.fd = -1, .sweep = s};
+    if (snprintf(j->path, sizeof j->path, "%s.journal", out) >= (int)sizeof j->path)
+        return mk_error_set(err, MK_ERR_RANGE, "%s: too long a path", out);
+    j->result = calloc(s->total, sizeof *j->result);
+    if (!j->result)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %zu runs", s->total);
+    j->fd = open(j->path, O_RDWR | O_CREAT | O_CLOEXEC | O_APPEND, 0666);
+    if (j->fd < 0)
+        return mk_error_errno(err, errno, j->path, "cannot write the journal");
+    if (flock(j->fd, LOCK_EX | LOCK_NB) != 0)
+        return mk_error_at(err, MK_ERR_BUSY, j->path, 0, 0,
+                           "another process is at this sweep: wait for it, or give another --out");
+    return take_over(j, err);
+}
+
+enum mk_status sweep_journal_add(struct sweep_journal *j, size_t index, int outcome,
+                                 const char *text, struct mk_error *err)
+{
+    char line[LINE_MAX_BYTES];
+    int size = sweep_line(line, sizeof line, index, outcome, text);
+    if (!keep(j, index, outcome, text))
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the results of a sweep");
+    return append(j, line, (size_t)size, err);
+}
+
+void sweep_journal_close(struct sweep_journal *j, bool finished)
+{
+    for (size_t i = 0; j->result && i < j->sweep->total; i++)
+        free(j->result[i].text);
+    free(j->result);
+    j->result = NULL;
+    if (j->fd < 0)
+        return;
+    if (finished)
+        unlink(j->path);
+    close(j->fd);
+    j->fd = -1;
+}
+
+/* --- the result ----------------------------------------------------------------------------- */
+
+static const char *column_name(const struct sweep_axis *a)
+{
+    return strchr(a->name, '.') + 1;
+}
+
+static void put_rows(FILE *f, const struct sweep_journal *j)
+{
+    const struct sweep *s = j->sweep;
+    char text[SWEEP_WORD];
+    fprintf(f, "# mechkit-sweep: 1\n# kind: %s\n# runs: %d\n# program: mechkit " MK_VERSION "\nrun",
+            s->kind->name, s->runs);
+    for (int i = 0; i < s->axis_count; i++)
+        fprintf(f, ",%s", column_name(&s->axis[i]));
+    fprintf(f, ",seed,outcome,%s\n", s->kind->columns);
+    for (size_t run = 0; run < s->total; run++) {
+        fprintf(f, "%zu", run);
+        for (int i = 0; i < s->axis_count; i++)
+            fprintf(f, ",%s", sweep_value_text(&s->axis[i], sweep_at(s, run, i), text));
+        fprintf(f, ",%" PRIu64 ",%s,%s\n", sweep_seed(s, run),
+                s->kind->outcome[j->result[run].outcome], j->result[run].text);
+    }
+}
+
+enum mk_status sweep_write_csv(const struct sweep_journal *j, const char *path,
+                               struct mk_error *err)
+{
+    char *text = NULL;
+    size_t size = 0;
+    struct mk_out_file file;
+    FILE *f = open_memstream(&text, &size);
+    if (f)
+        put_rows(f, j);
+    if (!f || fclose(f) != 0) {
+        free(text);
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+    }
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st == MK_OK) {
+        st = mk_out_file_write(&file, text, size, err);
+        if (st == MK_OK)
+            st = mk_out_file_commit(&file, err);
+        else
+            mk_out_file_abandon(&file);
+    }
+    free(text);
+    return st;
+}

@@ -1,0 +1,31 @@
+// The logs as explain searches in them, and what is held back.
+#ifndef MECHKIT_EXPLAIN_TRAINING_HPP
+#define MECHKIT_EXPLAIN_TRAINING_HPP
+
+#include <vector>
+
+#include "explain/owned_log.hpp"
+#include "ident/fit_log.hpp"
+#include "mechkit/explain.h"
+
+namespace mk
+{
+
+struct TrainingData {
+    std::vector<FitLog> logs;         // to search in
+    std::vector<const mk_log *> held; // to measure on
+    std::vector<OwnedLog> made;       // those of `held` that were cut off
+
+    // Takes at most options.most_s of the logs; without hold-out logs the end of the last one is
+    // held back. Fills what `out` says of the data. MK_ERR_RANGE: too little of it, or no motion.
+    enum mk_status load(const mk_model &model, const mk_explain_options &options,
+                        const mk_log *const *given, size_t count, const mk_log *const *holdouts,
+                        size_t holdout_count, mk_explanation &out, mk_error *err);
+
+  private:
+    enum mk_status take_part(const mk_model &model, double most_s, const mk_log *const *given,
+                             mk_error *err);
+};
+
+} // namespace mk
+#endif

@@ -1,0 +1,186 @@
+// Fit: where stretches start, and the states there.
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.hpp"
+#include "ident/fit_priv.hpp"
+
+namespace mk
+{
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+static std::vector<size_t> node_rows(const FitLog &log, double stretch)
+{
+    std::vector<size_t> rows;
+    long count = std::lround(log.duration() / stretch);
+    if (count < 1)
+        count = 1;
+    for (long i = 0; i < count; i++) {
+        double t = log.duration() * (double)i / (double)count;
+        size_t row =
+            (size_t)(std::lower_bound(log.t.begin(), log.t.end(), t - 1e-9) - log.t.begin());
+        if (rows.empty() || row > rows.back() + 3)
+            rows.push_back(row);
+    }
+    return rows;
+}
+
+static mk_record record_of(const FitLog &log)
+{
+    mk_record r = {};
+    r.rows = log.rows();
+    r.t = log.t.data();
+    for (int j = 0; j < log.joints; j++)
+        r.q[j] = log.q[j].data();
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        r.u[i] = log.u[i].data();
+    return r;
+}
+
+FitPoint Fit::start(const mk_model &model)
+{
+    FitPoint p;
+    p.model = model;
+    p.model.effect_count = 0; // states of effects come with them, below
+    int ns = 2 * mk_model_joints(&model);
+    for (const FitLog *log : logs) {
+        FitNodes nodes;
+        nodes.row = node_rows(*log, options.stretch);
+        nodes.x.resize(ns, (long)nodes.row.size());
+        mk_record record = record_of(*log);
+        double x[MK_MAX_STATES] = {0.0};
+        for (size_t i = 0; i < nodes.row.size(); i++) {
+            // Where readings are missing the last state known will do: the fit repairs it.
+            (void)!mk_record_state_at(&record, &model, 0, log->rows(), nodes.row[i], 0, x, nullptr);
+            for (int s = 0; s < ns; s++)
+                nodes.x(s, (long)i) = x[s];
+        }
+        p.nodes.push_back(std::move(nodes));
+        for (int j = 0; j < log->joints; j++) {
+            double quantised = log->count[j] / std::sqrt(12.0);
+            p.noise[j] = std::max({p.noise[j], fit_log_noise(*log, j), quantised});
+        }
+    }
+    return adopt(p, model);
+}
+
+FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
+{
+    FitPoint p = from;
+    p.model = model;
+    if (p.step > 0.0 && mk_model_event_count(&model) > 0)
+        p.step = std::max(p.step, SHORTER * options.step);
+    int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
+    const bool hidden = mk_model_hides_joint(&model),
+               was_hidden = mk_model_hides_joint(&from.model);
+    if (was_hidden && !hidden) {
+        p = start(model);
+        std::copy(std::begin(from.noise), std::end(from.noise), std::begin(p.noise));
+    }
+    for (size_t l = 0; l < p.nodes.size(); l++) {
+        const MatrixXd known = p.nodes[l].x;
+        p.nodes[l].x.resize(ns, known.cols());
+        for (long i = 0; i < known.cols(); i++) {
+            double full[MK_MAX_STATES];
+            mk_model_initial_state(&model, &known(0, i), &known(joints, i), full);
+            for (int s = 0; s < ns; s++)
+                p.nodes[l].x(s, i) = full[s];
+        }
+    }
+    if (ns > 2 * joints) {
+        if (hidden && !was_hidden)
+            for (FitNodes &nodes : p.nodes)
+                thin(nodes);
+        prepare(p);
+        parallel_for(options.threads, p.nodes.size(), [&](size_t l) {
+            if (hidden)
+                carry_apart(p, l);
+            else
+                carry_states(p, l);
+        });
+    }
+    return p;
+}
+
+// With short stretches hidden states can explain readings that the model does not: false optima,
+// one for each side that a joint may touch. Where the trajectory is not chaotic, long stretches
+// have none of them.
+void Fit::thin(FitNodes &nodes) const
+{
+    size_t step =
+        std::max<size_t>(1, (size_t)std::lround(options.hidden_stretch / options.stretch));
+    FitNodes kept;
+    for (size_t i = 0; i < nodes.row.size(); i += step) {
+        kept.row.push_back(nodes.row[i]);
+        kept.x.conservativeResize(nodes.x.rows(), (long)kept.row.size());
+        kept.x.rightCols(1) = nodes.x.col((long)i);
+    }
+    nodes = std::move(kept);
+}
+
+// A light side in a play is seen, its heavy side is not. From a first guess in which both are
+// together at every node: the model hands on where they are against each other, the readings where
+// both are.
+void Fit::carry_apart(FitPoint &point, size_t l)
+{
+    FitNodes &nodes = point.nodes[l];
+    const mk_model &m = point.model;
+    long joints = mk_model_joints(&m);
+    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
+        shoot_one(point, {}, l, i, false);
+        if (!work[l][i].finite)
+            return;
+        const VectorXd &end = work[l][i].x_end;
+        auto next = nodes.x.col((long)i + 1);
+        const VectorXd seen = next;
+        long at = 2 * joints;
+        for (int e = 0; e < m.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(m.effect[e].index);
+            next.segment(at, info->state_count) = end.segment(at, info->state_count);
+            if ((info->stages & MK_STAGE_STATE) && (info->stages & MK_STAGE_MEASUREMENT)) {
+                long j = m.effect[e].joint - 1;
+                for (long k = 0; k < 2; k++) {
+                    long own = k * joints + j;
+                    next(own) = seen(own) - (end(at + k) - end(own));
+                    next(at + k) = seen(own);
+                }
+            }
+            at += info->state_count;
+        }
+    }
+}
+
+// Effects that only listen hand their states on from stretch to stretch.
+void Fit::carry_states(FitPoint &point, size_t l)
+{
+    FitNodes &nodes = point.nodes[l];
+    long own = 2 * mk_model_joints(&point.model), ns = nodes.x.rows();
+    for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
+        shoot_one(point, {}, l, i, false);
+        if (!work[l][i].finite)
+            return;
+        nodes.x.col((long)i + 1).tail(ns - own) = work[l][i].x_end.tail(ns - own);
+    }
+}
+
+// --- shooting ---
+
+void Fit::prepare(const FitPoint &point)
+{
+    lay_data(point);
+    work.resize(logs.size());
+    for (size_t l = 0; l < logs.size(); l++) {
+        const FitNodes &nodes = point.nodes[l];
+        work[l].resize(nodes.row.size());
+        for (size_t i = 0; i < nodes.row.size(); i++) {
+            Segment &s = work[l][i];
+            s.begin = logs[l]->t[nodes.row[i]];
+            s.last = i + 1 == nodes.row.size();
+            s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
+        }
+    }
+}
+
+} // namespace mk

@@ -1,0 +1,555 @@
+/* Feed-forward from the effects of the believed model. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#include "base/random.h"
+#include "console/control_gain.h"
+#include "console/robustness.h"
+#include "ctrl/compensate.h"
+#include "ctrl/equilibrium.h"
+#include "support/closed.h"
+
+static void add(struct mk_model *m, const char *name, int joint, const double *value)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_model_add_effect(m, name, joint, &err) == MK_OK, "%s", err.message);
+    struct mk_effect_use *use = &m->effect[m->effect_count - 1];
+    for (int k = 0; k < mk_effect(use->index)->parameter_count && value; k++)
+        use->value[k] = value[k];
+}
+
+/* --- the command --------------------------------------------------------------------------- */
+
+/* Effects that a command at the motor joint cancels, with values that show. */
+static const struct cancelled {
+    const char *name;
+    bool at_joint;
+    double value[MK_MAX_EFFECT_PARAMETERS];
+} cancelled[] = {
+    {"viscous", true, {0.2}},
+    {"coulomb", true, {0.8}},
+    {"coulomb-asymmetry", true, {0.4}},
+    {"stribeck", true, {0.5, 0.8}},
+    {"quadratic-drag", true, {0.05}},
+    {"stiction", true, {60.0, 0.4, 0.6}},
+    {"load-friction", true, {0.3}},
+    {"friction-drift", true, {0.9, 2.0}},
+    {"cable-stiffness", true, {0.7, 0.2}},
+    {"cable-hysteresis", true, {1.5, 0.2}},
+    {"cogging", true, {0.4, 6.0, 0.3}},
+    {"imbalance", true, {0.5, 0.4}},
+    {"reflected-inertia", true, {0.01}},
+    {"deadband", false, {0.7}},
+    {"gain-asymmetry", false, {0.2}},
+    {"gain-drift", false, {0.3, 2.0}},
+    {"torque-ripple", false, {0.2, 5.0, 0.4}},
+    {"custom", true, {0.02, 1.0}},
+    {"custom-wave", true, {0.3, 0.2, 1.0, 1.0}},
+};
+#define CANCELLED_COUNT (sizeof cancelled / sizeof cancelled[0])
+
+/* The weight of an eccentric wheel is carried by the link below: out of the wheel motor's reach. */
+static bool out_of_reach(enum mk_plant_kind plant, const char *name)
+{
+    return plant == MK_PLANT_REACTION_WHEEL && strcmp(name, "imbalance") == 0;
+}
+
+static double motor_acceleration(const struct mk_model *m, double t, const double *x, double u)
+{
+    double dx[MK_MAX_STATES], input[MK_MAX_INPUTS] = {u, 0.0};
+    mk_model_rhs(m, t, x, input, dx);
+    return dx[mk_model_joints(m) + mk_plant(m->plant)->motor_joint];
+}
+
+static void random_state(struct mk_random *random, int joints, double *x)
+{
+    for (int i = 0; i < MK_MAX_STATES; i++) {
+        double span = i < joints ? 3.0 : i < 2 * joints ? 4.0 : 0.01;
+        x[i] = span * (2.0 * mk_random_uniform(random) - 1.0);
+    }
+}
+
+static struct mk_model with_cancelled(enum mk_plant_kind plant, size_t which)
+{
+    struct mk_model m;
+    mk_model_default(plant, &m);
+    add(&m, cancelled[which].name, cancelled[which].at_joint ? mk_plant(plant)->motor_joint + 1 : 0,
+        cancelled[which].value);
+    return m;
+}
+
+/* One random state and wish; false when the motor is too weak for it. */
+static bool check_acceleration(const struct mk_model *full, struct mk_random *random)
+{
+    struct mk_model plant = *full;
+    plant.effect_count = 0;
+    double x[MK_MAX_STATES], wish = 8.0 * mk_random_uniform(random) - 4.0;
+    random_state(random, mk_model_joints(full), x);
+    double u = mk_compensate(full, &plant, 1.5, x, wish);
+    double got = motor_acceleration(full, 1.5, x, u);
+    double want = motor_acceleration(&plant, 1.5, x, wish);
+    double scale = fmax(fabs(want), fabs(motor_acceleration(&plant, 1.5, x, 1.0) -
+                                         motor_acceleration(&plant, 1.5, x, 0.0)));
+    if (fabs(u) == full->u_max)
+        return false;
+    ck_assert_msg(fabs(got - want) <= 1e-6 * scale, "%s on %s: %g, not %g",
+                  mk_effect(full->effect[0].index)->name, mk_plant(full->plant)->name, got, want);
+    return true;
+}
+
+START_TEST(each_effect_within_reach_leaves_the_acceleration_wished_for)
+{
+    struct mk_random random = {7};
+    for (int kind = 0; kind < MK_PLANT_COUNT; kind++) {
+        enum mk_plant_kind plant = (enum mk_plant_kind)kind;
+        if (!(mk_effect_by_name(cancelled[_i].name)->plants & (1u << kind)))
+            continue;
+        struct mk_model believed = with_cancelled(plant, (size_t)_i), full;
+        mk_compensated_model(&believed, &full);
+        if (out_of_reach(plant, cancelled[_i].name)) {
+            ck_assert_int_eq(full.effect_count, 0);
+            continue;
+        }
+        ck_assert_int_eq(full.effect_count, 1);
+        int within = 0;
+        for (int n = 0; n < 200; n++)
+            within += check_acceleration(&full, &random);
+        ck_assert_int_gt(within, 100);
+    }
+}
+END_TEST
+
+START_TEST(all_effects_together_leave_the_acceleration_wished_for)
+{
+    struct mk_random random = {8};
+    struct mk_model m;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    static const char *const some[] = {"coulomb",  "stiction",       "cable-stiffness",
+                                       "deadband", "gain-asymmetry", "torque-ripple",
+                                       "cogging",  "load-friction"};
+    for (size_t i = 0; i < sizeof some / sizeof some[0]; i++)
+        for (size_t k = 0; k < CANCELLED_COUNT; k++)
+            if (strcmp(cancelled[k].name, some[i]) == 0)
+                add(&m, some[i], cancelled[k].at_joint, cancelled[k].value);
+    int within = 0;
+    for (int n = 0; n < 2000; n++)
+        within += check_acceleration(&m, &random);
+    ck_assert_int_gt(within, 1000);
+}
+END_TEST
+
+START_TEST(effects_elsewhere_are_left_alone)
+{
+    static const struct {
+        const char *name;
+        int joint;
+    } other[] = {{"viscous", 2},          {"coulomb", 2},       {"stiction", 2},
+                 {"cable-hysteresis", 2}, {"imbalance", 2},     {"input-delay", 0},
+                 {"actuator-lag", 0},     {"saturation", 0},    {"end-stop", 1},
+                 {"backlash", 2},         {"base-tilt", 0},     {"sensor-delay", 0},
+                 {"encoder-offset", 1},   {"back-emf-limit", 0}};
+    for (size_t i = 0; i < sizeof other / sizeof other[0]; i++) {
+        struct mk_model m, full;
+        mk_model_default(MK_PLANT_PENDUBOT, &m);
+        add(&m, other[i].name, other[i].joint, NULL);
+        mk_compensated_model(&m, &full);
+        ck_assert_msg(full.effect_count == 0, "%s", other[i].name);
+    }
+}
+END_TEST
+
+START_TEST(what_takes_more_than_the_limit_gets_the_limit)
+{
+    struct mk_model plant, full;
+    mk_model_default(MK_PLANT_PENDUBOT, &plant);
+    full = plant;
+    static const double level[] = {30.0};
+    add(&full, "coulomb", 1, level);
+    double x[MK_MAX_STATES] = {0.1, 0.2, 2.0, 0.0};
+    ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), plant.u_max);
+    x[2] = -2.0;
+    ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), -plant.u_max);
+}
+END_TEST
+
+START_TEST(a_command_that_does_nothing_stays_as_wished)
+{
+    struct mk_model plant, full;
+    mk_model_default(MK_PLANT_PENDUBOT, &plant);
+    full = plant;
+    static const double width[] = {50.0};
+    add(&full, "deadband", 0, width);
+    double x[MK_MAX_STATES] = {0.1, 0.2, 0.3, 0.0};
+    ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), 3.0);
+}
+END_TEST
+
+/* --- the equilibrium ----------------------------------------------------------------------- */
+
+static double acceleration_at_rest(const struct mk_model *m, const double *q, double u)
+{
+    static const double still[MK_MAX_JOINTS];
+    double x[MK_MAX_STATES], dx[MK_MAX_STATES], input[MK_MAX_INPUTS] = {u, 0.0}, worst = 0.0;
+    int n = mk_model_joints(m);
+    mk_model_initial_state(m, q, still, x);
+    mk_model_rhs(m, 0.0, x, input, dx);
+    for (int j = 0; j < n; j++)
+        worst = fmax(worst, fabs(dx[n + j]));
+    return worst;
+}
+
+START_TEST(a_cable_at_the_free_joint_moves_the_equilibrium)
+{
+    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.3, 1.5};
+    struct mk_model m;
+    double q[MK_MAX_JOINTS], u;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    add(&m, "cable-stiffness", 2, cable);
+    ck_assert(mk_nearest_equilibrium(&m, mid, true, q, &u));
+    ck_assert_double_lt(acceleration_at_rest(&m, q, u), 1e-6);
+    ck_assert_double_gt(fabs(q[1] - mid[1]) + fabs(q[0] - mid[0]), 0.02);
+    /* At rest gravity and cable balance at joint 2. */
+    double weight = m.parameter[4] * m.g * cos(q[0] + q[1]);
+    ck_assert_double_eq_tol(weight, -cable[0] * (q[1] - cable[1]), 1e-6);
+}
+END_TEST
+
+START_TEST(a_tilted_pendubot_hangs_along_gravity)
+{
+    static const double hanging[] = {-0.5 * M_PI, 0.0}, tilt[] = {0.05};
+    struct mk_model m;
+    double q[MK_MAX_JOINTS], u;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    add(&m, "base-tilt", 0, tilt);
+    ck_assert(mk_nearest_equilibrium(&m, hanging, false, q, &u));
+    ck_assert_double_eq_tol(q[0], hanging[0] + tilt[0], 1e-9);
+    ck_assert_double_eq_tol(q[1], 0.0, 1e-9);
+    ck_assert_double_eq(u, 0.0);
+}
+END_TEST
+
+START_TEST(a_wheel_may_stand_anywhere)
+{
+    static const double upright[] = {M_PI, 0.0}, tilt[] = {-0.03};
+    struct mk_model m;
+    double q[MK_MAX_JOINTS], u;
+    mk_model_default(MK_PLANT_REACTION_WHEEL, &m);
+    add(&m, "base-tilt", 0, tilt);
+    ck_assert(mk_nearest_equilibrium(&m, upright, true, q, &u));
+    ck_assert_double_eq_tol(q[0], M_PI + tilt[0], 1e-9);
+    ck_assert_double_eq_tol(q[1], 0.0, 1e-9);
+    ck_assert_double_eq_tol(u, 0.0, 1e-9);
+    static const double hanging[] = {0.0, 0.0};
+    ck_assert(mk_nearest_equilibrium(&m, hanging, false, q, &u));
+    ck_assert_double_eq_tol(q[0], tilt[0], 1e-9);
+}
+END_TEST
+
+START_TEST(where_nothing_stands_still_there_is_no_equilibrium)
+{
+    static const double hanging[] = {-0.5 * M_PI, 0.0};
+    static const double strong[] = {60.0, 5.0}; /* more than the links weigh, slack far away */
+    struct mk_model m;
+    double q[MK_MAX_JOINTS], u;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    add(&m, "cable-stiffness", 2, strong);
+    ck_assert(!mk_nearest_equilibrium(&m, hanging, false, q, &u));
+    ck_assert_mem_eq(q, hanging, sizeof hanging);
+    ck_assert_double_eq(u, 0.0);
+}
+END_TEST
+
+/* --- the step ------------------------------------------------------------------------------ */
+
+static const char *const setups[] = {"pendubot-mid", "pendubot-top", "reaction-wheel", "furuta",
+                                     "pi-speed"};
+#define SETUP_COUNT (sizeof setups / sizeof setups[0])
+
+START_TEST(without_effects_no_bit_of_the_command_changes)
+{
+    struct closed c, off;
+    closed_open(&c, setups[_i], NULL);
+    closed_open(&off, setups[_i], NULL);
+    closed_set(&off, "compensate", 0.0);
+    ck_assert_ptr_null(c.ctrl->compensator);
+    for (int k = 0; k < 2000; k++) {
+        closed_tick(&c);
+        closed_tick(&off);
+        ck_assert_mem_eq(&c.out.u, &off.out.u, sizeof c.out.u);
+    }
+    closed_close(&c);
+    closed_close(&off);
+}
+END_TEST
+
+static struct mk_model many_effects(enum mk_plant_kind plant)
+{
+    struct mk_model m;
+    int motor = mk_plant(plant)->motor_joint + 1;
+    static const double bristle[] = {60.0, 0.2, 0.1}, dead[] = {0.2}, eccentric[] = {0.01, 0.3},
+                        gain[] = {0.05}, creep[] = {0.2, 0.2};
+    mk_model_default(plant, &m);
+    add(&m, "stiction", motor, bristle);
+    add(&m, "deadband", 0, dead);
+    add(&m, "encoder-eccentricity", 1, eccentric);
+    add(&m, "gain-asymmetry", 0, gain);
+    add(&m, "cable-hysteresis", motor, creep);
+    if (mk_plant(plant)->joints > 1)
+        add(&m, "base-tilt", 0, gain);
+    return m;
+}
+
+static enum mk_plant_kind plant_of(const char *setup)
+{
+    unsigned plants = mk_ctrl_setup_by_name(setup)->plants;
+    int kind = 0;
+    while (!(plants & (1u << kind)))
+        kind++;
+    return (enum mk_plant_kind)kind;
+}
+
+/* Readings of every size, lost ticks, spoilt numbers. */
+static void wild_input(struct mk_random *random, int k, struct mk_ctrl_input *in)
+{
+    static const double size[] = {1.0, 1e3, 1e9, 1e-300, 1e300};
+    in->tick += 1 + (uint64_t)(k % 50 == 0) * 100;
+    in->t = (double)in->tick * in->dt;
+    double s = k % 20 == 0 ? size[(k / 20) % 5] : 1.0;
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        in->q[j] = s * (2.0 * mk_random_uniform(random) - 1.0);
+        in->v[j] = 5.0 * s * (2.0 * mk_random_uniform(random) - 1.0);
+    }
+    in->u = k % 33 == 0 ? (double)NAN : 20.0 * mk_random_uniform(random) - 10.0;
+}
+
+START_TEST(a_step_is_bounded_whatever_is_read)
+{
+    struct mk_random random = {3};
+    struct mk_model m = many_effects(plant_of(setups[_i]));
+    struct mk_ctrl *ctrl;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setups[_i]), &m, 0.002, NULL, &ctrl, &err) ==
+                      MK_OK,
+                  "%s", err.message);
+    ck_assert_ptr_nonnull(ctrl->compensator);
+    struct mk_ctrl_input in = {.dt = 0.002};
+    struct mk_ctrl_output out;
+    clock_t start = clock();
+    for (int k = 0; k < 2000; k++) {
+        wild_input(&random, k, &in);
+        mk_ctrl_step(ctrl, &in, &out);
+        ck_assert_msg(isfinite(out.u), "step %d", k);
+    }
+    printf("  %s with effects: %.0f us a step\n", setups[_i],
+           1e6 / 2000.0 * (double)(clock() - start) / CLOCKS_PER_SEC);
+    mk_ctrl_destroy(ctrl);
+}
+END_TEST
+
+START_TEST(a_step_remembers_nothing_after_a_reset)
+{
+    struct mk_model m = many_effects(plant_of(setups[_i]));
+    struct closed c, again;
+    double u[800];
+    closed_open_rig(&c, setups[_i], &m, NULL);
+    for (int k = 0; k < 800; k++) {
+        closed_tick(&c);
+        u[k] = c.out.u;
+    }
+    closed_open_rig(&again, setups[_i], &m, NULL);
+    struct mk_ctrl *fresh = again.ctrl;
+    again.ctrl = c.ctrl;
+    mk_ctrl_reset(again.ctrl);
+    for (int k = 0; k < 800; k++) {
+        closed_tick(&again);
+        ck_assert_double_eq(again.out.u, u[k]);
+    }
+    again.ctrl = fresh;
+    closed_close(&again);
+    closed_close(&c);
+}
+END_TEST
+
+START_TEST(open_loop_stays_open)
+{
+    struct mk_model m = many_effects(MK_PLANT_PENDUBOT);
+    struct closed c;
+    closed_open_rig(&c, "open-loop", &m, NULL);
+    ck_assert_ptr_null(c.ctrl->compensator);
+    closed_close(&c);
+}
+END_TEST
+
+/* --- what it is good for ------------------------------------------------------------------- */
+
+enum figure { SWAY, OFF, EFFORT };
+
+/* On a rig with the effect, by a controller that knows it and one that does not: the figure that
+ * suffers, and the share of it that must be left at most. */
+static const struct improvement {
+    const char *setup, *effect;
+    int joint;
+    double value[3];
+    enum figure figure;
+    double at_most;
+} improved[] = {
+    {"pendubot-mid", "coulomb", 1, {0.3}, SWAY, 0.6},
+    {"pendubot-mid", "coulomb", 1, {0.3}, OFF, 0.7},
+    {"pendubot-mid", "stiction", 1, {60.0, 0.2, 0.3}, SWAY, 0.7},
+    {"pendubot-mid", "cable-stiffness", 2, {0.1, 1.0}, OFF, 0.3},
+    {"pendubot-mid", "base-tilt", 0, {0.03}, OFF, 0.3},
+    {"pendubot-mid", "encoder-offset", 2, {0.02}, EFFORT, 0.7},
+    {"pendubot-top", "base-tilt", 0, {0.03}, OFF, 0.4},
+    {"pendubot-top", "encoder-offset", 1, {0.03}, OFF, 0.4},
+    {"furuta", "coulomb", 1, {0.3}, SWAY, 0.5},
+    {"furuta", "stiction", 1, {60.0, 0.2, 0.3}, SWAY, 0.7},
+    {"furuta", "cable-stiffness", 1, {1.0, 0.0}, OFF, 0.5},
+    {"furuta", "deadband", 0, {0.3}, SWAY, 0.7},
+    {"reaction-wheel", "deadband", 0, {0.3}, SWAY, 0.8},
+    {"reaction-wheel", "base-tilt", 0, {0.03}, EFFORT, 0.8},
+    {"reaction-wheel", "encoder-offset", 1, {0.03}, EFFORT, 0.8},
+};
+#define IMPROVED_COUNT ((int)(sizeof improved / sizeof improved[0]))
+
+static double figure_of(const struct trial *t, enum figure figure)
+{
+    return figure == SWAY ? t->sway_rad : figure == OFF ? t->off_rad : t->effort;
+}
+
+/* Mean of three runs on `rig`; all of them are held. */
+static double balanced(const char *setup, const struct mk_model *rig, const double *start_rad,
+                       const struct mk_model *believed, enum figure figure)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_ctrl *ctrl;
+    double sum = 0.0;
+    ck_assert_msg(
+        mk_ctrl_create(mk_ctrl_setup_by_name(setup), believed, 0.002, NULL, &ctrl, &err) == MK_OK,
+        "%s", err.message);
+    for (uint64_t seed = 1; seed <= 3; seed++) {
+        struct trial_setting setting = {.rig = rig,
+                                        .rate_hz = 500.0,
+                                        .catch_s = 10.0,
+                                        .hold_s = 4.0,
+                                        .count_noise = 0.3,
+                                        .seed = seed};
+        struct trial t;
+        memcpy(setting.start_rad, start_rad, sizeof setting.start_rad);
+        setting.start_rad[0] += 0.001 * (double)seed;
+        ck_assert_msg(trial_run_on(ctrl, &setting, &t, &err) == MK_OK, "%s", err.message);
+        ck_assert_msg(t.end == TRIAL_HELD || t.end == TRIAL_NOT_STILL, "%s %s",
+                      trial_end_name(t.end), t.fault);
+        sum += figure_of(&t, figure);
+    }
+    mk_ctrl_destroy(ctrl);
+    return sum / 3.0;
+}
+
+START_TEST(who_knows_the_effect_balances_better)
+{
+    static const char *const figures[] = {"sway, rad", "joint 1 off, rad", "command, rms"};
+    const struct improvement *i = &improved[_i];
+    struct mk_model textbook, known, rig;
+    struct mk_error err = MK_ERROR_INIT;
+    double start_rad[MK_MAX_JOINTS] = {0.0, 0.0};
+    mk_model_default(plant_of(i->setup), &textbook);
+    known = textbook;
+    add(&known, i->effect, i->joint, i->value);
+    ck_assert_msg(trial_hang(&known, &rig, start_rad, &err) == MK_OK, "%s", err.message);
+    double without = balanced(i->setup, &rig, start_rad, &textbook, i->figure);
+    double with = balanced(i->setup, &rig, start_rad, &known, i->figure);
+    printf("  %-14s %-16s %-16s %.5f -> %.5f\n", i->setup, i->effect, figures[i->figure], without,
+           with);
+    ck_assert_msg(with < i->at_most * without, "%g, not below %g of %g", with, i->at_most, without);
+}
+END_TEST
+
+static struct mk_explanation offered(enum mk_plant_kind plant, const char *effect, double value)
+{
+    struct mk_explanation e = {.offered = true};
+    mk_model_default(plant, &e.given);
+    e.refit = e.extended = e.given;
+    add(&e.extended, effect, 1, NULL);
+    e.extended.effect[0].value[0] = value;
+    return e;
+}
+
+START_TEST(the_gain_in_control_is_measured_the_same_each_time)
+{
+    struct mk_explanation e = offered(MK_PLANT_FURUTA, "coulomb", 0.3), again = e;
+    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&again, NULL), MK_OK);
+    ck_assert_int_eq(e.control_count, 1);
+    ck_assert_str_eq(e.control[0].setup, "furuta");
+    ck_assert_mem_eq(&e.control[0].refit, &again.control[0].refit, sizeof e.control[0].refit);
+    ck_assert_mem_eq(&e.control[0].extended, &again.control[0].extended,
+                     sizeof e.control[0].extended);
+    ck_assert_double_eq(e.control[0].extended.held, 1.0);
+    ck_assert_double_lt(e.control[0].extended.error, 0.6 * e.control[0].refit.error);
+    ck_assert_double_eq(e.control[0].given.error, e.control[0].refit.error);
+}
+END_TEST
+
+START_TEST(speed_control_gains_too)
+{
+    struct mk_explanation e = offered(MK_PLANT_INERTIA_WHEEL, "coulomb", 0.4);
+    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(e.control_count, 1);
+    ck_assert_str_eq(e.control[0].setup, "pi-speed");
+    ck_assert_double_lt(e.control[0].extended.error, 0.9 * e.control[0].refit.error);
+    ck_assert(isnan(e.control[0].extended.caught_s));
+}
+END_TEST
+
+START_TEST(nothing_is_measured_where_there_is_nothing_to_offer_or_to_control)
+{
+    struct mk_explanation e = offered(MK_PLANT_FURUTA, "coulomb", 0.3);
+    e.offered = false;
+    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(e.control_count, 0);
+    e = offered(MK_PLANT_PENDULUM, "coulomb", 0.01);
+    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(e.control_count, 0);
+}
+END_TEST
+
+Suite *suite_compensate(void)
+{
+    Suite *s = suite_create("compensate");
+    TCase *t = tcase_create("command");
+    tcase_add_loop_test(t, each_effect_within_reach_leaves_the_acceleration_wished_for, 0,
+                        (int)CANCELLED_COUNT);
+    tcase_add_test(t, all_effects_together_leave_the_acceleration_wished_for);
+    tcase_add_test(t, effects_elsewhere_are_left_alone);
+    tcase_add_test(t, what_takes_more_than_the_limit_gets_the_limit);
+    tcase_add_test(t, a_command_that_does_nothing_stays_as_wished);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("equilibrium");
+    tcase_add_test(t, a_cable_at_the_free_joint_moves_the_equilibrium);
+    tcase_add_test(t, a_tilted_pendubot_hangs_along_gravity);
+    tcase_add_test(t, a_wheel_may_stand_anywhere);
+    tcase_add_test(t, where_nothing_stands_still_there_is_no_equilibrium);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("step");
+    tcase_set_timeout(t, 60);
+    tcase_add_loop_test(t, without_effects_no_bit_of_the_command_changes, 0, (int)SETUP_COUNT);
+    tcase_add_loop_test(t, a_step_is_bounded_whatever_is_read, 0, (int)SETUP_COUNT);
+    tcase_add_loop_test(t, a_step_remembers_nothing_after_a_reset, 0, (int)SETUP_COUNT);
+    tcase_add_test(t, open_loop_stays_open);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("gain");
+    tcase_set_timeout(t, 120);
+    tcase_add_loop_test(t, who_knows_the_effect_balances_better, 0, IMPROVED_COUNT);
+    tcase_add_test(t, the_gain_in_control_is_measured_the_same_each_time);
+    tcase_add_test(t, speed_control_gains_too);
+    tcase_add_test(t, nothing_is_measured_where_there_is_nothing_to_offer_or_to_control);
+    suite_add_tcase(s, t);
+    return s;
+}

@@ -1,0 +1,281 @@
+/* The tables of options: what is told of a command line that does not fit, and that help, man pages
+ * and completion know every row. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "console/options.h"
+#include "support/files.h"
+#include "support/program.h"
+
+/* --- a table of every kind ------------------------------------------------------------------ */
+
+struct options {
+    const char *out;
+    struct option_texts fixed;
+    double rate, window;
+    int threads;
+    uint64_t seed;
+    char separator;
+    bool fast;
+};
+
+static bool take_separator(const char *value, void *target)
+{
+    *(char *)target = value[0];
+    return strlen(value) == 1;
+}
+
+static const struct option_row rows[] = {
+    {"out", OPTION_TEXT(out), "FILE", "where it goes", .required = true},
+    {"fix", OPTION_TEXTS(fixed), "NAME", "may be repeated"},
+    {"rate", OPTION_NUMBER(rate), "HZ", "samples per second", 100, 2000},
+    {"window", OPTION_NUMBER(window), "S", "length of a window"},
+    {"threads", OPTION_COUNT(threads), "N", "at once", 1, 256},
+    {"seed", OPTION_SEED(seed), "N", "of the noise", 0, 9e15},
+    {"separator", OPTION_CALL(separator), "C", "one character", .take = take_separator,
+     .wants = "one character"},
+    {"fast", OPTION_FLAG(fast), NULL, "without waiting"},
+    {0}};
+
+static const struct subcommand sample = {.name = "sample",
+                                         .synopsis = "LOG... --out FILE",
+                                         .about = "A sample.",
+                                         .options = rows,
+                                         .argument = "log",
+                                         .least = 1,
+                                         .most = 2};
+
+/* Parses a line of words; they live until the next one. */
+static int parse(struct options *o, struct arguments *rest, const char *line)
+{
+    static char text[256], *argv[32];
+    int argc = 0;
+    snprintf(text, sizeof text, "sample %s", line);
+    for (char *word = strtok(text, " "); word && argc < 31; word = strtok(NULL, " "))
+        argv[argc++] = word;
+    argv[argc] = NULL;
+    *o = (struct options){.rate = 500};
+    return options_parse(&sample, argc, argv, o, rest);
+}
+
+START_TEST(a_command_line_fills_the_struct)
+{
+    struct options o;
+    struct arguments rest;
+    ck_assert_int_eq(parse(&o, &rest,
+                           "a.csv --out x --fix=p1 --rate 1e3 --fast --fix p2 --threads 4 --seed "
+                           "9e15 --separator ; -- --b.csv"),
+                     EXIT_OK);
+    ck_assert_str_eq(o.out, "x");
+    ck_assert_uint_eq(o.fixed.count, 2);
+    ck_assert_str_eq(o.fixed.text[0], "p1");
+    ck_assert_str_eq(o.fixed.text[1], "p2");
+    ck_assert_double_eq(o.rate, 1000);
+    ck_assert_double_eq(o.window, 0);
+    ck_assert_int_eq(o.threads, 4);
+    ck_assert_uint_eq(o.seed, 9000000000000000u);
+    ck_assert_int_eq(o.separator, ';');
+    ck_assert(o.fast);
+    ck_assert_int_eq(rest.count, 2);
+    ck_assert_str_eq(rest.text[0], "a.csv");
+    ck_assert_str_eq(rest.text[1], "--b.csv");
+    /* A second line starts anew. */
+    ck_assert_int_eq(parse(&o, &rest, "--out y c.csv"), EXIT_OK);
+    ck_assert_str_eq(o.out, "y");
+    ck_assert_int_eq(rest.count, 1);
+}
+END_TEST
+
+START_TEST(an_error_names_the_option_and_what_would_be_right)
+{
+    static const struct {
+        const char *line, *says;
+    } bad[] = {
+        {"export --outt x", "unknown option '--outt': did you mean --out?"},
+        {"export --colums=t x", "unknown option '--colums': did you mean --columns?"},
+        {"export --frobnicate x", "unknown option '--frobnicate' ("},
+        {"export -x", "unknown option '-x'"},
+        {"export a.csv", "--out is missing: --out FILE"},
+        {"export a.csv --out", "--out needs a value: --out FILE"},
+        {"export --format v6 --out x", "--format v6: expected v5 or v7.3"},
+        {"run a.cmd --fast=yes", "--fast takes no value"},
+        {"run a.cmd --rate 5", "--rate 5: expected a number from 100 to 2000"},
+        {"run a.cmd --rate nan", "--rate nan: expected a number from 100 to 2000"},
+        {"run a.cmd --seed 1.5", "--seed 1.5: expected a whole number from 0"},
+        {"run a.cmd b.cmd", "one command file at a time: 'b.cmd' is too much"},
+        {"identify --model m --threads 1e9 x", "--threads 1e9: expected a whole number from 1 to"},
+        {"simulate --model m --input l --window 0", "--window 0: expected seconds above 0"},
+        {"simulate --model m --input l --window inf", "--window inf: expected seconds above 0"},
+        {"simulate --model m --input l --solver rk4", "expected arkode-erk, cvode-adams"},
+        {"simulate --model m --input l x", "'x' is too much"},
+        {"explain --model m --out d --seconds none x", "expected seconds above 0, or all"},
+        {"excite --model m --q1 3 --out x", "--q1 3: expected LOW:HIGH"},
+        {"summary", "which log?"},
+        {"import a b --rig pendulum", "one file at a time: 'b' is too much"},
+        {"boards usb", "'usb' is too much"},
+        {"exprot a.csv", "there is no command 'exprot': did you mean export?"},
+        {"help fly", "there is no command 'fly' ("},
+        {"export rig.ini --out rig.m", "rig.ini is a model: --model rig.ini"},
+    };
+    char out[1024];
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        int code = run_mechkit(out, sizeof out, "%s", bad[i].line);
+        ck_assert_msg(code == EXIT_WRONG_USAGE && strstr(out, bad[i].says), "%s: %d %s",
+                      bad[i].line, code, out);
+        ck_assert_msg(strchr(out, '\n') == strrchr(out, '\n'), "%s: %s", bad[i].line, out);
+    }
+}
+END_TEST
+
+START_TEST(what_does_not_arrive_on_a_full_disk_is_a_failure)
+{
+    char out[256];
+    static const char *const lines[] = {"--help", "--version", "plot --help", "run --commands"};
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        int code = run_command(out, sizeof out, "{ %s %s >/dev/full; }", MK_TEST_APP, lines[i]);
+        ck_assert_msg(code == 1 && strstr(out, "cannot write to standard output: No space"),
+                      "%s: %d %s", lines[i], code, out);
+    }
+    ck_assert_int_eq(run_command(out, sizeof out, "%s --help | head -1", MK_TEST_APP), 0);
+    ck_assert_ptr_null(strstr(out, "cannot write"));
+}
+END_TEST
+
+START_TEST(a_directory_in_place_of_a_file_is_named)
+{
+    static const char *const lines[] = {"run %s", "import x.csv --map %s --out y", "summary %s",
+                                        "export --model %s --out rig.m"};
+    char out[1024], line[600], dir[512];
+    snprintf(dir, sizeof dir, "%s", scratch("."));
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        snprintf(line, sizeof line, "%.*s%s%s", (int)(strstr(lines[i], "%s") - lines[i]), lines[i],
+                 dir, strstr(lines[i], "%s") + 2);
+        int code = run_mechkit(out, sizeof out, "%s", line);
+        ck_assert_msg(code == 3 && strstr(out, "Is a directory"), "%s: %d %s", line, code, out);
+    }
+}
+END_TEST
+
+/* --- the tables of the program -------------------------------------------------------------- */
+
+START_TEST(the_tables_are_sound)
+{
+    const struct subcommand *sub;
+    int commands = 0;
+    for (; (sub = subcommand_at(commands)) != NULL; commands++) {
+        ck_assert(sub->name && sub->summary && sub->synopsis && sub->about && sub->argument);
+        ck_assert_int_le(sub->least, sub->most);
+        for (const struct option_row *r = sub->options; r && r->name; r++) {
+            ck_assert_msg(r->help && *r->help, "%s --%s", sub->name, r->name);
+            ck_assert_msg((r->kind == OPTION_KIND_FLAG) == (r->argument == NULL), "%s --%s",
+                          sub->name, r->name);
+            ck_assert_msg((r->kind == OPTION_KIND_CALL) == (r->take != NULL), "%s --%s", sub->name,
+                          r->name);
+            ck_assert_msg(!r->take || r->wants, "%s --%s", sub->name, r->name);
+            ck_assert_msg(r->low <= r->high, "%s --%s", sub->name, r->name);
+            for (const struct option_row *q = sub->options; q < r; q++)
+                ck_assert_msg(strcmp(q->name, r->name) != 0, "%s --%s twice", sub->name, r->name);
+        }
+    }
+    ck_assert_int_ge(commands, 16);
+    ck_assert_ptr_null(subcommand_at(-1));
+}
+END_TEST
+
+/* Whether a line of `text` starts with `--name` after `lead`. */
+static bool has_option(const char *text, const char *lead, const char *name)
+{
+    char mark[96];
+    snprintf(mark, sizeof mark, "\n%s%s", lead, name);
+    const char *at = strstr(text, mark);
+    size_t n = strlen(mark);
+    while (at && !strchr(" \n", at[n]))
+        at = strstr(at + 1, mark);
+    return at != NULL;
+}
+
+START_TEST(help_and_man_page_have_every_option_and_lines_fit)
+{
+    char out[16384], dir[256], path[600];
+    snprintf(dir, sizeof dir, "%s", scratch("man"));
+    int code = run_command(out, sizeof out, "%s/tools/man-pages.sh %s %s", MK_SOURCE_DIR,
+                           MK_TEST_APP, dir);
+    ck_assert_msg(code == 0 && !*out, "%s", out);
+    const struct subcommand *sub;
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++) {
+        ck_assert_int_eq(run_mechkit(out, sizeof out, "%s --help", sub->name), 0);
+        snprintf(path, sizeof path, "%s/mechkit-%s.1", dir, sub->name);
+        char *page = slurp_file(path);
+        ck_assert_msg(page != NULL, "no page of %s", sub->name);
+        for (const struct option_row *r = sub->options; r && r->name; r++) {
+            ck_assert_msg(has_option(out, "  --", r->name), "%s --help: %s", sub->name, r->name);
+            ck_assert_msg(has_option(page, ".It Fl \\&-", r->name), "%s: %s", path, r->name);
+        }
+        free(page);
+        for (char *line = strtok(out, "\n"); line; line = strtok(NULL, "\n"))
+            ck_assert_msg(strlen(line) <= 100, "%s --help: %s", sub->name, line);
+    }
+    char *all = slurp_file(strcat(strcpy(path, dir), "/mechkit.1"));
+    ck_assert_ptr_nonnull(all);
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++)
+        ck_assert_msg(has_option(all, ".It Cm ", sub->name), "mechkit.1: %s", sub->name);
+    ck_assert_ptr_null(strchr(all, '@'));
+    free(all);
+}
+END_TEST
+
+/* What completion offers for the last word of a line. */
+static void complete(char *out, size_t size, const char *words, int last)
+{
+    int code = run_command(out, size,
+                           "bash -c '. %s/tools/mechkit.bash; COMP_WORDS=(%s %s); COMP_CWORD=%d; "
+                           "_mechkit; echo; printf \"%%s\\n\" \"${COMPREPLY[@]}\"'",
+                           MK_SOURCE_DIR, MK_TEST_APP, words, last);
+    ck_assert_int_eq(code, 0);
+}
+
+START_TEST(completion_offers_every_command_and_option)
+{
+    char out[8192], words[128];
+    const struct subcommand *sub;
+    if (!have_program("bash", "completion_offers_every_command_and_option"))
+        return;
+    complete(out, sizeof out, "\"\"", 1);
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++)
+        ck_assert_msg(has_option(out, "", sub->name), "%s is missing in: %s", sub->name, out);
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++) {
+        snprintf(words, sizeof words, "%s --", sub->name);
+        complete(out, sizeof out, words, 2);
+        size_t wanted = 1;
+        for (const struct option_row *r = sub->options; r && r->name; r++) {
+            wanted += strlen(r->name) + 3;
+            ck_assert_msg(has_option(out, "--", r->name), "%s: %s is missing in: %s", sub->name,
+                          r->name, out);
+        }
+        ck_assert_msg(strlen(out) == wanted || !sub->options, "%s: more than that: %s", sub->name,
+                      out);
+    }
+    complete(out, sizeof out, "export --form", 2);
+    ck_assert_str_eq(out, "\n--format\n");
+}
+END_TEST
+
+Suite *suite_options(void)
+{
+    Suite *s = suite_create("options");
+    TCase *c = tcase_create("options");
+    tcase_set_timeout(c, 60);
+    tcase_add_test(c, a_command_line_fills_the_struct);
+    tcase_add_test(c, an_error_names_the_option_and_what_would_be_right);
+    tcase_add_test(c, what_does_not_arrive_on_a_full_disk_is_a_failure);
+    tcase_add_test(c, a_directory_in_place_of_a_file_is_named);
+    tcase_add_test(c, the_tables_are_sound);
+    tcase_add_test(c, help_and_man_page_have_every_option_and_lines_fit);
+    tcase_add_test(c, completion_offers_every_command_and_option);
+    suite_add_tcase(s, c);
+    return s;
+}

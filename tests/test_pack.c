@@ -1,0 +1,149 @@
+/* What is installed: the shared library and what a user builds with it. */
+#include "suites.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "support/files.h"
+#include "support/program.h"
+
+/* Folder of the build variant under test, as "build/release", and its name. */
+static const char *variant(void)
+{
+    static char folder[512];
+    snprintf(folder, sizeof folder, "%s", MK_TEST_APP);
+    *strrchr(folder, '/') = 0;
+    return strrchr(folder, '/') + 1;
+}
+
+static bool have_shared_library(const char *test)
+{
+    if (strcmp(variant(), "release") == 0 || strcmp(variant(), "debug") == 0)
+        return have_program("nm", test) && have_program("pkg-config", test);
+    fprintf(stderr, "%s: skipped, no shared library with sanitizers\n", test);
+    return false;
+}
+
+/* --- symbols -------------------------------------------------------------------------------- */
+
+#define LIBRARY "$(ls \"$(dirname " MK_TEST_APP ")\"/libmechkit.so.*)"
+
+START_TEST(the_library_exports_what_the_headers_declare_and_nothing_else)
+{
+    char out[4096];
+    if (!have_shared_library("pack"))
+        return;
+    int code = run_command(out, sizeof out, "%s/tools/abi.sh %s", MK_SOURCE_DIR, LIBRARY);
+    ck_assert_msg(code == 0, "%s", out);
+}
+END_TEST
+
+START_TEST(a_function_that_is_not_exported_and_one_that_is_gone_are_found)
+{
+    char out[4096];
+    if (!have_shared_library("pack"))
+        return;
+    const char *headers = scratch("include");
+    run_command(NULL, 0, "mkdir -p %s && cp -r %s/include/mechkit %s", headers, MK_SOURCE_DIR,
+                headers);
+    run_command(NULL, 0, "sed -i 's/^int mk_effect_count/int mk_effect_number/' %s/mechkit/model.h",
+                headers);
+    int code = run_command(out, sizeof out, "%s/tools/abi.sh %s %s/mechkit %s/src/libmechkit.map",
+                           MK_SOURCE_DIR, LIBRARY, headers, MK_SOURCE_DIR);
+    ck_assert_int_eq(code, 1);
+    ck_assert_ptr_nonnull(strstr(out, "missing in the map: mk_effect_number"));
+    ck_assert_ptr_nonnull(strstr(out, "declared in no header: mk_effect_count"));
+}
+END_TEST
+
+/* --- an installed mechkit ------------------------------------------------------------------- */
+
+static const char *install(void)
+{
+    const char *prefix = scratch("usr");
+    char out[8192];
+    int code = run_command(out, sizeof out,
+                           "env -u MAKEFLAGS -u MAKELEVEL make -s -C %s VARIANT=%s "
+                           "BUILD=\"$(dirname \"$(dirname %s)\")\" PREFIX=%s install-strip",
+                           MK_SOURCE_DIR, variant(), MK_TEST_APP, prefix);
+    ck_assert_msg(code == 0, "%s", out);
+    return prefix;
+}
+
+/* Builds the example by what pkg-config says, and runs it. */
+static void build_and_run_example(const char *prefix, const char *how, const char *libs)
+{
+    char out[8192];
+    int code = run_command(
+        out, sizeof out,
+        "cd %s && export PKG_CONFIG_PATH=lib/pkgconfig && cc -std=c11 -Wall -Wextra -Werror "
+        "-o swing_up share/doc/mechkit/examples/swing_up.c $(pkg-config --cflags mechkit) %s && "
+        "LD_LIBRARY_PATH=lib ./swing_up share/mechkit/models/pendubot.ini run.csv",
+        prefix, libs);
+    ck_assert_msg(code == 0, "%s: %s", how, out);
+    ck_assert_msg(strstr(out, "caught after 1.9") != NULL, "%s: %s", how, out);
+    ck_assert_msg(strstr(out, "model against log: rms 0.000") != NULL, "%s: %s", how, out);
+}
+
+START_TEST(the_example_builds_and_runs_with_what_is_installed)
+{
+    if (!have_shared_library("pack"))
+        return;
+    const char *prefix = install();
+    build_and_run_example(prefix, "shared", "$(pkg-config --libs mechkit)");
+    build_and_run_example(
+        prefix, "static",
+        "$(pkg-config --static --libs mechkit | sed 's/-lmechkit/-l:libmechkit.a/')");
+}
+END_TEST
+
+/* --- documentation -------------------------------------------------------------------------- */
+
+/* Every href and src of the pages in `folder` that is no address elsewhere is a file there, and
+ * every anchor is in it. */
+#define CHECK_LINKS                                                                                \
+    "cd %s && for page in *.html; do grep -oE '(href|src)=\"[^\"]*\"' $page | "                    \
+    "sed 's/^[a-z]*=\"//; s/\"$//' | grep -v '^[a-z]*:' | sort -u | while read -r link; do "       \
+    "file=${link%%%%#*}; file=${file:-$page}; test -s \"$file\" || echo \"$page: $link\"; "        \
+    "case $link in *'#'*) grep -q \"id=\\\"${link##*#}\\\"\" \"$file\" || echo \"$page: $link\" "  \
+    ";; "                                                                                          \
+    "esac; done; done"
+
+START_TEST(the_pages_are_complete_and_every_link_leads_somewhere)
+{
+    char out[8192];
+    if (!have_program("pandoc", "pack") || !have_program("gnuplot", "pack"))
+        return;
+    const char *folder = scratch("html");
+    int code = run_command(out, sizeof out, "%s/tools/html/build.sh %s %s", MK_SOURCE_DIR,
+                           MK_TEST_APP, folder);
+    ck_assert_msg(code == 0 && strstr(out, " 9 plots"), "%s", out);
+    run_command(out, sizeof out, CHECK_LINKS, folder);
+    ck_assert_msg(!*out, "%s", out);
+    /* The check itself finds what is broken: */
+    run_command(NULL, 0, "rm %s/gallery/phase.svg; sed -i 's/id=\"gallery/id=\"x/' %s/gallery.html",
+                folder, folder);
+    run_command(out, sizeof out, CHECK_LINKS, folder);
+    ck_assert_msg(strstr(out, "gallery.html: gallery/phase.svg") != NULL, "%s", out);
+}
+END_TEST
+
+Suite *suite_pack(void)
+{
+    Suite *s = suite_create("pack");
+    TCase *symbols = tcase_create("symbols");
+    tcase_set_timeout(symbols, 30);
+    tcase_add_test(symbols, the_library_exports_what_the_headers_declare_and_nothing_else);
+    tcase_add_test(symbols, a_function_that_is_not_exported_and_one_that_is_gone_are_found);
+    suite_add_tcase(s, symbols);
+    TCase *installed = tcase_create("installed");
+    tcase_set_timeout(installed, 120);
+    tcase_add_test(installed, the_example_builds_and_runs_with_what_is_installed);
+    suite_add_tcase(s, installed);
+    TCase *pages = tcase_create("pages");
+    tcase_set_timeout(pages, 120);
+    tcase_add_test(pages, the_pages_are_complete_and_every_link_leads_somewhere);
+    suite_add_tcase(s, pages);
+    return s;
+}

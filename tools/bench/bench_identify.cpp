@@ -1,0 +1,98 @@
+// What tools/bench/bench.py times of identification: output error on many runs behind one C
+// function.
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <vector>
+
+#include "mechkit/ident.h"
+#include "mechkit/sim.h"
+
+#define EXPORT extern "C" __attribute__((visibility("default")))
+
+namespace
+{
+
+constexpr double DT = 0.005, PI = 3.14159265358979323846;
+constexpr int PARAMETERS = 7;
+
+double command(int row)
+{
+    return 1.5 * std::sin(6.0 * DT * row);
+}
+
+mk_model pendubot(const double *parameters)
+{
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    memcpy(m.parameter, parameters, PARAMETERS * sizeof *parameters);
+    m.g = 9.81;
+    return m;
+}
+
+struct FreeLog {
+    void operator()(mk_log *log) const { mk_log_free(log); }
+};
+using Log = std::unique_ptr<mk_log, FreeLog>;
+
+Log log_of(const double *angles, int rows)
+{
+    mk_log *log = nullptr;
+    if (mk_log_create((size_t)rows, &log) != MK_OK)
+        return nullptr;
+    double *t = mk_log_add_column(log, "t"), *u = mk_log_add_column(log, "u");
+    double *q1 = mk_log_add_column(log, "q1"), *q2 = mk_log_add_column(log, "q2");
+    for (int k = 0; k < rows; k++) {
+        t[k] = DT * k, u[k] = command(k);
+        q1[k] = angles[2 * k], q2[k] = angles[2 * k + 1];
+    }
+    return Log(log);
+}
+
+} // namespace
+
+// Exact angles of a run from hanging under the command held between rows; out: rows x 2.
+EXPORT int bench_angles(const double *parameters, int rows, double *out)
+{
+    mk_model m = pendubot(parameters);
+    std::vector<double> u, x((size_t)(4 * rows));
+    for (int k = 0; k < rows; k++)
+        u.insert(u.end(), {command(k), 0.0});
+    double x0[4] = {-PI / 2, 0, 0, 0};
+    mk_batch b = {};
+    b.model = &m;
+    b.model_count = 1;
+    b.dt = DT;
+    b.samples = rows - 1;
+    b.x0 = x0;
+    b.u = u.data();
+    b.rtol = b.atol = 1e-12;
+    b.x = x.data();
+    if (mk_simulate_batch(&b, nullptr) != MK_OK)
+        return 0;
+    for (int k = 0; k < rows; k++)
+        out[2 * k] = x[(size_t)(4 * k)], out[2 * k + 1] = x[(size_t)(4 * k + 1)];
+    return 1;
+}
+
+// Fits `runs` runs of `rows` noisy angles (runs x rows x 2) from the parameters given, which the
+// estimate replaces. One thread.
+EXPORT int bench_identify(const double *angles, int runs, int rows, double *parameters)
+{
+    std::vector<Log> logs;
+    std::vector<const mk_log *> views;
+    for (int i = 0; i < runs; i++) {
+        logs.push_back(log_of(angles + (size_t)(2 * rows) * (size_t)i, rows));
+        if (!logs.back())
+            return 0;
+        views.push_back(logs.back().get());
+    }
+    mk_model m = pendubot(parameters);
+    mk_ident_options options = {};
+    options.threads = 1;
+    auto r = std::make_unique<mk_ident_result>();
+    if (mk_identify(&m, views.data(), views.size(), &options, r.get(), nullptr) != MK_OK)
+        return 0;
+    memcpy(parameters, r->model.parameter, PARAMETERS * sizeof *parameters);
+    return 1;
+}
