@@ -150,7 +150,7 @@ $(APP): $(APP_OBJ) $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 
 CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
-CHECK_LIBS   = $(shell $(PKGCONFIG) --libs check 2>/dev/null)
+CHECK_LIBS   = -Wl,--wrap=_mark_point $(shell $(PKGCONFIG) --libs check 2>/dev/null)
 
 .PHONY: tests
 # Programs cannot link a library with a sanitizer in it as users do; its tests are skipped there.
