@@ -545,6 +545,7 @@ Suite *suite_compensate(void)
     suite_add_tcase(s, t);
 
     t = tcase_create("gain");
+    tcase_set_tags(t, "long");
     tcase_set_timeout(t, 120);
     tcase_add_loop_test(t, who_knows_the_effect_balances_better, 0, IMPROVED_COUNT);
     tcase_add_test(t, the_gain_in_control_is_measured_the_same_each_time);

@@ -383,7 +383,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_right_model_raises_no_alarm);
     tcase_add_test(t, one_step_predictions_of_a_right_model_leave_white_noise);
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
-    tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
+    tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 2);
     tcase_add_test(t, samples_that_came_late_are_taken_for_when_they_came);
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
@@ -393,6 +393,12 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, a_log_without_motion_is_refused);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("more hidden effects");
+    tcase_set_timeout(t, 120);
+    tcase_set_tags(t, "long");
+    tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 2, 4);
     suite_add_tcase(s, t);
     return s;
 }

@@ -474,8 +474,6 @@ Suite *suite_linear(void)
     TCase *c = tcase_create("all");
     tcase_set_timeout(c, 30);
     suite_add_tcase(s, c);
-    tcase_add_test(c, every_method_finds_every_plants_parameters_on_exact_readings);
-    tcase_add_test(c, stated_errors_are_those_of_repeated_noise);
     tcase_add_test(c, repeats_are_averaged_and_the_errors_shrink_with_their_number);
     tcase_add_test(c, a_start_from_rest_anchors_the_balance_of_energy);
     tcase_add_test(c, different_runs_are_not_averaged);
@@ -493,5 +491,12 @@ Suite *suite_linear(void)
     tcase_add_test(c, output_error_warns_of_a_stuck_joint);
     tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
     tcase_add_test(c, output_error_on_many_runs_is_as_good_as_it_says);
+
+    c = tcase_create("many fits");
+    tcase_set_timeout(c, 30);
+    tcase_set_tags(c, "long");
+    tcase_add_test(c, every_method_finds_every_plants_parameters_on_exact_readings);
+    tcase_add_test(c, stated_errors_are_those_of_repeated_noise);
+    suite_add_tcase(s, c);
     return s;
 }

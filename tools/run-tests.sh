@@ -7,12 +7,21 @@ variant=$2
 export CK_TIMEOUT_MULTIPLIER=1
 # A failure's message quotes what a command printed; Check ends the test where it is longer than this.
 export CK_MAX_MSG_SIZE=65536
+# What runs the same code many times over, for the figures, runs once: without a sanitizer.
+threaded="ring clock log_writer console console_pty tui safety rig loop loop_faults board standalone \
+    doctor usb parport ppdev boards_cli bus_runs replug bus_faults fault_script robustness shoot \
+    measure explain hidden sweep"
+suites=""
 case $variant in
 asan)
+    export CK_EXCLUDE_TAGS=long
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
     export CK_TIMEOUT_MULTIPLIER=6 ;;
 tsan)
+    export CK_EXCLUDE_TAGS=long
+    suites=$threaded
     export TSAN_OPTIONS=halt_on_error=1
     export CK_TIMEOUT_MULTIPLIER=12 ;;
 esac
-exec "$tests"
+# shellcheck disable=SC2086 # suites are words
+exec "$tests" $suites
