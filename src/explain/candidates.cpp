@@ -154,7 +154,10 @@ Starts backlash(const Setting &s)
         return {};
     double share = s.motor() ? 0.2 : 0.08, light = share * s.inertia();
     double k = light * 150.0 * 150.0;
-    return {{0.02, k, 30.0 * light, share, 3.8}};
+    Starts all;
+    for (double width : {0.006, 0.02, 0.06})
+        all.push_back({width, k, 30.0 * light, share, 3.8});
+    return all;
 }
 Starts input_delay(const Setting &)
 {

@@ -11,6 +11,7 @@ namespace
 constexpr size_t MOST = 3;            // causes looked for
 constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
+constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
 constexpr double LOST = 1.0;          // drift at which a stretch says nothing
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
@@ -41,10 +42,12 @@ void CauseSearch::run()
     best = refit;
     add_causes();
     try_runners_up();
+    drop_idle();
 }
 
 void CauseSearch::add_causes()
 {
+    bool freed = false;
     while (rounds.size() < MOST && !search.cancelled && search.work_done() < MOST_WORK) {
         if (search.complete(best))
             return;
@@ -60,18 +63,18 @@ void CauseSearch::add_causes()
         Round round;
         double needed = rounds.empty() ? ENOUGH : AGAIN;
         ExtendOptions how;
-        how.small = follows(best);
-        how.thorough = !how.small;
+        how.small = follows(best) || (!rounds.empty() && best.drift <= LITTLE);
+        how.thorough = !follows(best);
         how.least = HINT * needed;
         round.field = search.extend(best, how);
         // If something little is there, what is slow to fit may be it as well.
-        if (how.small && !round.field.empty() && round.field[0].score < best.score - needed) {
+        if (!how.thorough && !round.field.empty() && round.field[0].score < best.score - needed) {
             how.thorough = true;
             round.field = search.extend(best, how);
         }
         most_tried = std::max(most_tried, search.tried());
         bool found = choose(round.field, needed);
-        if (how.thorough && !(found && search.complete(round.field[0])))
+        if (how.thorough && !how.small && !(found && search.complete(round.field[0])))
             found = consider_play(round.field, needed) || found;
         if (!found)
             return;
@@ -79,8 +82,13 @@ void CauseSearch::add_causes()
         best = round.field[0];
         forget_lacks();
         rounds.push_back(std::move(round));
-        if (rounds.size() > 1 && idle_without_last())
-            return;
+        if (idle_without_last()) {
+            // Without any cause the first fit was only stuck: once more from where it is now.
+            if (!rounds.empty() || freed)
+                return;
+            freed = true;
+            continue;
+        }
         if (give_up_early && best.drift >= LOST)
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
@@ -127,7 +135,9 @@ void CauseSearch::try_runners_up()
 bool CauseSearch::idle_without_last()
 {
     Hypothesis without;
-    if (!search.refit_at(removed(rounds.size() - 1), best, before.drift, without))
+    // A joint that was hidden has no states to start from.
+    if (mk_model_hides_joint(&best.point.model) ||
+        !search.refit_at(removed(rounds.size() - 1), best, before.drift, without))
         return false;
     // A better start than the one before leads further at other drifts too.
     if (without.score < before.score - 1.0)
@@ -135,15 +145,35 @@ bool CauseSearch::idle_without_last()
     if (without.score < before.score) {
         without.added = before.added;
         before = without;
+        if (rounds.size() == 1)
+            refit = before;
     }
     rounds.back().lack = lack_of(before);
-    if (before.score - best.score >= AGAIN)
+    if (before.score - best.score >= (rounds.size() == 1 ? ENOUGH : AGAIN))
         return false;
     best = before;
     rounds.pop_back();
     if (rounds.size() == 1)
         rounds[0].field[0] = best;
     return true;
+}
+
+// A cause that stood in for what was found after it: the fit as it is, without it, does as well.
+void CauseSearch::drop_idle()
+{
+    for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
+        Hypothesis without;
+        if (!search.refit_at(removed(i), best, best.drift, without) ||
+            without.score > best.score + ENOUGH)
+            continue;
+        best = without;
+        search.polish(best, true);
+        forget_lacks();
+        rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
+        Round &last = rounds.back();
+        last.field = led_by(last.field[0].added, std::move(last.field));
+        i--;
+    }
 }
 
 // What a model that follows its data leaves does not matter within a second of free run.

@@ -55,6 +55,7 @@ class CauseSearch
     bool remove(size_t cause, Hypothesis &without);
 
     bool idle_without_last();
+    void drop_idle();
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
     void forget_lacks();

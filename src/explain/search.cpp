@@ -17,6 +17,7 @@ namespace
 constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
+constexpr double LOST_SHARE = 0.1; // log likelihood a reading that no fit makes up for
 
 } // namespace
 
@@ -106,12 +107,12 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
     std::vector<int> free = fitted_parameters(point.model);
     // The drift is part of the estimate: a coarser one would leave something for a next cause to
     // gain.
-    auto try_drift = [&](double drift) {
+    auto try_drift = [&](double drift, double slack) {
         if (drift < 0.9 * TIGHTEST || drift > 1.1 * LOOSEST ||
             !fit.settle(point, free, drift, picture))
             return false;
         double score = picture.evidence + penalty((int)free.size());
-        bool better = score < h.score;
+        bool better = score < h.score + slack;
         if (better) {
             h.point = point;
             h.picture = picture;
@@ -120,7 +121,7 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
         }
         return better;
     };
-    try_drift(h.drift);
+    try_drift(h.drift, 0.0);
     if (!drift_too)
         return;
     // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
@@ -129,15 +130,20 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
             fit.options.hidden_stretch = stretch;
             point = fit.start(h.point.model);
             std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
-            try_drift(0.03);
+            try_drift(0.03, 0.0);
         }
         return;
     }
+    // Of drifts that the data cannot tell apart the least is meant: it leaves nothing to explain.
+    constexpr double EVEN = 0.5;
     bool lower = false;
-    while (try_drift(h.drift / 3.0))
+    double least = h.score;
+    while (try_drift(h.drift / 3.0, least + EVEN - h.score)) {
+        least = std::min(least, h.score);
         lower = true;
+    }
     point = h.point;
-    while (!lower && try_drift(h.drift * 3.0))
+    while (!lower && try_drift(h.drift * 3.0, 0.0))
         continue;
 }
 
@@ -190,7 +196,11 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
     // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
     int room[3] = {options.finalists + 2, options.finalists / 2, 3};
+    constexpr double SLIGHT = 0.02; // of the best promise: at most the next thing to be found
+    const double least_promise = order.empty() ? 0.0 : SLIGHT * gain[order[0]];
     for (size_t i : order) {
+        if (gain[i] < least_promise && !how.only)
+            break;
         bool same = std::any_of(tries.begin(), tries.end(),
                                 [&](size_t k) { return same_start(all[k], all[i]); });
         const bool resonance = all[i].effect->state_count > 0;
@@ -220,6 +230,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         for (const Trial &f : finalists)
             seen = seen || same_start(f.candidate, t.candidate);
         bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && finalists.size() >= 2;
+        hopeless = hopeless || t.gain < -LOST_SHARE * reading_count;
         bool library = is_library(t.candidate.effect);
         bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
         if (seen || hopeless || full)
@@ -255,7 +266,7 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         Hypothesis best;
         FitPoint point;
         std::vector<int> free;
-        double now = HUGE_VAL, work = 0.0;
+        double now = HUGE_VAL, work = 0.0, settled = HUGE_VAL; // the drift at which it is
         int worse = 0;
         bool running = true;
     };
@@ -276,7 +287,7 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         const int helpers = std::max(1, options.threads / std::max(1, (int)running));
         parallel_for(options.threads, runners.size(), [&](size_t i) {
             Runner &r = runners[i];
-            if (!r.running)
+            if (!r.running || r.settled == drift)
                 return;
             FitOptions o = fit_options();
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
@@ -286,6 +297,8 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
             Fit fit(logs, o);
             FitPicture p;
             r.running = fit.settle(r.point, r.free, drift, p);
+            if (fit.converged)
+                r.settled = drift;
             r.work += fit.work_done;
             r.now = r.running ? p.evidence + penalty((int)r.free.size()) : HUGE_VAL;
             if (r.now < r.best.score) {
@@ -305,14 +318,16 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
             least = std::min(least, r.now);
         return least;
     };
-    // Some take long to come to nothing: who has less than half of the leader's gain after a few
-    // iterations is not fitted to the end.
-    constexpr double HALF = 0.5, CLOSE = 200.0;
+    // Some take long to come to nothing: a few iterations at a time, and who is then too far behind
+    // the leader is not fitted to the end.
+    constexpr double CLOSE = 200.0;
     constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
-    run_all(first, FEW_ITERATIONS);
-    const double lead = std::min(leader(), beat);
-    for (Runner &r : runners)
-        r.running = r.running && r.now < lead + std::max(CLOSE, HALF * (from - lead));
+    for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
+        run_all(first, FEW_ITERATIONS);
+        const double lead = std::min(leader(), beat);
+        for (Runner &r : runners)
+            r.running = r.running && r.now < lead + std::max(CLOSE, share * (from - lead));
+    }
     for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
         run_all(drift, ALL_ITERATIONS);
         for (Runner &r : runners)

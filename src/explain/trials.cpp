@@ -196,7 +196,9 @@ void Search::thin_out(std::vector<Trial> &trials)
         const double ahead = first ? 0.0 : best->gain;
         bool behind =
             !first && t.gain < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
-        behind = behind || (t.gain < least && least > CLOSE);
+        // The best start of a cause goes on all the same: a lag first undoes what a fit without it
+        // has bent to.
+        behind = behind || (!first && t.gain < least && least > CLOSE);
         bool touches = t.candidate.effect->event_count > 0 &&
                        std::count_if(left.begin(), left.end(), beside) < 2;
         if (t.half_way && behind && !touches)
