@@ -3,6 +3,7 @@
 
 #include <glob.h>
 #include <math.h>
+#include <matio.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -158,6 +159,71 @@ START_TEST(a_mat_file_of_our_own_comes_back)
         mk_log_free(was);
         mk_log_free(is);
     }
+}
+END_TEST
+
+START_TEST(of_several_runs_in_a_mat_file_the_mapping_says_which)
+{
+    char out[4096], first[512];
+    struct mk_log *log;
+    snprintf(first, sizeof first, "%s", scratch("first.csv"));
+    run_command(NULL, 0, "cp %s %s", open_loop_log("pendubot", "1.5*sin(6*t)", 0.5), first);
+    const char *second = open_loop_log("pendubot", "sin(6*t)", 0.8);
+    int code =
+        run_mechkit(out, sizeof out, "export %s %s --out %s", first, second, scratch("two.mat"));
+    ck_assert_msg(code == 0, "%s", out);
+    code = run_mechkit(out, sizeof out, "import %s --rig pendubot --force --out %s",
+                       scratch("two.mat"), scratch("two.csv"));
+    ck_assert_msg(code == 0 && strstr(out, "= mk(") && strstr(out, "left out: mk("), "%s", out);
+    const char *map =
+        scratch_text("two.map", "[rig]\nkind = pendubot\n[t]\ncolumn = mk(1).time\n[q1]\n"
+                                "column = mk(1).signals.q1\n[q2]\ncolumn = mk(1).Y(:,3)\n"
+                                "[u]\ncolumn = mk(1).signals.u\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", scratch("two.mat"),
+                       map, scratch("two.csv"));
+    ck_assert_msg(code == 0 && strstr(out, "250 rows"), "%s", out);
+    ck_assert_int_eq(mk_log_read(scratch("two.csv"), &log, NULL), MK_OK);
+    ck_assert_uint_eq(log->rows, 250);
+    mk_log_free(log);
+}
+END_TEST
+
+static void put_matrix(mat_t *mat, const char *name, size_t rows, size_t columns, double step)
+{
+    size_t dims[2] = {rows, columns};
+    double *data = malloc(sizeof *data * rows * columns);
+    for (size_t i = 0; i < rows * columns; i++)
+        data[i] = step * (double)i;
+    matvar_t *v = Mat_VarCreate(name, MAT_C_DOUBLE, MAT_T_DOUBLE, 2, dims, data, 0);
+    ck_assert_int_eq(Mat_VarWrite(mat, v, MAT_COMPRESSION_NONE), 0);
+    Mat_VarFree(v);
+    free(data);
+}
+
+START_TEST(a_mat_file_with_lying_signals_and_a_picture_is_read)
+{
+    char out[4096];
+    mat_t *mat = Mat_CreateVer(scratch("lying.mat"), NULL, MAT_FT_MAT5);
+    ck_assert_ptr_nonnull(mat);
+    put_matrix(mat, "picture", 300, 1200, 1.0);
+    put_matrix(mat, "t", 1, 50, 0.01);
+    put_matrix(mat, "Y", 2, 50, 0.01);
+    put_matrix(mat, "u", 49, 1, 0.0);
+    Mat_Close(mat);
+    int code = run_mechkit(out, sizeof out, "import %s --rig pendubot --force --out %s",
+                           scratch("lying.mat"), scratch("lying.csv"));
+    ck_assert_msg(code == 3 && strstr(out, "there are: t, Y(1,:), Y(2,:); left out: "
+                                           "picture (300 x 1200), u (49 values, not 50)"),
+                  "%d %s", code, out);
+    const char *map = scratch_text("lying.map", "[rig]\nkind = pendubot\n[t]\ncolumn = t\n"
+                                                "[q1]\ncolumn = Y(1,:)\n[q2]\ncolumn = Y(2,:)\n"
+                                                "[u]\ncolumn = t\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", scratch("lying.mat"),
+                       map, scratch("lying.csv"));
+    ck_assert_msg(code == 0, "%s", out);
+    char *log = slurp_file(scratch("lying.csv"));
+    ck_assert_msg(strstr(log, "t,q1,q2,u\n0,0,0.01,0\n0.01,0.02,0.03,0.01\n") != NULL, "%s", log);
+    free(log);
 }
 END_TEST
 
@@ -383,8 +449,13 @@ START_TEST(ten_wrong_mappings_of_a_measured_file_are_found_and_put_right)
 {
     static const char *const files[][2] = {
         {"data/pendubot-dfki-c1-sysid/run_143601.csv", MAPS "double-pendulum-dfki.map"},
+        {"data/pendubot-dfki-c1-swingup/tvlqr_04.csv", MAPS "double-pendulum-dfki.map"},
+        {"data/double-pendulum-dfki-a0/sysid_00.csv", MAPS "double-pendulum-dfki.map"},
+        {"data/double-pendulum-dfki-a0/sysid_11.csv", MAPS "double-pendulum-dfki.map"},
         {"data/single-pendulum-dfki/direct_collocation.csv", MAPS "pendulum-dfki.map"},
-        {"data/furuta-qube-servo1/ep_150615.csv", MAPS "furuta-qube-servo1.map"}};
+        {"data/single-pendulum-dfki/energy_shaping.csv", MAPS "pendulum-dfki.map"},
+        {"data/furuta-qube-servo1/ep_150615.csv", MAPS "furuta-qube-servo1.map"},
+        {"data/furuta-qube-servo1/ep_163955.csv", MAPS "furuta-qube-servo1.map"}};
     const char *path = shared_path(files[_i][0]);
     if (!path) {
         fprintf(stderr, "wrong mappings of a measured file: skipped, no ../shared/data\n");
@@ -393,6 +464,48 @@ START_TEST(ten_wrong_mappings_of_a_measured_file_are_found_and_put_right)
     char keep[1024];
     snprintf(keep, sizeof keep, "%s", path);
     check_mistakes(keep, files[_i][1]);
+}
+END_TEST
+
+/* Speeds need no model of the rig: they are the slopes of their angles, or something is wrong. */
+START_TEST(speeds_that_are_no_slopes_of_their_angles_are_found)
+{
+    static const struct {
+        const char *dq1, *proposal; /* NULL: nothing is wrong */
+    } cases[] = {{"dq1", NULL},
+                 {"dq2", "[dq1] column = dq1, [dq2] column = dq2"},
+                 {"dq1\nunit = deg/s", "[dq1] unit = rad/s"},
+                 {"dq1\nunit = rpm", "[dq1] unit = rad/s"},
+                 {"dq1\nsign = -1", "[dq1] sign = 1"}};
+    const char *log = open_loop_log("pendubot", "4*sin(5*t)+2*sin(13*t)", 8.0);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char out[2048], map[512];
+        snprintf(map, sizeof map,
+                 "[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\ncolumn = q1\n[q2]\ncolumn = q2\n"
+                 "[u]\ncolumn = u\n[dq1]\ncolumn = %s\n[dq2]\ncolumn = %s\n",
+                 cases[i].dq1, i == 1 ? "dq1" : "dq2");
+        int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", log,
+                               scratch_text("speeds.map", map), scratch("speeds.csv"));
+        if (cases[i].proposal)
+            ck_assert_msg(code == 1 && strstr(out, cases[i].proposal), "%zu: %d %s", i, code, out);
+        else
+            ck_assert_msg(code == 0, "%d %s", code, out);
+    }
+}
+END_TEST
+
+START_TEST(a_wheel_that_turns_evenly_is_no_encoder_of_few_counts)
+{
+    char out[4096];
+    const char *cmd = scratch_text("even.cmd", "setup pi-speed\nref 100\nstart\nwait 8\nhalt\n"
+                                               "save even.csv\nquit\n");
+    int code = run_mechkit(out, sizeof out, "run %s --fast --out %s", cmd, scratch("."));
+    ck_assert_msg(code == 0, "%s", out);
+    char log[512];
+    snprintf(log, sizeof log, "%s", scratch("even.csv"));
+    code = run_mechkit(out, sizeof out, "import %s --rig inertia-wheel --out %s", log,
+                       scratch("even_log.csv"));
+    ck_assert_msg(code == 0, "%s", out);
 }
 END_TEST
 
@@ -442,6 +555,8 @@ Suite *suite_import(void)
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);
+    tcase_add_test(c, of_several_runs_in_a_mat_file_the_mapping_says_which);
+    tcase_add_test(c, a_mat_file_with_lying_signals_and_a_picture_is_read);
     tcase_add_test(c, mistakes_in_a_mapping_are_told_with_their_line);
     tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
     suite_add_tcase(s, c);
@@ -449,7 +564,9 @@ Suite *suite_import(void)
     tcase_set_timeout(c, 240);
     tcase_add_loop_test(c, ten_wrong_mappings_of_a_rig_are_found_and_put_right, 0, 3);
     tcase_add_loop_test(c, measured_files_import_with_their_mappings, 0, 5);
-    tcase_add_loop_test(c, ten_wrong_mappings_of_a_measured_file_are_found_and_put_right, 0, 3);
+    tcase_add_loop_test(c, ten_wrong_mappings_of_a_measured_file_are_found_and_put_right, 0, 8);
+    tcase_add_test(c, speeds_that_are_no_slopes_of_their_angles_are_found);
+    tcase_add_test(c, a_wheel_that_turns_evenly_is_no_encoder_of_few_counts);
     tcase_add_test(c, numbers_that_no_rig_makes_are_not_taken_for_a_log);
     tcase_add_test(c, what_cannot_be_is_not_written_unless_forced);
     suite_add_tcase(s, c);

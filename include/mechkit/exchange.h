@@ -32,6 +32,7 @@ struct mk_table_column {
 struct mk_table {
     size_t rows, count;
     struct mk_table_column *column;
+    char left_out[200]; /* of a foreign file, and why: "q1 (499 values, not 500)" */
 };
 
 /* Picks columns: "t:ms,q1:deg,u:Nm" names them in order, each with the unit it is wanted in (none:

@@ -84,6 +84,8 @@ static void print_map(const struct options *o, const struct mk_import_map *map,
            o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
         print_column(&map->column[i]);
+    if (*table->left_out)
+        printf("  left out: %s\n", table->left_out);
 }
 
 static void print_findings(const struct mk_import_finding *findings, int count)

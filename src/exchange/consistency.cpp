@@ -261,7 +261,14 @@ double counts_of(const double *y, size_t rows)
     size_t like_it = 0;
     for (double s : steps)
         like_it += std::fabs(s - step) < 0.1 * step;
-    return like_it * 50 > steps.size() ? 2.0 * M_PI / step : 0.0;
+    if (like_it * 50 <= steps.size())
+        return 0.0;
+    // A wheel that turns evenly also makes steps of one size. Where they are counts, steps of
+    // different numbers of them follow each other.
+    size_t changes = 0;
+    for (size_t r = 2; r < rows; r++)
+        changes += std::fabs(y[r] - 2.0 * y[r - 1] + y[r - 2]) > 0.5 * step;
+    return changes * 10 > steps.size() ? 2.0 * M_PI / step : 0.0;
 }
 
 // Encoders have from 100 to 100000 counts.
@@ -303,12 +310,22 @@ bool hangs(const Columns &c, const mk_plant_info *plant)
 
 } // namespace
 
-bool speed_is_against(const mk_log &log, int joint)
+namespace
 {
+
+// How a speed that came along goes with the slope of its angle.
+struct SlopeMatch {
+    bool known = false;
+    double correlation = 0.0, size = 0.0; // size: of the speed over that of the slope
+};
+
+SlopeMatch match_slope(const mk_log &log, int joint)
+{
+    SlopeMatch m;
     const double *t = mk_log_get(&log, "t"), *q = mk_log_get(&log, joint ? "q2" : "q1");
     const double *v = mk_log_get(&log, joint ? "dq2" : "dq1");
     if (!t || !q || !v)
-        return false;
+        return m;
     // Slopes over a hundredth of a second: over one sample they are counts.
     size_t step = static_cast<size_t>(0.005 / std::max(1e-6, sample_time(log))) + 1;
     double vv = 0.0, vs = 0.0, ss = 0.0;
@@ -318,7 +335,26 @@ bool speed_is_against(const mk_log &log, int joint)
             continue;
         vv += v[r] * v[r], vs += v[r] * slope, ss += slope * slope;
     }
-    return vs < -0.5 * std::sqrt(vv * ss);
+    m.known = vv > 0.0 && ss > 0.0;
+    if (m.known) {
+        m.correlation = vs / std::sqrt(vv * ss);
+        m.size = std::sqrt(vv / ss);
+    }
+    return m;
+}
+
+} // namespace
+
+bool speed_is_against(const mk_log &log, int joint)
+{
+    SlopeMatch m = match_slope(log, joint);
+    return m.known && m.correlation < -0.5;
+}
+
+bool speed_is_astray(const mk_log &log, int joint)
+{
+    SlopeMatch m = match_slope(log, joint);
+    return m.known && !(m.correlation > 0.8 && m.size > 0.7 && m.size < 1.4);
 }
 
 double sample_time(const mk_log &log)
@@ -344,7 +380,7 @@ Consistency consistency(const mk_log &log, enum mk_plant_kind kind)
     if (!c.t || !c.u[0] || c.rows < 50)
         return out;
     out.hangs = hangs(c, plant);
-    out.speeds = !speed_is_against(log, 0) && !speed_is_against(log, 1);
+    out.astray = speed_is_astray(log, 0) + speed_is_astray(log, 1);
     out.counts = counts_can_be(c, plant->joints);
     std::vector<Point> points = points_of(c, plant->joints);
     Fit fit(kind, points);

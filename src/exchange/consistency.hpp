@@ -16,14 +16,16 @@ struct Consistency {
     double error = 1.0;  // squared error of the accelerations over their variance, mean over joints
     int wrong_sign = -1; // parameter that comes out negative beyond doubt and must not; -1: none
     bool counts = true;  // steps of the readings are those of an encoder
-    bool speeds = true;  // speeds that came along are the slopes of their angles, not against them
+    int astray = 0;      // joints whose speed came along and is not the slope of its angle
     bool hangs = true;   // where it stands still at the start without a command, it hangs
 };
 
 Consistency consistency(const mk_log &log, enum mk_plant_kind kind);
 
-// Whether dq1 or dq2 (joint 0, 1) runs against the slope of its angle.
+// Whether dq1 or dq2 (joint 0, 1) runs against the slope of its angle, and whether it is there and
+// is something else than the slope.
 bool speed_is_against(const mk_log &log, int joint);
+bool speed_is_astray(const mk_log &log, int joint);
 
 // Median spacing of the samples, s.
 double sample_time(const mk_log &log);

@@ -19,8 +19,10 @@ static bool ends_with(const char *text, const char *end)
 enum mk_status mk_import_open(const char *path, struct mk_import_map *map, struct mk_table **out,
                               struct mk_error *err)
 {
-    if (ends_with(path, ".mat"))
-        return source_read_mat(path, out, err);
+    if (ends_with(path, ".mat")) {
+        const struct mk_import_column *t = mk_import_map_find(map, "t");
+        return source_read_mat(path, t ? t->from : NULL, out, err);
+    }
     struct source_format format = {map->separator, map->decimal};
     enum mk_status st = source_read_text(path, &format, out, err);
     if (st == MK_OK) {
@@ -122,7 +124,8 @@ static enum mk_status not_recognised(const struct mk_table *table, const char *p
         snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
                  table->column[i].name);
     return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
-                       "which column is %s? Say so in a mapping; there are: %s", what, list);
+                       "which column is %s? Say so in a mapping; there are: %s%s%s", what, list,
+                       *table->left_out ? "; left out: " : "", table->left_out);
 }
 
 enum mk_status mk_import_guess(const struct mk_table *table, const char *path,

@@ -118,7 +118,7 @@ class Changes
         bool any = false;
         for (const char *name : names)
             if (mk_import_column *c = column(m, name)) {
-                if (strcmp(*c->unit ? c->unit : "rad", unit) == 0)
+                if (strcmp(*c->unit ? c->unit : native_unit(quantity_of_column(name)), unit) == 0)
                     continue;
                 snprintf(c->unit, sizeof c->unit, "%s", unit);
                 any = true;
@@ -153,6 +153,10 @@ std::vector<Change> changes_of(const mk_import_map &map)
     c.unit({"q1", "q2"}, "rev", "the angles are in revolutions");
     for (double by : {M_PI / 2, -M_PI / 2, M_PI})
         c.shift("q1", by, "q1 is counted from elsewhere");
+    c.flip({"dq1"}, "dq1 runs against the slope of q1");
+    c.flip({"dq2"}, "dq2 runs against the slope of q2");
+    for (const char *unit : {"deg/s", "rad/s", "rpm", "rev/s"})
+        c.unit({"dq1", "dq2"}, unit, "the speeds are in another unit");
     c.swap("q1", "u", false, "q1 and the command are swapped");
     c.swap("q1", "tau", false, "q1 and the command are swapped");
     c.swap("q1", "tau1", false, "q1 and the command are swapped");
@@ -160,6 +164,8 @@ std::vector<Change> changes_of(const mk_import_map &map)
         return std::move(c.all);
     c.flip({"q2"}, "q2 counts the wrong way");
     c.flip({"q2", "dq2"}, "q2 counts the wrong way");
+    c.swap("q1", "q2", false, "the joints are swapped");
+    c.swap("dq1", "dq2", false, "the speeds are swapped");
     for (bool whole : {false, true}) {
         c.swap({{"q1", "q2"}, {"dq1", "dq2"}}, whole, "the joints are swapped");
         c.swap({{"q1", "q2"}, {"dq1", "dq2"}, {"tau1", "tau2"}, {"u1", "u2"}}, whole,
@@ -277,29 +283,34 @@ void Checker::check_speeds()
 // What speaks against a map beside the fit.
 int doubts(const Consistency &c)
 {
-    return !c.hangs + !c.counts + !c.speeds;
+    return !c.hangs + !c.counts + c.astray;
 }
 
 bool better(const Consistency &a, const Consistency &b)
 {
-    // Within a tenth of each other: the one with fewer doubts, then the first.
+    // Speeds need no model: what makes them slopes comes first. Fits within a tenth of each other:
+    // the one with fewer doubts, then the first.
+    if (a.astray != b.astray)
+        return a.astray < b.astray;
+    if ((a.wrong_sign < 0) != (b.wrong_sign < 0))
+        return a.wrong_sign < 0;
     bool alike = a.error < 1.1 * b.error + 0.01 && b.error < 1.1 * a.error + 0.01;
     if (alike && doubts(a) != doubts(b))
         return doubts(a) < doubts(b);
     return !alike && a.error < b.error;
 }
 
-std::string complaint(const mk_import_map &map, const Consistency &as_is)
+std::string complaint(const mk_import_map &map, const Consistency &as_is, bool of_speeds)
 {
     char text[200];
-    if (as_is.wrong_sign >= 0)
+    if (of_speeds)
+        snprintf(text, sizeof text, "a speed is not the slope of its angle");
+    else if (as_is.wrong_sign >= 0)
         snprintf(text, sizeof text, "%s (%s) comes out negative",
                  mk_plant(map.rig)->parameter[as_is.wrong_sign].name,
                  mk_plant(map.rig)->parameter[as_is.wrong_sign].help);
     else if (!as_is.counts)
         snprintf(text, sizeof text, "no encoder has steps like these");
-    else if (!as_is.speeds)
-        snprintf(text, sizeof text, "a speed runs against the slope of its angle");
     else if (!as_is.hangs)
         snprintf(text, sizeof text, "it stands still at the start where no %s hangs",
                  mk_plant(map.rig)->name);
@@ -318,27 +329,30 @@ void Checker::check_motion()
         return;
     Consistency best;
     best.error = 4.0;
+    best.astray = MK_MAX_JOINTS + 1;
     const Change *fix = nullptr;
     std::vector<Change> changes = changes_of(map_);
     for (const Change &change : changes) {
         Consistency c = judge(change.map);
-        if (c.known && c.wrong_sign < 0 && doubts(c) <= doubts(as_is) && better(c, best)) {
+        bool possible = c.wrong_sign < 0 || c.astray < as_is.astray;
+        if (c.known && possible && doubts(c) <= doubts(as_is) && better(c, best)) {
             best = c;
             fix = &change;
         }
     }
     // A map that only fits badly may be of a rig that the textbook does not know well: it is left
     // alone unless another fits far better.
-    bool wrong = as_is.wrong_sign >= 0;
+    bool wrong = as_is.wrong_sign >= 0, slopes = fix && best.astray < as_is.astray;
     bool worth =
-        fix && (wrong ? best.error < as_is.error + 0.1
-                : doubts(best) < doubts(as_is)
-                    ? best.error < 1.1 * as_is.error + 0.01
-                    : best.error < 0.15 && best.error < 0.3 * as_is.error && as_is.error > 0.05);
+        slopes ||
+        (fix && (wrong ? best.error < as_is.error + 0.1
+                 : doubts(best) < doubts(as_is)
+                     ? best.error < 1.1 * as_is.error + 0.01
+                     : best.error < 0.15 && best.error < 0.3 * as_is.error && as_is.error > 0.02));
     if (worth)
-        find(complaint(map_, as_is) + ": " + fix->what, &fix->map);
+        find(complaint(map_, as_is, slopes) + ": " + fix->what, &fix->map);
     else if (wrong && as_is.error < 0.3)
-        find(complaint(map_, as_is), nullptr);
+        find(complaint(map_, as_is, false), nullptr);
 }
 
 void Checker::run()

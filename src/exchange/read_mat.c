@@ -8,8 +8,11 @@
 
 #include "exchange/source.h"
 
-#define MAX_COLUMNS 1024
 #define MAX_DEPTH 8
+#define PATH_SIZE 160
+#define MAX_SIGNALS                                                                                \
+    64 /* of one matrix; more than that is a picture or a table of something else                  \
+        */
 
 struct found {
     char name[64];
@@ -19,9 +22,22 @@ struct found {
 
 struct collector {
     struct found *found;
-    size_t count;
+    size_t count, room;
+    char left_out[200]; /* what was, and why */
     bool failed;
 };
+
+static void leave_out(struct collector *c, const char *name, const char *why)
+{
+    static const char rest[] = ", ...";
+    char more[256];
+    size_t n = strlen(c->left_out), room = sizeof c->left_out - n;
+    snprintf(more, sizeof more, "%s%s (%s)", n ? ", " : "", name, why);
+    if (strlen(more) + sizeof rest <= room)
+        strcpy(c->left_out + n, more);
+    else if (room >= sizeof rest && strncmp(c->left_out + n - 3, "...", 3) != 0)
+        strcpy(c->left_out + n, rest);
+}
 
 static double element(const matvar_t *v, size_t i)
 {
@@ -55,76 +71,137 @@ static bool is_numeric(const matvar_t *v)
            v->rank == 2 && v->data;
 }
 
-static void add(struct collector *c, const char *name, const matvar_t *v, size_t first, size_t rows)
+static bool make_room(struct collector *c)
 {
-    if (c->count == MAX_COLUMNS)
+    if (c->count < c->room)
+        return true;
+    size_t room = c->room ? 2 * c->room : 64;
+    struct found *more = realloc(c->found, sizeof *more * room);
+    if (!more)
+        return false;
+    c->found = more;
+    c->room = room;
+    return true;
+}
+
+/* `rows` values from `first`, `stride` apart. */
+static void add(struct collector *c, const char *name, const matvar_t *v, size_t first,
+                size_t stride, size_t rows)
+{
+    if (strlen(name) >= sizeof c->found->name) {
+        leave_out(c, name, "too long a name");
         return;
-    struct found *f = &c->found[c->count];
-    f->data = malloc(sizeof(double) * rows);
-    if (!f->data) {
+    }
+    double *data = malloc(sizeof *data * rows);
+    if (!data || !make_room(c)) {
+        free(data);
         c->failed = true;
         return;
     }
-    snprintf(f->name, sizeof f->name, "%s", name);
-    f->rows = rows;
     for (size_t i = 0; i < rows; i++)
-        f->data[i] = element(v, first + i);
-    c->count++;
+        data[i] = element(v, first + i * stride);
+    struct found *f = &c->found[c->count++];
+    strcpy(f->name, name);
+    f->rows = rows;
+    f->data = data;
 }
 
+/* Signals lie along the longer side. */
 static void add_matrix(struct collector *c, const char *name, const matvar_t *v)
 {
     size_t rows = v->dims[0], columns = v->dims[1];
-    if (rows == 1 || columns == 1) {
-        if (rows * columns > 1)
-            add(c, name, v, 0, rows * columns);
+    bool lying = columns > rows;
+    size_t signals = lying ? rows : columns, length = lying ? columns : rows;
+    if (length < 2 || signals == 0)
+        return;
+    if (signals == 1) {
+        add(c, name, v, 0, 1, length);
         return;
     }
-    for (size_t k = 0; k < columns && rows > 0; k++) {
-        char column[96];
-        snprintf(column, sizeof column, "%s(:,%zu)", name, k + 1);
-        add(c, column, v, k * rows, rows);
+    if (signals > MAX_SIGNALS) {
+        char why[64];
+        snprintf(why, sizeof why, "%zu x %zu", rows, columns);
+        leave_out(c, name, why);
+        return;
+    }
+    for (size_t k = 0; k < signals; k++) {
+        char one[PATH_SIZE + 32];
+        snprintf(one, sizeof one, lying ? "%s(%zu,:)" : "%s(:,%zu)", name, k + 1);
+        add(c, one, v, lying ? k : k * rows, lying ? rows : 1, length);
     }
 }
 
+static size_t elements_of(const matvar_t *v)
+{
+    size_t n = v->rank > 0;
+    for (int i = 0; i < v->rank; i++)
+        n *= v->dims[i];
+    return n;
+}
+
+/* "run.q1"; of a struct array "run(1).q1", "run(2).q1", ...; of cells "run{1}.q1". */
 static void walk(struct collector *c, const char *name, matvar_t *v, int depth)
 {
-    if (!v || depth > MAX_DEPTH)
+    char path[PATH_SIZE];
+    if (!v || depth > MAX_DEPTH || c->failed)
         return;
     if (is_numeric(v))
         add_matrix(c, name, v);
-    if (v->class_type != MAT_C_STRUCT || !v->data)
+    if (!v->data)
         return;
-    /* Of a struct array the first element: one log at a time. */
+    if (v->class_type == MAT_C_CELL)
+        for (size_t i = 0; i < elements_of(v); i++) {
+            snprintf(path, sizeof path, "%s{%zu}", name, i + 1);
+            walk(c, path, Mat_VarGetCell(v, (int)i), depth + 1);
+        }
+    if (v->class_type != MAT_C_STRUCT)
+        return;
     char *const *fields = Mat_VarGetStructFieldnames(v);
     unsigned count = Mat_VarGetNumberOfFields(v);
-    for (unsigned i = 0; i < count; i++) {
-        char path[128];
-        snprintf(path, sizeof path, "%s.%s", name, fields[i]);
-        walk(c, path, Mat_VarGetStructFieldByIndex(v, i, 0), depth + 1);
-    }
+    for (size_t i = 0; i < elements_of(v); i++)
+        for (unsigned k = 0; k < count; k++) {
+            if (elements_of(v) == 1)
+                snprintf(path, sizeof path, "%s.%s", name, fields[k]);
+            else
+                snprintf(path, sizeof path, "%s(%zu).%s", name, i + 1, fields[k]);
+            walk(c, path, Mat_VarGetStructFieldByIndex(v, k, i), depth + 1);
+        }
 }
 
-/* The length that most columns have. */
-static size_t usual_length(const struct collector *c)
+static int by_length(const void *a, const void *b)
 {
-    size_t best = 0, votes = 0;
+    const struct found *x = a, *y = b;
+    return (x->rows > y->rows) - (x->rows < y->rows);
+}
+
+/* The length of the column of that name; else the one that most columns have, of two the longer. */
+static size_t usual_length(const struct collector *c, const char *like)
+{
+    for (size_t i = 0; like && i < c->count; i++)
+        if (strcmp(c->found[i].name, like) == 0)
+            return c->found[i].rows;
+    struct found *sorted = malloc(sizeof *sorted * (c->count + 1));
+    size_t best = 0, votes = 0, same = 0;
+    if (!sorted)
+        return 0;
+    if (c->count > 0)
+        memcpy(sorted, c->found, sizeof *sorted * c->count);
+    qsort(sorted, c->count, sizeof *sorted, by_length);
     for (size_t i = 0; i < c->count; i++) {
-        size_t same = 0;
-        for (size_t k = 0; k < c->count; k++)
-            same += c->found[k].rows == c->found[i].rows;
-        if (same > votes || (same == votes && c->found[i].rows > best)) {
+        same = i > 0 && sorted[i].rows == sorted[i - 1].rows ? same + 1 : 1;
+        if (same >= votes) {
             votes = same;
-            best = c->found[i].rows;
+            best = sorted[i].rows;
         }
     }
+    free(sorted);
     return best;
 }
 
-static enum mk_status as_table(struct collector *c, const char *path, struct mk_table **out,
-                               struct mk_error *err)
+static enum mk_status as_table(struct collector *c, const char *path, const char *like,
+                               struct mk_table **out, struct mk_error *err)
 {
-    size_t rows = usual_length(c);
+    size_t rows = usual_length(c, like);
     struct mk_table *t = calloc(1, sizeof *t);
     if (t)
         t->column = calloc(c->count + 1, sizeof *t->column);
@@ -134,8 +211,12 @@ static enum mk_status as_table(struct collector *c, const char *path, struct mk_
     }
     t->rows = rows;
     for (size_t i = 0; i < c->count; i++) {
-        if (c->found[i].rows != rows)
+        if (c->found[i].rows != rows) {
+            char why[64];
+            snprintf(why, sizeof why, "%zu values, not %zu", c->found[i].rows, rows);
+            leave_out(c, c->found[i].name, why);
             continue;
+        }
         struct mk_table_column *column = &t->column[t->count++];
         snprintf(column->name, sizeof column->name, "%s", c->found[i].name);
         column->data = c->found[i].data;
@@ -145,26 +226,26 @@ static enum mk_status as_table(struct collector *c, const char *path, struct mk_
         mk_table_free(t);
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "no vectors of numbers in this MAT file");
     }
+    strcpy(t->left_out, c->left_out);
     *out = t;
     return MK_OK;
 }
 
-enum mk_status source_read_mat(const char *path, struct mk_table **out, struct mk_error *err)
+enum mk_status source_read_mat(const char *path, const char *like, struct mk_table **out,
+                               struct mk_error *err)
 {
     struct stat kind;
     if (stat(path, &kind) == 0 && S_ISDIR(kind.st_mode))
         return mk_error_errno(err, EISDIR, path, "cannot read");
-    struct collector c = {.found = calloc(MAX_COLUMNS, sizeof *c.found)};
-    mat_t *mat = c.found ? Mat_Open(path, MAT_ACC_RDONLY) : NULL;
+    struct collector c = {0};
+    mat_t *mat = Mat_Open(path, MAT_ACC_RDONLY);
     *out = NULL;
-    if (!mat) {
-        free(c.found);
+    if (!mat)
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "no MAT file, or none of this kind");
-    }
     for (matvar_t *v; (v = Mat_VarReadNext(mat)) != NULL; Mat_VarFree(v))
         walk(&c, v->name ? v->name : "", v, 0);
     Mat_Close(mat);
-    enum mk_status st = as_table(&c, path, out, err);
+    enum mk_status st = as_table(&c, path, like, out, err);
     for (size_t i = 0; i < c.count; i++)
         free(c.found[i].data);
     free(c.found);

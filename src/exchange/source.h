@@ -21,10 +21,12 @@ struct source_format {
 MK_NODISCARD enum mk_status source_read_text(const char *path, struct source_format *format,
                                              struct mk_table **out, struct mk_error *err);
 
-/* Reads a MAT file: vectors under their names, fields as "run.signals.q1", columns of a matrix as
- * "Y(:,2)". All of them must have the same length; the length that most have wins. */
-MK_NODISCARD enum mk_status source_read_mat(const char *path, struct mk_table **out,
-                                            struct mk_error *err);
+/* Reads a MAT file: vectors under their names, fields as "run.signals.q1" or "run(2).t", cells as
+ * "run{1}.t", signals of a matrix as "Y(:,2)" or, where it lies, "Y(2,:)". All of them must have
+ * the same length: that of the column `like`, or (NULL, or none of that name) the one that most
+ * have. The table says what was left out. */
+MK_NODISCARD enum mk_status source_read_mat(const char *path, const char *like,
+                                            struct mk_table **out, struct mk_error *err);
 
 #ifdef __cplusplus
 }
