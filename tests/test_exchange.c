@@ -234,6 +234,9 @@ START_TEST(octave_runs_the_functions_on_logs_of_every_rig)
         fprintf(stderr, "no measured logs in ../shared: Octave saw those of the virtual rigs\n");
     int code = run_mechkit(out, sizeof out, "export %s --out %s", list, scratch("all.mat"));
     ck_assert_msg(code == 0, "%s", out);
+    code = run_mechkit(out, sizeof out, "export %.*s --columns t:ms,q1:deg,u:mNm --out %s",
+                       (int)strcspn(list + 1, " ") + 1, list, scratch("all_deg.mat"));
+    ck_assert_msg(code == 0, "%s", out);
     code = run_command(out, sizeof out,
                        "octave-cli --no-gui --quiet --no-init-file --path %s/tools/matlab_export "
                        "%s/tests/octave/test_tools.m %s %s",

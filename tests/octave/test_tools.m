@@ -64,6 +64,17 @@ for k = 1:numel(logs)
   end
   close('all');
 end
+
+% What was exported in other units is the same run: args{1} with deg.mat for .mat.
+other = mk_load(strrep(args{1}, '.mat', '_deg.mat'));
+assert(other.units.q1, 'deg');
+assert(other.units.u, 'mNm');
+assert(mk_inputs(other), mk_inputs(runs(1)), 1e-9);
+mixed = mk_compare(runs(1), other, 'draw', false);
+assert(mixed.rms, zeros(size(mixed.rms)), 1e-9);
+mixed = mk_compare(other, runs(1), 'draw', false);
+assert(mixed.nrmse, zeros(size(mixed.nrmse)), 1e-9);
+
 if draws
   close(mk_plot(runs([1 1]), 'visible', 'off'));
 end

@@ -36,10 +36,9 @@ function frame = mk_animate(run, varargin)
 end
 
 function q = angles(run)
-  scale = struct('rad', 1, 'deg', pi / 180, 'rev', 2 * pi);
-  q = run.signals.q1 * scale.(run.units.q1);
+  q = run.signals.q1 * mk_unit(run.units.q1);
   if isfield(run.signals, 'q2')
-    q(:, 2) = run.signals.q2 * scale.(run.units.q2);
+    q(:, 2) = run.signals.q2 * mk_unit(run.units.q2);
   end
 end
 

@@ -1,7 +1,7 @@
 function figures = mk_compare(measured, simulated, varargin)
 %MK_COMPARE  Hold a simulation against a measurement.
 %   F = MK_COMPARE(MEASURED, SIMULATED)   runs from MK_LOAD, or what MK_SIMULATE returned
-%   F has for each joint: rms (the signal's unit), nrmse (rms over the standard deviation of the
+%   F has for each joint: rms (the measured signal's unit), nrmse (rms over the standard deviation of the
 %   measurement), worst. Draws both and their difference; 'visible', 'off' hides the window,
 %   'draw', false draws nothing.
   opt = struct('visible', 'on', 'draw', true);
@@ -12,7 +12,7 @@ function figures = mk_compare(measured, simulated, varargin)
   for j = 1:(1 + two)
     name = sprintf('q%d', j);
     y = measured.signals.(name);
-    s = simulated.signals.(name);
+    s = simulated.signals.(name) * mk_unit(simulated.units.(name)) / mk_unit(measured.units.(name));
     if numel(s) ~= numel(y) || any(abs(simulated.time - measured.time) > 1e-9)
       s = interp1(simulated.time, s, measured.time);
     end

@@ -36,6 +36,8 @@ function handles = mk_plot(runs, varargin)
       hold on;
       grid on;
       ylabel('missing torque');
+      joints = {'joint 1', 'joint 2'};
+      legend(joints{1:(1 + two)});
       xlabel('t [s]');
     end
   end
@@ -79,26 +81,32 @@ function tau = missing_torque(r, model)
   n = model.joints;
   q = zeros(numel(r.time), n);
   for j = 1:n
-    q(:, j) = r.signals.(sprintf('q%d', j));
+    name = sprintf('q%d', j);
+    q(:, j) = r.signals.(name) * mk_unit(r.units.(name));
   end
   [q, v, a] = smooth_derivatives(r.time, q);
   u = mk_inputs(r);
   tau = zeros(size(q));
   for k = 1:numel(r.time)
     x = model.state(q(k, :)', v(k, :)');
+    if any(isnan(a(k, :)))
+      tau(k, :) = NaN;
+      continue
+    end
     [dx, ~, mass] = model.f(r.time(k) - r.time(1), x, u(k, :)');
     tau(k, :) = (mass * (a(k, :)' - dx(n + (1:n))))';
   end
 end
 
 function [s, v, a] = smooth_derivatives(t, q)
-  % A cubic through 21 samples around each: what a second difference of counts would say is noise.
+  % A cubic through 21 samples around each: what a second difference of counts would say is noise. At
+  % the ends, where all of them lie on one side, there is no acceleration.
   half = 10;
   s = q;
   v = zeros(size(q));
-  a = zeros(size(q));
-  for k = 1:numel(t)
-    near = max(1, k - half):min(numel(t), k + half);
+  a = nan(size(q));
+  for k = (1 + half):(numel(t) - half)
+    near = (k - half):(k + half);
     h = max(abs(t(near) - t(k)));
     c = bsxfun(@power, (t(near) - t(k)) / h, 0:3) \ q(near, :);
     s(k, :) = c(1, :);
