@@ -480,6 +480,9 @@ START_TEST(a_file_name_that_is_no_function_name_is_refused)
     mk_model_default(MK_PLANT_PENDULUM, &m);
     ck_assert_int_eq(mk_export_c(scratch("2nd.c"), &m, &err), MK_ERR_USAGE);
     ck_assert_int_eq(mk_export_octave(scratch("my-rig.m"), &m, &err), MK_ERR_USAGE);
+    ck_assert_int_eq(mk_export_octave(scratch("end.m"), &m, &err), MK_ERR_USAGE);
+    ck_assert_int_eq(mk_export_c(scratch("double.c"), &m, &err), MK_ERR_USAGE);
+    ck_assert_ptr_nonnull(strstr(err.message, "double is a word of the language"));
     char out[1024];
     ck_assert_int_eq(run_mechkit(out, sizeof out,
                                  "export --model %s/models/pendubot.ini --out x.py", MK_SOURCE_DIR),

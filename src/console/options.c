@@ -3,6 +3,7 @@
 #include <getopt.h>
 #include <math.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "mechkit/number.h"
 
@@ -251,4 +252,11 @@ void options_help(const struct subcommand *sub, FILE *out)
     put_rows(sub, out);
     if (sub->notes)
         fprintf(out, "\n%s\n", sub->notes);
+}
+
+bool same_file(const char *a, const char *b)
+{
+    struct stat x, y;
+    return a && b && stat(a, &x) == 0 && stat(b, &y) == 0 && S_ISREG(x.st_mode) &&
+           x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }

@@ -84,4 +84,7 @@ int options_distance(const char *a, const char *b);
 /* Text of `mechkit NAME --help`. */
 void options_help(const struct subcommand *sub, FILE *out);
 
+/* Whether two paths lead to one file that exists: what is read must not be written over. */
+bool same_file(const char *a, const char *b);
+
 #endif

@@ -45,6 +45,11 @@ static void put_styles(FILE *f, bool picture)
         fputs("set grid lc rgb '#e4e4e4' lt 1\n", f);
 }
 
+static const char *on_a(const char *rig)
+{
+    return strchr("aeio", rig[0]) ? " on an " : " on a ";
+}
+
 static void put_title(const struct layout *l)
 {
     const struct mk_log *log = l->p->logs[0];
@@ -53,10 +58,10 @@ static void put_title(const struct layout *l)
     if (setup && rig && strcmp(setup, rig) == 0)
         setup = NULL; /* "furuta", not "furuta on a furuta" */
     if (l->p->count > 1)
-        snprintf(title, sizeof title, "%d runs%s%s", l->p->count, rig ? " on a " : "",
+        snprintf(title, sizeof title, "%d runs%s%s", l->p->count, rig ? on_a(rig) : "",
                  rig ? rig : "");
     else
-        snprintf(title, sizeof title, "%s%s%s", setup ? setup : "", setup && rig ? " on a " : "",
+        snprintf(title, sizeof title, "%s%s%s", setup ? setup : "", setup && rig ? on_a(rig) : "",
                  rig ? rig : "");
     if (!l->p->out)
         return;

@@ -167,6 +167,8 @@ static int run(int argc, char **argv)
     if (code != EXIT_OK)
         return code;
     o.file = files.text[0];
+    if (same_file(o.file, o.out))
+        return report_usage("import", "--out %s: that is the file to be read", o.out);
     struct mk_import_map map;
     struct mk_import_finding findings[MK_IMPORT_FINDINGS];
     struct mk_table *table = NULL;

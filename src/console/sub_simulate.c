@@ -100,6 +100,8 @@ static int run(int argc, char **argv)
     int code = options_parse(&sub_simulate, argc, argv, &o, &none);
     if (code == EXIT_OK && !o.out && !o.json)
         code = report_usage("simulate", "--out or --json is missing");
+    if (code == EXIT_OK && same_file(o.input, o.out))
+        code = report_usage("simulate", "--out %s: that is the log to be read", o.out);
     if (code != EXIT_OK)
         return code;
     struct mk_model model;

@@ -24,6 +24,23 @@ enum mk_status write_text(const std::string &path, const std::string &text, mk_e
     return st;
 }
 
+// Words of C, MATLAB or Octave, of which no function can be called.
+static bool is_keyword(const std::string &name)
+{
+    static const char *const words[] = {
+        "auto",       "break",    "case",     "catch",    "char",     "classdef",  "const",
+        "continue",   "default",  "do",       "double",   "else",     "elseif",    "end",
+        "enum",       "extern",   "float",    "for",      "function", "global",    "goto",
+        "if",         "inline",   "int",      "long",     "main",     "otherwise", "parfor",
+        "persistent", "register", "restrict", "return",   "short",    "signed",    "sizeof",
+        "spmd",       "static",   "struct",   "switch",   "try",      "typedef",   "union",
+        "unsigned",   "until",    "void",     "volatile", "while"};
+    for (const char *word : words)
+        if (name == word)
+            return true;
+    return false;
+}
+
 // "dir/pendubot.c" gives "dir/" and "pendubot"; the name becomes the function's.
 enum mk_status split_path(const std::string &path, std::string &folder, std::string &name,
                           mk_error *err)
@@ -36,6 +53,12 @@ enum mk_status split_path(const std::string &path, std::string &folder, std::str
         !name.empty() && name.size() <= 60 && std::isalpha(static_cast<unsigned char>(name[0]));
     for (char c : name)
         good = good && (std::isalnum(static_cast<unsigned char>(c)) || c == '_');
+    if (good && is_keyword(name))
+        return mk_error_set(
+            err, MK_ERR_USAGE,
+            "%s: the file's name is the function's name too, and %s is a word of the "
+            "language",
+            path.c_str(), name.c_str());
     return good ? MK_OK
                 : mk_error_set(err, MK_ERR_USAGE,
                                "%s: the file's name is the function's name too: a letter, then "

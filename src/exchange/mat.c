@@ -51,10 +51,34 @@ static matvar_t *number(struct builder *b, double value)
     return matrix(b, &value, 1, 1);
 }
 
+/* Bytes of the character that begins there, 0 where there is none of UTF-8. */
+static size_t character(const unsigned char *c)
+{
+    size_t n = c[0] < 0x80                   ? 1
+               : c[0] >= 0xc2 && c[0] < 0xe0 ? 2
+               : (c[0] & 0xf0) == 0xe0       ? 3
+               : c[0] >= 0xf0 && c[0] < 0xf5 ? 4
+                                             : 0;
+    for (size_t i = 1; i < n; i++)
+        if ((c[i] & 0xc0) != 0x80)
+            return 0;
+    return n;
+}
+
+/* What is no UTF-8, a log of another encoding, would make the whole file unreadable. */
 static matvar_t *text(struct builder *b, const char *value)
 {
     size_t n = strlen(value), dims[2] = {n > 0 ? 1 : 0, n};
-    return made(b, Mat_VarCreate(NULL, MAT_C_CHAR, MAT_T_UTF8, 2, dims, (void *)(size_t)value, 0));
+    char *copy = strdup(value);
+    for (size_t i = 0; copy && i < n;) {
+        size_t length = character((const unsigned char *)copy + i);
+        if (length == 0)
+            copy[i] = '?';
+        i += length ? length : 1;
+    }
+    matvar_t *out = copy ? Mat_VarCreate(NULL, MAT_C_CHAR, MAT_T_UTF8, 2, dims, copy, 0) : NULL;
+    free(copy);
+    return made(b, out);
 }
 
 static matvar_t *structure(struct builder *b, size_t count)
