@@ -17,6 +17,7 @@ namespace
 constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
+constexpr double ROUGHEST = 0.05;                 // drift that a play may need
 constexpr double LOST_SHARE = 0.1; // log likelihood a reading that no fit makes up for
 
 } // namespace
@@ -126,12 +127,10 @@ void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
         return;
     // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
     if (mk_model_hides_joint(&h.point.model)) {
-        for (double stretch : {4.0, 1.0}) {
-            fit.options.hidden_stretch = stretch;
-            point = fit.start(h.point.model);
-            std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
-            try_drift(0.03, 0.0);
-        }
+        fit.options.hidden_stretch = 1.0;
+        point = fit.start(h.point.model);
+        std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
+        try_drift(0.03, 0.0);
         return;
     }
     // Of drifts that the data cannot tell apart the least is meant: it leaves nothing to explain.
@@ -287,7 +286,10 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         const int helpers = std::max(1, options.threads / std::max(1, (int)running));
         parallel_for(options.threads, runners.size(), [&](size_t i) {
             Runner &r = runners[i];
-            if (!r.running || r.settled == drift)
+            // One stretch a log has next to no use for a drift.
+            const bool idle =
+                drift < first && drift > ROUGHEST && mk_model_hides_joint(&r.point.model);
+            if (!r.running || r.settled == drift || idle)
                 return;
             FitOptions o = fit_options();
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
