@@ -269,9 +269,14 @@ int main(int argc, char **argv)
         }
     }
     if (!folder.empty()) {
-        for (size_t i = 0; i < cases; i++, wish.seed++)
-            if (!write_case(wish, folder))
-                return 1;
+        try {
+            for (size_t i = 0; i < cases; i++, wish.seed++)
+                if (!write_case(wish, folder))
+                    return 1;
+        } catch (const std::invalid_argument &e) {
+            fprintf(stderr, "mechkit-challenge: %s\n", e.what());
+            return 2;
+        }
         return 0;
     }
     std::vector<Result> results(cases);

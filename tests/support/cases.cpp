@@ -420,6 +420,10 @@ Case make_case(const Wish &wish)
     Draw draw(wish.seed);
     Case c;
     c.rig.kind = wish.rig.empty() ? rig_kinds[draw.below(rig_kinds.size())] : wish.rig;
+    // A rig that was not asked for is one that can have the effect.
+    const Row *wished = row_of(wish.effect);
+    while (wish.rig.empty() && wished && places(*wished, c.rig.kind).empty())
+        c.rig.kind = rig_kinds[draw.below(rig_kinds.size())];
     double lot = draw.unit();
     c.kind = !wish.kind.empty()     ? wish.kind
              : !wish.effect.empty() ? "single"
