@@ -239,6 +239,17 @@ START_TEST(wrong_usage_is_2_and_a_bad_file_3)
 }
 END_TEST
 
+START_TEST(a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves)
+{
+    const char *script = scratch_text("fine.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n");
+    const char *file = scratch_text("taken", "a file\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", file);
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "taken: cannot write logs there: Not a directory"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", "/proc/nobody/runs").code, 3);
+}
+END_TEST
+
 START_TEST(a_failing_command_is_1_with_its_line)
 {
     const char *script =
@@ -432,6 +443,7 @@ Suite *suite_console(void)
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
+    tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, saving_never_overwrites);

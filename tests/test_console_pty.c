@@ -293,7 +293,7 @@ END_TEST
 
 START_TEST(a_signal_ends_the_run_and_gives_the_terminal_back)
 {
-    static const int numbers[] = {SIGTERM, SIGHUP};
+    static const int numbers[] = {SIGTERM, SIGHUP, SIGUSR1};
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         struct termios before, after;
         console((const char *const[]){"--setup", "pendubot-mid", NULL});

@@ -243,6 +243,29 @@ START_TEST(a_wheel_has_no_cable_to_drag)
 }
 END_TEST
 
+static int driven; /* exchanges with a command */
+
+static enum mk_status count_commands(struct mk_board *b, double u, struct mk_board_sample *out)
+{
+    driven += u != 0.0;
+    return well_exchange(b, u, out);
+}
+
+START_TEST(what_is_broken_off_drives_nothing_and_finds_nothing)
+{
+    int cancel = 1;
+    ill.exchange = count_commands;
+    driven = 0;
+    open_rig(0);
+    doctor.cancel = &cancel;
+    ck_assert(!doctor_push(&doctor, board, &model));
+    doctor_sweep(&doctor, board, &model);
+    doctor_by_hand(&doctor, board, &model);
+    ck_assert_int_eq(driven, 0);
+    ck_assert_str_eq(report, "");
+}
+END_TEST
+
 /* --- by hand: a board whose encoders follow somebody who does as he is asked
  * ------------------------ */
 
@@ -326,6 +349,7 @@ Suite *suite_doctor(void)
     tcase_add_loop_test(t, a_slow_sweep_finds_nothing_on_a_healthy_rig, 0, 3);
     tcase_add_loop_test(t, a_slow_sweep_finds_a_cable_that_drags, 0, 3);
     tcase_add_test(t, a_wheel_has_no_cable_to_drag);
+    tcase_add_test(t, what_is_broken_off_drives_nothing_and_finds_nothing);
     tcase_add_test(t, encoders_that_count_both_ways_pass);
     tcase_add_test(t, swapped_encoders_are_found_by_hand);
     tcase_add_test(t, a_dead_encoder_is_found_by_hand);

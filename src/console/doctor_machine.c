@@ -104,7 +104,7 @@ void doctor_machine(struct doctor *d, double seconds)
     bool good = p99 < JITTER_GOOD_US;
     doctor_say(d, good ? DOCTOR_OK : DOCTOR_PROBLEM, "jitter",
                good ? "" : "close other programs, allow real-time priority, take a lower --rate",
-               "%.0f s at 1 kHz: late by %.0f us (median), %.0f us (99 %%), %.0f us (worst)",
+               "%.2g s at 1 kHz: late by %.0f us (median), %.0f us (99 %%), %.0f us (worst)",
                seconds, j.late_us[j.n / 2], p99, j.late_us[j.n - 1]);
     free(j.late_us);
 }

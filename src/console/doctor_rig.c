@@ -113,21 +113,24 @@ bool doctor_rest(struct doctor *d, struct mk_board *board, const struct mk_model
 /* --- by hand ------------------------------------------------------------------------------------
  */
 
-/* Watches until some joint has moved by HAND_RAD: its index, -1 for nobody. */
+#define NOBODY (-1)
+#define SILENCE (-2)
+
+/* Watches until some joint has moved by HAND_RAD: its index, NOBODY, or SILENCE of the board. */
 static int who_moves(struct doctor *d, struct watch *w, double *moved)
 {
     double from[MK_MAX_JOINTS];
     memcpy(from, w->q, sizeof from);
     for (int k = 0; k < (int)(HAND_S * RATE_HZ) && !cancelled(d); k++) {
         if (!watch_step(w, 0.0))
-            return -1;
+            return SILENCE;
         for (int j = 0; j < w->joints; j++)
             if (fabs(w->q[j] - from[j]) > HAND_RAD) {
                 *moved = w->q[j] - from[j];
                 return j;
             }
     }
-    return -1;
+    return NOBODY;
 }
 
 static bool turn_by_hand(struct doctor *d, struct watch *w, int joint, double sign)
@@ -139,7 +142,11 @@ static bool turn_by_hand(struct doctor *d, struct watch *w, int joint, double si
     snprintf(what, sizeof what, "encoder %d", joint + 1);
     d->ask(d->user, request);
     int who = who_moves(d, w, &moved);
-    if (who < 0)
+    if (cancelled(d))
+        return false;
+    if (who == SILENCE)
+        doctor_say(d, DOCTOR_PROBLEM, what, "check cable and power", "the board fell silent");
+    else if (who == NOBODY)
         doctor_say(d, DOCTOR_PROBLEM, what, "check its plug and cable, and its supply",
                    "no count within %.0f s", HAND_S);
     else if (who != joint)
@@ -268,17 +275,20 @@ bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model
     int joints = mk_model_joints(model), motor = mk_plant(model->plant)->motor_joint;
     double u = PUSH_SHARE * model->u_max;
     double ahead[2] = {0}, back[2] = {0}, moved[2] = {0}, expected[2] = {0};
-    bool well = expect && push(expect, model, u, expected);
+    bool well = expect && push(expect, model, u, expected) && !cancelled(d);
     mk_board_close(expect);
     if (well && board->ops->set_watchdog)
         well = board->ops->set_watchdog(board, 20, NULL) == MK_OK;
     well = well && push(board, model, u, ahead);
     motor_off(board);
     mk_clock_sleep_until(board->clock, mk_clock_now_ns(board->clock) + INT64_C(3000000000));
+    well = well && !cancelled(d);
     if (well && board->ops->set_watchdog)
         well = board->ops->set_watchdog(board, 20, NULL) == MK_OK;
     well = well && push(board, model, -u, back);
     motor_off(board);
+    if (cancelled(d))
+        return false;
     if (!well) {
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders", "check cable and power",
                    "the push was broken off: the board tripped");
@@ -357,6 +367,8 @@ void doctor_sweep(struct doctor *d, struct mk_board *board, const struct mk_mode
     well = well && sweep(d, board, model, &drag);
     motor_off(board);
     double more = drag - expected;
+    if (cancelled(d))
+        return;
     if (!well)
         doctor_say(d, DOCTOR_PROBLEM, "cable drag", "check wiring and limits",
                    "the sweep was broken off");

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "console/host.h"
+#include "console/signals.h"
 
 #define LOOK_NS 100000000L
 #define END_PATIENCE_S 2.0 /* for the screen to end by itself after a signal */
@@ -27,20 +28,12 @@ static struct {
     atomic_llong beat_ns;
 } guard;
 
-static const struct {
-    int number;
-    const char *name;
-} enders[] = {{SIGHUP, "SIGHUP (the terminal was closed)"},
-              {SIGTERM, "SIGTERM"},
-              {SIGINT, "SIGINT"},
-              {SIGQUIT, "SIGQUIT"}};
-#define ENDERS (sizeof enders / sizeof enders[0])
-
 static void signals(sigset_t *set)
 {
+    const struct ending_signal *s;
     sigemptyset(set);
-    for (size_t i = 0; i < ENDERS; i++)
-        sigaddset(set, enders[i].number);
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        sigaddset(set, s->number);
     sigaddset(set, SIGTSTP);
 }
 
@@ -72,10 +65,11 @@ void guard_beat(void)
 
 const char *guard_wants_end(void)
 {
+    const struct ending_signal *s;
     int number = atomic_load(&guard.ending);
-    for (size_t i = 0; i < ENDERS; i++)
-        if (enders[i].number == number)
-            return enders[i].name;
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        if (s->number == number)
+            return s->name;
     return NULL;
 }
 

@@ -27,6 +27,18 @@ void session_say(struct session *s, const char *fmt, ...)
 
 /* --- opening ----------------------------------------------------------------------------- */
 
+/* Logs are written there: better to learn now that it is a file, or belongs to others, than when
+ * the rig hangs ready. */
+static enum mk_status check_directory(const char *path, struct mk_error *err)
+{
+    struct stat st;
+    if (stat(path, &st) == 0 && !S_ISDIR(st.st_mode))
+        errno = ENOTDIR;
+    else if (access(path, W_OK | X_OK) == 0)
+        return MK_OK;
+    return mk_error_errno(err, errno, path, "cannot write logs there");
+}
+
 static enum mk_status make_directory(const char *path, struct mk_error *err)
 {
     char part[SESSION_PATH];
@@ -42,7 +54,7 @@ static enum mk_status make_directory(const char *path, struct mk_error *err)
             return mk_error_errno(err, errno, path, "cannot make the directory");
         *slash = end;
         if (!end)
-            return MK_OK;
+            return check_directory(path, err);
     }
 }
 

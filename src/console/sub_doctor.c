@@ -5,6 +5,7 @@
 
 #include "console/doctor.h"
 #include "console/options.h"
+#include "console/signals.h"
 
 #define BOARDS_MAX 16
 
@@ -84,6 +85,15 @@ static const struct option_row option_rows[] = {
     {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
     {0}};
 
+/* Set by a signal: what is under way ends, the motor goes off. */
+static volatile int cancelled;
+
+static void on_signal(int number)
+{
+    (void)number;
+    cancelled = 1;
+}
+
 static int run_doctor(int argc, char **argv);
 
 const struct subcommand sub_doctor = {
@@ -121,11 +131,17 @@ static void examine(struct doctor *d, struct mk_board *board, const struct mk_mo
 {
     if (!doctor_board(d, board, model))
         return;
+    if (cancelled)
+        return;
     if (o->hand)
         doctor_by_hand(d, board, model);
     else
         doctor_say(d, DOCTOR_SKIPPED, "encoders by hand", "", "--hand looks at them");
+    if (cancelled)
+        return;
     bool still = doctor_rest(d, board, model);
+    if (cancelled)
+        return;
     if (!o->drive)
         doctor_say(d, DOCTOR_SKIPPED, "motor, cable drag", "",
                    "--drive moves the rig a little and looks at them");
@@ -148,7 +164,7 @@ static int open_and_examine(struct doctor *d, const struct mk_board_ops *ops,
     const struct mk_board_config config = {
         .model = model, .clock = &clock, .seed = 1, .device = o->device};
     if (mk_board_open(ops, &config, &board, &err) != MK_OK) {
-        doctor_say(d, DOCTOR_PROBLEM, "board", "`mechkit boards` lists what is there", "%s",
+        doctor_say(d, DOCTOR_PROBLEM, "board", "docs/boards.md: each error and what to do", "%s",
                    err.message);
         return EXIT_RUN_FAILED;
     }
@@ -173,9 +189,14 @@ static int run_doctor(int argc, char **argv)
     mk_model_default(MK_PLANT_PENDUBOT, &model);
     if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
         return report_error(&err);
-    struct doctor d = {.line = print_line, .ask = print_request};
+    signals_catch(on_signal);
+    struct doctor d = {.line = print_line, .ask = print_request, .cancel = &cancelled};
     doctor_machine(&d, o.fast ? 0.1 : 2.0);
     code = open_and_examine(&d, ops, &model, &o);
+    if (cancelled) {
+        printf("broken off by a signal, motor off\n");
+        return EXIT_RUN_FAILED;
+    }
     printf(d.problems ? "%d problem%s\n" : "all is well\n", d.problems, d.problems == 1 ? "" : "s");
     return code;
 }

@@ -1,6 +1,5 @@
 /* mechkit run: a command file, headless. */
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +7,7 @@
 #include "console/cmd.h"
 #include "console/cmdfile.h"
 #include "console/session_args.h"
+#include "console/signals.h"
 
 /* Set by a signal: every wait ends, the script stops, the motor goes off. */
 static volatile int cancelled;
@@ -16,17 +16,6 @@ static void on_signal(int number)
 {
     (void)number;
     cancelled = 1;
-}
-
-static void catch_signals(void)
-{
-    struct sigaction action;
-    memset(&action, 0, sizeof action);
-    action.sa_handler = on_signal;
-    sigemptyset(&action.sa_mask);
-    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT};
-    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
-        sigaction(numbers[i], &action, NULL);
 }
 
 struct options {
@@ -97,7 +86,7 @@ static int execute(struct options *o, const struct cmdfile *file)
     o->session.say = say;
     o->session.user = o;
     o->session.cancel = &cancelled;
-    catch_signals();
+    signals_catch(on_signal);
     enum mk_status st = session_open(&session, &o->session, &err);
     int code = st == MK_OK ? EXIT_OK : report_error(&err);
     if (st == MK_OK) {

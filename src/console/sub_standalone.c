@@ -7,6 +7,7 @@
 
 #include "console/doctor.h"
 #include "console/options.h"
+#include "console/signals.h"
 #include "driver/standalone.h"
 #include "driver/wire.h"
 #include "mechkit/log.h"
@@ -295,9 +296,7 @@ static int run(int argc, char **argv)
         mk_clock_init_simulated(&clock);
     else
         mk_clock_init_monotonic(&clock);
-    const struct sigaction action = {.sa_handler = on_signal};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    signals_catch(on_signal);
     const struct mk_board_config config = {
         .model = &model, .clock = &clock, .seed = 1, .device = o.device};
     enum mk_status st = mk_board_open(ops, &config, &board, &err);
