@@ -239,6 +239,23 @@ START_TEST(wrong_usage_is_2_and_a_bad_file_3)
 }
 END_TEST
 
+START_TEST(bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal)
+{
+    static const char zeros[] = "setup pi-speed\n\0\0\0";
+    const char *path = scratch("zeros.cmd");
+    FILE *f = fopen(path, "wb");
+    ck_assert_ptr_nonnull(f);
+    fwrite(zeros, 1, sizeof zeros - 1, f);
+    fclose(f);
+    struct outcome o = MECHKIT("run", path, "--fast");
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "zeros.cmd:2: a zero byte: this is no text file"));
+    o = MECHKIT("run", scratch_text("steer.cmd", "\x1b[2J\x07\n"), "--fast");
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_ptr_nonnull(strstr(o.err, "there is no command '?[2J?'"));
+}
+END_TEST
+
 START_TEST(a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves)
 {
     const char *script = scratch_text("fine.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n");
@@ -443,6 +460,7 @@ Suite *suite_console(void)
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
+    tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);

@@ -1,6 +1,7 @@
 #include "console/cmdfile.h"
 
 #include <errno.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -169,12 +170,30 @@ static void on_command(struct reader *r, const char *path, int line, const char 
     }
 }
 
+/* fgets into a line of MAX_LINE characters. */
+static bool next_line(char *line, FILE *in, bool *has_zeros)
+{
+    memset(line, 1, MAX_LINE); /* the last zero in it is then the one behind the text */
+    if (!fgets(line, MAX_LINE, in))
+        return false;
+    size_t end = MAX_LINE - 1;
+    while (line[end] != '\0')
+        end--;
+    *has_zeros = strlen(line) < end;
+    return true;
+}
+
 static void read_lines(struct reader *r, FILE *in, const char *path)
 {
     char line[MAX_LINE];
     int number = 0, floor = r->open_count;
-    while (fgets(line, sizeof line, in)) {
+    bool has_zeros;
+    while (next_line(line, in, &has_zeros)) {
         number++;
+        if (has_zeros) {
+            complain_at(r, path, number, "a zero byte: this is no text file");
+            return;
+        }
         if (!strchr(line, '\n') && !feof(in)) {
             complain_at(r, path, number, "the line is too long: at most 1000 characters");
             return;

@@ -4,10 +4,20 @@
 
 #include "console/sub.h"
 
+/* What a file had in it may be part of the message: it must not steer the terminal. */
+static void drop_controls(char *text)
+{
+    for (char *c = text; *c; c++)
+        if (((unsigned char)*c < ' ' && *c != '\n' && *c != '\t') || *c == 0x7f)
+            *c = '?';
+}
+
 int report_error(const struct mk_error *err)
 {
     char text[1024];
-    fprintf(stderr, "mechkit: %s\n", mk_error_format(err, text, sizeof text));
+    mk_error_format(err, text, sizeof text);
+    drop_controls(text);
+    fprintf(stderr, "mechkit: %s\n", text);
     switch (err->status) {
     case MK_ERR_PARSE:
     case MK_ERR_RANGE:
