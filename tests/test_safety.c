@@ -1,9 +1,12 @@
 #include "suites.h"
 
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "mechkit/safety.h"
+#include "support/files.h"
 
 #define DT 0.002
 
@@ -243,6 +246,56 @@ START_TEST(wheels_and_the_furuta_arm_rest_anywhere)
 }
 END_TEST
 
+/* --- the hazard table of docs/safety.md --- */
+
+/* Names in backquotes: `test_file`, `test_file: a_test`, or `a_test` of the file named last. */
+static void check_named(const char *name, char *file, size_t size)
+{
+    char wanted[256];
+    const char *test = name;
+    if (strncmp(name, "test_", 5) == 0) {
+        snprintf(file, size, "%s/tests/%.*s.c", MK_SOURCE_DIR, (int)strcspn(name, ":"), name);
+        test = strstr(name, ": ");
+        test = test ? test + 2 : "";
+    }
+    char *text = slurp_file(file);
+    ck_assert_msg(text != NULL, "%s: there is no %s", name, file);
+    snprintf(wanted, sizeof wanted, "START_TEST(%s", test);
+    ck_assert_msg(strstr(text, wanted) != NULL, "%s has no test '%s'", file, test);
+    free(text);
+}
+
+START_TEST(every_row_of_the_hazard_table_names_tests_that_exist)
+{
+    char *text = slurp_file(MK_SOURCE_DIR "/docs/safety.md");
+    ck_assert_ptr_nonnull(text);
+    char *row = strstr(text, "| what can go wrong"), *end = strstr(text, "\n\nSamples that");
+    ck_assert(row && end && row < end);
+    *end = '\0';
+    int named = 0, without = 0;
+    for (row = strtok(row, "\n"); row; row = strtok(NULL, "\n")) {
+        char *cell = strrchr(row, '|'), file[512] = "";
+        ck_assert_msg(cell != NULL && cell > row, "%s", row);
+        *cell = '\0';
+        cell = strrchr(row, '|');
+        without += strcmp(cell, "| - ") == 0;
+        for (char *c = strchr(cell, '`'); c; c = strchr(c + 1, '`')) {
+            char *name = c + 1;
+            c = strchr(name, '`');
+            ck_assert_msg(c != NULL, "%s", row);
+            *c = '\0';
+            if (strncmp(name, "make ", 5) != 0) {
+                check_named(name, file, sizeof file);
+                named++;
+            }
+        }
+    }
+    ck_assert_int_ge(named, 25);
+    ck_assert_int_eq(without, 2); /* what no software can stop */
+    free(text);
+}
+END_TEST
+
 Suite *suite_safety(void)
 {
     Suite *s = suite_create("safety");
@@ -266,6 +319,9 @@ Suite *suite_safety(void)
     tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, links_away_from_rest_do_not_hang);
     tcase_add_test(t, wheels_and_the_furuta_arm_rest_anywhere);
+    suite_add_tcase(s, t);
+    t = tcase_create("table");
+    tcase_add_test(t, every_row_of_the_hazard_table_names_tests_that_exist);
     suite_add_tcase(s, t);
     return s;
 }
