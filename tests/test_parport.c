@@ -91,6 +91,8 @@ START_TEST(what_stands_in_the_way_is_named)
     emu_bench_init(&bench, "parport", &config);
     ck_assert_int_eq(try_open("/dev/parport3"), MK_ERR_NOTFOUND);
     ck_assert_ptr_nonnull(strstr(err.message, "modprobe"));
+    ck_assert_int_eq(try_open("/dev/null"), MK_ERR_NOTFOUND);
+    ck_assert_ptr_nonnull(strstr(err.message, "no parallel port"));
     bench.pp.denied = true;
     ck_assert_int_eq(try_open(NULL), MK_ERR_PERM);
     ck_assert_ptr_nonnull(strstr(err.message, "udev rule"));

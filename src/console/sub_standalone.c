@@ -230,7 +230,7 @@ static enum mk_status fetch(struct mk_wire *w, const struct mk_model *model,
     }
     if (st == MK_OK)
         printf("%u records are in %s, the last in phase %s\n", n, o->out,
-               n > 0 && r[n - 1].phase == MK_STANDALONE_BALANCE ? "balance" : "other than balance");
+               mk_phase_name(n > 0 ? (enum mk_phase)r[n - 1].phase : MK_PHASE_IDLE));
     mk_log_free(log);
     free(r);
     return st;

@@ -182,11 +182,15 @@ static enum mk_status open_device(struct mk_parport *p, const char *device, stru
 static enum mk_status claim(struct mk_parport *p, struct mk_error *err)
 {
     const struct timeval patience = {.tv_usec = KERNEL_PATIENCE_US};
-    if (ioctl(p->fd, PPEXCL) != 0 || ioctl(p->fd, PPCLAIM) != 0)
+    if (ioctl(p->fd, PPEXCL) != 0 || ioctl(p->fd, PPCLAIM) != 0) {
+        if (errno == ENOTTY)
+            return mk_error_set(err, MK_ERR_NOTFOUND,
+                                "this device is no parallel port: try /dev/parport0");
         return mk_error_set(err, errno == ENXIO || errno == EBUSY ? MK_ERR_BUSY : MK_ERR_IO,
                             "cannot claim the parallel port: another program or driver holds it "
                             "(rmmod lp?): %s",
                             strerror(errno));
+    }
     p->claimed = true;
     (void)ioctl(p->fd, PPSETTIME, &patience);
     return MK_OK;
