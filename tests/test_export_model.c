@@ -377,6 +377,9 @@ static void follow(struct fmu *f, const char *xml, const struct mk_log *log,
         unsigned at = start + (unsigned)i;
         ck_assert_int_eq(f->set(f->unit, &at, 1, mk_log_get(want, name)), 0);
     }
+    double first;
+    ck_assert_int_eq(f->get(f->unit, q, 1, &first), 0); /* start values are there at once */
+    ck_assert_double_eq_tol(first, mk_log_get(want, "q1")[0], 1e-9);
     ck_assert_int_eq(f->leave(f->unit), 0);
     for (size_t k = 0; k + 1 < log->rows; k++) {
         double y[2];
@@ -420,6 +423,37 @@ START_TEST(an_fmu_with_play_predicts_what_simulate_predicts)
     dlclose(f.library);
     mk_log_free(log);
     mk_log_free(want);
+    free(xml);
+}
+END_TEST
+
+/* A reading that is 50 ms old, when the unit is driven in steps of 1 ms and of 10 us. */
+START_TEST(an_fmu_with_an_old_sensor_does_not_mind_tiny_steps)
+{
+    struct mk_model m;
+    struct fmu f;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    add(&m, "sensor-delay", 1);
+    m.effect[0].value[0] = 0.05;
+    char *xml = unpacked_fmu(&m, &f);
+    unsigned u = reference(xml, "u"), q = reference(xml, "q1");
+    double y[2];
+    for (int tiny = 0; tiny < 2; tiny++) {
+        int steps = tiny ? 30000 : 300;
+        double h = 0.3 / steps, push = 3.0;
+        ck_assert_int_eq(f.reset(f.unit), 0);
+        ck_assert_int_eq(f.setup(f.unit, 0, 0, 0.0, 0, 0), 0);
+        ck_assert_int_eq(f.enter(f.unit), 0);
+        ck_assert_int_eq(f.leave(f.unit), 0);
+        ck_assert_int_eq(f.set(f.unit, &u, 1, &push), 0);
+        for (int k = 0; k < steps; k++)
+            ck_assert_int_eq(f.step(f.unit, k * h, h, 1), 0);
+        ck_assert_int_eq(f.get(f.unit, &q, 1, &y[tiny]), 0);
+    }
+    ck_assert_double_gt(fabs(y[0]), 0.01);
+    ck_assert_double_eq_tol(y[1], y[0], 1e-7);
+    f.release(f.unit);
+    dlclose(f.library);
     free(xml);
 }
 END_TEST
@@ -503,6 +537,7 @@ Suite *suite_export_model(void)
     c = tcase_create("fmu");
     tcase_set_timeout(c, 120);
     tcase_add_test(c, an_fmu_with_play_predicts_what_simulate_predicts);
+    tcase_add_test(c, an_fmu_with_an_old_sensor_does_not_mind_tiny_steps);
     tcase_add_test(c, an_fmu_without_a_compiler_has_its_sources);
     tcase_add_test(c, fmpy_validates_the_fmu_and_predicts_what_simulate_predicts);
     suite_add_tcase(s, c);

@@ -100,6 +100,10 @@ START_TEST(rigs_are_off_by_no_more_than_was_said)
     }
     ck_assert_double_gt(widest[0], 0.095);
     ck_assert_double_gt(widest[1], 0.285);
+    /* Far off, some draws are of no rig; others take their place. */
+    spread.parameters = 0.4;
+    for (uint64_t seed = 1; seed <= 2000; seed++)
+        ck_assert_int_eq(trial_rig(&believed, &spread, seed, &rig, NULL), MK_OK);
     ck_assert_int_eq(trial_rig(&believed, &spread, 0, &rig, NULL), MK_OK);
     ck_assert_mem_eq(&rig, &believed, sizeof rig);
 }

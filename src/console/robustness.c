@@ -72,6 +72,27 @@ static enum mk_status add_effect(struct mk_model *rig, const char *name, int joi
     return st;
 }
 
+/* Parameters that are far off may be of no rig at all, with a mass matrix that is not one: then
+ * others are drawn. */
+static enum mk_status draw_parameters(const struct mk_model *believed,
+                                      const struct trial_spread *spread, struct mk_random *random,
+                                      struct mk_model *out, struct mk_error *err)
+{
+    const int tries = 1000;
+    const struct mk_plant_info *plant = mk_plant(believed->plant);
+    enum mk_status st = MK_ERR_RANGE;
+    for (int k = 0; k < tries && st == MK_ERR_RANGE; k++) {
+        for (int i = 0; i < plant->parameter_count; i++) {
+            bool friction = i >= plant->parameter_count - 2; /* of every plant the last two */
+            out->parameter[i] =
+                believed->parameter[i] *
+                (1.0 + off_by(random, friction ? spread->friction : spread->parameters));
+        }
+        st = mk_model_check(out, err);
+    }
+    return st;
+}
+
 enum mk_status trial_rig(const struct mk_model *believed, const struct trial_spread *spread,
                          uint64_t seed, struct mk_model *out, struct mk_error *err)
 {
@@ -80,12 +101,7 @@ enum mk_status trial_rig(const struct mk_model *believed, const struct trial_spr
         return MK_OK;
     const struct mk_plant_info *plant = mk_plant(believed->plant);
     struct mk_random random = {seed};
-    for (int i = 0; i < plant->parameter_count; i++) {
-        bool friction = i >= plant->parameter_count - 2; /* of every plant the last two */
-        out->parameter[i] *=
-            1.0 + off_by(&random, friction ? spread->friction : spread->parameters);
-    }
-    enum mk_status st = MK_OK;
+    enum mk_status st = draw_parameters(believed, spread, &random, out, err);
     for (int j = 0; j < plant->joints && st == MK_OK; j++) {
         double count_rad = 2.0 * M_PI / out->encoder_cpr[j];
         st = add_effect(out, "encoder-offset", j + 1,

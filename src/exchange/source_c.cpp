@@ -115,10 +115,18 @@ void @NAME@_init(struct @NAME@ *s)
     s->atol = @ATOL@;
 }
 
+/* A caller that takes tiny steps does not push out what the delay still needs. */
 static void remember(struct @NAME@ *s)
 {
     if (@UPPER@_PAST == 1)
         return;
+    double oldest = sensor_delay[0] > sensor_delay[1] ? sensor_delay[0] : sensor_delay[1];
+    int newest = (s->next + @UPPER@_PAST - 1) % @UPPER@_PAST;
+    int before = (s->next + @UPPER@_PAST - 2) % @UPPER@_PAST;
+    if (s->remembered > 1 && s->past_t[newest] - s->past_t[before] < 2.0 * oldest / @UPPER@_PAST) {
+        s->next = newest;
+        s->remembered--;
+    }
     s->past_t[s->next] = s->t;
     memcpy(s->past_x[s->next], s->x, sizeof s->x);
     s->next = (s->next + 1) % @UPPER@_PAST;

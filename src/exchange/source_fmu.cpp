@@ -51,6 +51,7 @@ struct unit {
     struct @NAME@ rig;
     double u[2], start[@UPPER@_STATES];
     int at_rest; /* effects start at rest, whatever their start values */
+    int running; /* initialised: start values are taken */
     double t0;
     const fmi2CallbackFunctions *callbacks;
     fmi2String name;
@@ -132,6 +133,7 @@ EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
     restart(c);
+    ((struct unit *)c)->running = 1;
     return fmi2OK;
 }
 
@@ -149,6 +151,7 @@ EXPORT fmi2Status fmi2Reset(fmi2Component c)
     memcpy(m->start, start, sizeof start);
     m->u[0] = m->u[1] = 0.0;
     m->at_rest = 1;
+    m->running = 0;
     restart(m);
     return fmi2OK;
 }
@@ -157,6 +160,8 @@ EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference *r, size
 {
     struct unit *m = c;
     double y[@UPPER@_JOINTS];
+    if (!m->running)
+        restart(m);
     @NAME@_measure(&m->rig, y);
     for (size_t i = 0; i < n; i++) {
         fmi2ValueReference k = r[i] - OUTPUT;
