@@ -7,6 +7,8 @@
 #include "mechkit/ctrl.h"
 #include "mechkit/loop.h"
 
+#define RMS_ROWS 50 /* fewer say nothing about how still it is */
+
 static void copy_meta(const struct mk_log *log, const char *key, char *out, size_t size)
 {
     const char *value = mk_log_find_meta(log, key);
@@ -62,7 +64,7 @@ static void summarise_balance(const struct mk_log *log, struct run_summary *r)
         settled++;
     const struct mk_plant_info *plant = mk_plant_by_name(r->rig);
     for (int j = 0; j < MK_MAX_JOINTS; j++)
-        if (q[j] && settled < last && !(plant && plant->joint_is_wheel[j]))
+        if (q[j] && settled + RMS_ROWS < last && !(plant && plant->joint_is_wheel[j]))
             r->rms[j] = spread(q[j], settled, last);
 }
 
