@@ -230,7 +230,8 @@ bool write_case(const truth::Wish &wish, const std::string &folder)
 const char usage[] =
     "usage: mechkit-challenge [--cases N] [--seed S] [--rig R] [--kind K] [--effect E] [--joint "
     "J]\n"
-    "                         [--size X] [--jobs N] [--threads N] [--write DIR]\n"
+    "                         [--size X] [--rate HZ] [--seconds T] [--runs N]\n"
+    "                         [--jobs N] [--threads N] [--write DIR]\n"
     "Hides effects in made-up logs and scores what explain says; exit 1 when a case fails.\n";
 
 } // namespace
@@ -257,6 +258,12 @@ int main(int argc, char **argv)
             wish.joint = atoi(value.c_str());
         else if (key == "--size")
             wish.size = atof(value.c_str());
+        else if (key == "--rate")
+            wish.rate = atof(value.c_str());
+        else if (key == "--seconds")
+            wish.seconds = atof(value.c_str());
+        else if (key == "--runs")
+            wish.runs = (size_t)atoi(value.c_str());
         else if (key == "--jobs")
             jobs = atoi(value.c_str());
         else if (key == "--threads")

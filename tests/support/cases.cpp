@@ -476,6 +476,8 @@ Case make_case(const Wish &wish)
     static const double counts[] = {2048.0, 4000.0, 4000.0, 8192.0};
     Recording noise;
     noise.rate = rates[draw.below(4)];
+    if (wish.rate > 0.0)
+        noise.rate = wish.rate;
     for (double &cpr : noise.cpr)
         cpr = counts[draw.below(4)];
     for (int j = 0; j < MK_MAX_JOINTS; j++)
@@ -484,6 +486,8 @@ Case make_case(const Wish &wish)
     noise.dropped = draw.unit() < 0.3 ? 0.005 : 0.0;
     std::vector<std::string> inputs = inputs_for(c.rig.kind);
     size_t logs = 2 + draw.below(2);
+    if (wish.runs >= 2)
+        logs = wish.runs;
     for (size_t i = 0; i < logs; i++) {
         size_t pick = draw.below(inputs.size());
         // A log without a command shows too little to learn from alone.
@@ -491,7 +495,11 @@ Case make_case(const Wish &wish)
             while (inputs[pick] == "free")
                 pick = draw.below(inputs.size());
         c.how.push_back(draw_recording(noise, inputs[pick], draw));
+        if (wish.seconds > 0.0)
+            c.how.back().seconds = wish.seconds;
         inputs.erase(inputs.begin() + (long)pick);
+        if (inputs.empty() || (inputs.size() == 1 && inputs[0] == "free"))
+            inputs = inputs_for(c.rig.kind);
         if (!wish.logs)
             continue;
         OwnedLog log = as_log(record(c.rig, c.how.back()), c.rig, c.how.back());

@@ -36,6 +36,9 @@ struct Wish {
     double size = 1.0; // times the usual size
     uint64_t seed = 1;
     bool logs = true; // false: the rig and its effects alone
+    // 0: as is usual
+    double rate = 0.0, seconds = 0.0; // Hz; of each log
+    size_t runs = 0;                  // logs, the last one held out
 };
 Case make_case(const Wish &wish);
 
