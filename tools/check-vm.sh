@@ -12,7 +12,7 @@ tests=$1
 dir=$2
 shift 2
 suites=${*:-board usb bus_runs bus_faults ppdev}
-seconds=${MECHKIT_VM_SECONDS:-900}
+seconds=${MECHKIT_VM_SECONDS:-2700}
 
 skip() {
     echo "check-vm: skipped: $1"
