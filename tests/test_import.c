@@ -248,6 +248,7 @@ START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
         {"kind\n", ":1: expected"},
         {"[t]\ncolumn = a name that is longer than any column of a measured log has, by far\n",
          ":2: [t] column: too long a name"},
+        {"[t]\ncolumn =;t\n", ":2: [t] column: a value cannot begin with ;"},
         {"[t]\ncolumn = t\fs\n", ":2: [t] column: there is a control character"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {

@@ -137,6 +137,9 @@ static int on_entry(void *user, const char *section, const char *key, const char
     for (const char *at = value; *at; at++)
         if (iscntrl((unsigned char)*at))
             return refuse(r, "there is a control character in the value", section, key);
+    if (*value == ';') /* with a blank before it, as it would be written, a comment begins */
+        return refuse(r, "a value cannot begin with ; (a column also goes by its number)", section,
+                      key);
     if (strcmp(section, "source") == 0)
         return on_source(r, key, value);
     if (strcmp(section, "rig") == 0)
