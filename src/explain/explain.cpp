@@ -400,6 +400,27 @@ class Explainer
             near = near && f.nrmse(j) * held.deviation(model, j) < NEARLY * out.noise[j];
         return near;
     }
+    double noise_share(const HeldOut &held, int j) const
+    {
+        const double sd = held.deviation(model, j);
+        return sd > 0.0 ? out.noise[j] / sd : 0.0;
+    }
+    double floor_of(const HeldOut &held) const
+    {
+        double sum = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            sum += noise_share(held, j) * noise_share(held, j);
+        return sum;
+    }
+    // Where there is something to close, an extension that widens it is not what is missing,
+    // however well it does in most windows or at one joint.
+    bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
+                  const HeldOutFigures &after) const
+    {
+        constexpr double SOMETHING = 0.2, WIDER = 0.1; // of the noise, of the gap
+        const double floor = floor_of(held), gap = refitted.total() - floor;
+        return gap > SOMETHING * floor && after.total() - refitted.total() > WIDER * gap;
+    }
     enum mk_status measure(mk_error *err)
     {
         HeldOutFigures before, refitted, after;
@@ -407,7 +428,8 @@ class Explainer
         if (st != MK_OK)
             return st;
         const HeldOut held(data.held, out.window_s);
-        out.offered = out.cause_count > 0 && !clearly_worse(after, refitted);
+        out.offered = out.cause_count > 0 && !clearly_worse(after, refitted) &&
+                      !misleads(held, refitted, after);
         // A formula is worth having for what it predicts only.
         if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
             out.offered = false;
@@ -431,15 +453,13 @@ class Explainer
             out.extended = model;
             after = before;
         }
-        double floor = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
-            double sd = held.deviation(model, j);
             out.before[j] = before.nrmse(j);
             out.refitted[j] = refitted.nrmse(j);
             out.after[j] = after.nrmse(j);
-            out.floor[j] = sd > 0.0 ? out.noise[j] / sd : 0.0;
-            floor += out.floor[j] * out.floor[j];
+            out.floor[j] = noise_share(held, j);
         }
+        const double floor = floor_of(held);
         double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
         confirm_contact();
