@@ -391,13 +391,17 @@ class Explainer
         }
     }
     // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
-    // nothing explains says nothing then: long chaotic motion leaves one.
+    // nothing explains says nothing then: long chaotic motion leaves one, and so does a rig that is
+    // balanced for long, whose free run besides grows from any error at its start.
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
-        constexpr double NEARLY = 3.0;
+        constexpr double TRACE = 5e-3; // drift
+        const bool trace =
+            causes->refit.drift <= TRACE && leaves_white_noise(training, causes->refit);
+        const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            near = near && f.nrmse(j) * held.deviation(model, j) < NEARLY * out.noise[j];
+            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * out.noise[j];
         return near;
     }
     double noise_share(const HeldOut &held, int j) const

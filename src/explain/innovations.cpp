@@ -122,14 +122,16 @@ class Filter
             const int j = joint_of[r];
             VectorXd h = H.row((long)r).transpose();
             VectorXd ph = P * h;
-            double s = h.dot(ph) + noise[j] * noise[j];
+            // Rounding may leave a little less than nothing of what is known well.
+            double s = std::max(h.dot(ph), 0.0) + noise[j] * noise[j];
             double e = residual((long)r) - h.dot(correction);
             note(k, j, x + correction, e / std::sqrt(s), series);
             correction += ph * (e / s);
             P -= ph * ph.transpose() / s;
         }
         x = x_end + F * correction;
-        P = F * P * F.transpose();
+        const MatrixXd carried = F * P * F.transpose();
+        P = 0.5 * (carried + carried.transpose());
         const double span = log.t[k + 1] - log.t[k];
         for (int s = joints; s < ns; s++)
             P(s, s) += (s < 2 * joints ? drift * drift : HIDDEN * HIDDEN) * span;
