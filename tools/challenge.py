@@ -9,7 +9,6 @@ is simulated in windows of 1 s and compared with the noise-free angles. No packa
 is needed.
 """
 import csv
-import glob
 import gzip
 import json
 import math
@@ -19,6 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
+
+from cases import cases
 
 TIMEOUT = 60.0  # s a case
 
@@ -36,17 +37,17 @@ def table(path):
     return columns
 
 
-def closed(mechkit, folder, case, extended, score):
+def closed(mechkit, case, extended):
     """How much of what a refitted base model leaves the extension takes away: -1 to 1."""
     with tempfile.TemporaryDirectory() as scratch:
         out = os.path.join(scratch, "p.csv")
         done = subprocess.run(
             [mechkit, "simulate", "--model", extended, "--window", "1.0", "--out", out,
-             "--input", f"{folder}/{case}/holdout_1.csv.gz"], capture_output=True, text=True)
+             "--input", case.holdout], capture_output=True, text=True)
         if done.returncode:
             return -1.0
         predicted = table(out)
-    truth = table(f"{folder}/truth/{case}_holdout.csv.gz")
+    truth, score = table(case.holdout_truth), case.truth["score"]
     valid = set(score["valid"])
     after = 0.0
     for joint, std in enumerate(score["std"]):
@@ -103,29 +104,16 @@ def share(marks, key):
 def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    mechkit, wanted = sys.argv[1], sys.argv[2:]
-    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    shared = os.environ.get("MECHKIT_SHARED", os.path.join(here, "..", "shared"))
-    folder = os.path.join(shared, "challenge")
-    answers = sorted(glob.glob(f"{folder}/truth/case_*.json"))
-    if not answers:
-        print(f"SKIPPED: no cases with answers in {folder}")
-        return
+    mechkit = sys.argv[1]
     marks, weak = [], []
-    for path in answers:
-        case = os.path.basename(path)[:-5]
-        if wanted and case not in wanted and case[5:] not in wanted:
-            continue
-        with open(path) as file:
-            truth = json.load(file)
+    for case in cases(sys.argv[2:]):
+        truth = case.truth
         with tempfile.TemporaryDirectory() as out:
             begin = time.time()
             try:
-                done = subprocess.run(
-                    [mechkit, "explain", "--model", f"{folder}/{case}/base.ini", "--out", out,
-                     "--holdout", f"{folder}/{case}/holdout_1.csv.gz"]
-                    + sorted(glob.glob(f"{folder}/{case}/train_*")),
-                    capture_output=True, text=True, timeout=TIMEOUT)
+                subprocess.run(
+                    [mechkit, "explain", "--model", case.model, "--out", out, "--holdout",
+                     case.holdout] + case.train, capture_output=True, text=True, timeout=TIMEOUT)
                 with open(f"{out}/report.json") as file:
                     report = json.load(file)
             except (subprocess.TimeoutExpired, OSError, ValueError):
@@ -134,15 +122,16 @@ def main():
             mark["seconds"] = time.time() - begin
             hidden = [e["name"] for e in truth["effects"]]
             if hidden and "missed-counts" not in hidden and report["verdict"] != "FAILED":
-                mark["closed"] = closed(mechkit, folder, case, f"{out}/extended.ini",
-                                        truth["score"])
+                mark["closed"] = closed(mechkit, case, f"{out}/extended.ini")
         (weak if truth.get("weak") else marks).append(mark)
         flags = " ".join(k for k in ("first", "rival", "both", "off", "alarm") if mark.get(k))
-        print(f"{case} {truth['rig']:14} {truth['kind']:10} {', '.join(hidden):34} -> "
+        print(f"{case.name} {truth['rig']:14} {truth['kind']:10} {', '.join(hidden):34} -> "
               f"{mark['verdict']:10} "
               f"{', '.join(n if j is None else f'{n}@{j}' for n, j in mark['said']):34} "
               f"{flags or '-':16} closed {mark.get('closed', math.nan):6.3f} "
               f"{mark['seconds']:5.1f} s{' weak' if truth.get('weak') else ''}", flush=True)
+    if not marks + weak:
+        return
     singles = [m for m in marks if "first" in m]
     print(f"right first {share(singles, 'first')}, or among rivals {share(singles, 'rival')}; "
           f"false alarms {share(marks, 'alarm')}; off the catalogue {share(marks, 'off')}")

@@ -7,24 +7,25 @@ The cases are those of $MECHKIT_SHARED/challenge (or ../shared/challenge beside 
 hide no effect; without the folder this says so and exits 0. Fitted are their training logs, from the
 given parameters. No package beyond Python's own is needed.
 """
-import glob
 import json
 import os
 import subprocess
 import sys
 import tempfile
 
+from cases import cases
+
 WITHIN = 1.959964  # standard errors: 95 %
 WANTED = 0.90
 
 
-def fit(mechkit, folder):
+def fit(mechkit, case):
     """The fit's JSON, or None and why not."""
     with tempfile.TemporaryDirectory() as scratch:
         out = os.path.join(scratch, "fit.json")
         done = subprocess.run(
-            [mechkit, "identify", "--model", f"{folder}/base.ini", "--json", out]
-            + sorted(glob.glob(f"{folder}/train_*")), capture_output=True, text=True)
+            [mechkit, "identify", "--model", case.model, "--json", out] + case.train,
+            capture_output=True, text=True)
         if done.returncode:
             return None, done.stderr.strip()
         with open(out) as file:
@@ -34,25 +35,16 @@ def fit(mechkit, folder):
 def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    mechkit, wanted = sys.argv[1], sys.argv[2:]
-    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    shared = os.environ.get("MECHKIT_SHARED", os.path.join(here, "..", "shared"))
-    folder = os.path.join(shared, "challenge")
-    answers = sorted(glob.glob(f"{folder}/truth/case_*.json"))
-    if not answers:
-        print(f"SKIPPED: no cases with answers in {folder}")
-        return
+    mechkit = sys.argv[1]
     inside = count = 0
-    print("errors of the parameters in standard errors; * outside the 95 % interval")
-    for path in answers:
-        case = os.path.basename(path)[:-5]
-        with open(path) as file:
-            truth = json.load(file)
-        if truth["kind"] not in ("none", "parameters") or wanted and case not in wanted:
+    for case in cases(sys.argv[2:]):
+        if case.truth["kind"] not in ("none", "parameters"):
             continue
-        result, why = fit(mechkit, f"{folder}/{case}")
+        if count == 0:
+            print("errors of the parameters in standard errors; * outside the 95 % interval")
+        result, why = fit(mechkit, case)
         cells = []
-        for i, true in enumerate(truth["parameters"]):
+        for i, true in enumerate(case.truth["parameters"]):
             count += 1
             if result is None:
                 continue
@@ -60,7 +52,10 @@ def main():
             z = (p["value"] - true) / p["stderr"] if p["stderr"] else float("inf")
             inside += abs(z) <= WITHIN
             cells.append(f"{z:6.2f}{' ' if abs(z) <= WITHIN else '*'}")
-        print(f"{case} {truth['rig']:14} {truth['kind']:10} {' '.join(cells) or why}", flush=True)
+        print(f"{case.name} {case.truth['rig']:14} {case.truth['kind']:10} "
+              f"{' '.join(cells) or why}", flush=True)
+    if count == 0:
+        return
     print(f"{inside} of {count} true parameters inside, {100 * inside / count:.1f} %")
     if inside < WANTED * count:
         sys.exit(f"intervals: less than {100 * WANTED:.0f} %")

@@ -18,6 +18,8 @@ import sys
 import tempfile
 from collections import namedtuple
 
+from cases import shared
+
 Rig = namedtuple("Rig", "folder model map effects train validate window")
 
 # Effects to add: section, joint, start values.
@@ -116,9 +118,8 @@ def main():
         sys.exit(__doc__)
     mechkit, wanted = sys.argv[1], sys.argv[2:]
     here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    shared = os.environ.get("MECHKIT_SHARED", os.path.join(here, "..", "shared"))
     for rig in RIGS:
-        folder = os.path.join(shared, "data", rig.folder)
+        folder = os.path.join(shared(), "data", rig.folder)
         if wanted and rig.folder not in wanted:
             continue
         if not os.path.isdir(folder):
