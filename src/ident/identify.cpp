@@ -8,7 +8,7 @@
 #include <new>
 
 #include "ident/method.hpp"
-#include "ident/track.hpp"
+#include "ident/period.hpp"
 
 namespace
 {
@@ -67,7 +67,7 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
         return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
                            "%zu rows are too few to fit anything: %zu at least", record.rows,
                            FEWEST_ROWS);
-    double period = mk::median_period(record);
+    double period = mk::median_period(record.t, record.rows);
     if (period > LONGEST_PERIOD)
         return mk_error_at(
             err, MK_ERR_RANGE, log->path, 0, 0,

@@ -9,6 +9,8 @@
 
 #include <Eigen/Dense>
 
+#include "ident/period.hpp"
+
 namespace
 {
 
@@ -134,21 +136,11 @@ Likelihood likelihood(const Series &s, const Law &law)
     return l;
 }
 
-double median_step(const Series &s)
-{
-    std::vector<double> d;
-    size_t stride = std::max<size_t>(1, s.rows / 4096);
-    for (size_t k = 0; k + 1 < s.rows; k += stride)
-        d.push_back(s.t[k + 1] - s.t[k]);
-    std::nth_element(d.begin(), d.begin() + (long)(d.size() / 2), d.end());
-    return d[d.size() / 2];
-}
-
 // Golden section for the ratio of jerk to noise in decades of the bandwidth, then the level of
 // both.
 Law most_likely(const Series &s, const mk_smooth_options &o)
 {
-    double dt = median_step(s);
+    double dt = mk::median_period(s.t, s.rows);
     // Bandwidth w of the smoother: jerk2 / noise2 = w^6 dt.
     auto law = [&](double bandwidth) { return Law{1.0, std::pow(bandwidth / dt, 6.0) * dt}; };
     auto value = [&](double log_bandwidth) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <new>
 
+#include "ident/period.hpp"
 #include "mechkit/signals.h"
 
 namespace mk
@@ -129,20 +130,10 @@ std::vector<double> command(const Grid &grid, const mk_record &r, const double *
 
 } // namespace
 
-double median_period(const mk_record &r)
-{
-    std::vector<double> d;
-    size_t stride = std::max<size_t>(1, r.rows / 10000);
-    for (size_t k = 0; k + 1 < r.rows; k += stride)
-        d.push_back(r.t[k + 1] - r.t[k]);
-    std::nth_element(d.begin(), d.begin() + (long)(d.size() / 2), d.end());
-    return d[d.size() / 2];
-}
-
 Track track_of_record(const mk_record &r, const mk_model &model)
 {
     Track out;
-    Grid grid = {r.t[0], median_period(r), 0};
+    Grid grid = {r.t[0], median_period(r.t, r.rows), 0};
     grid.rows = (size_t)std::floor((r.t[r.rows - 1] - r.t[0]) / grid.period + 0.5) + 1;
     grid.rows = std::min(grid.rows, 4 * r.rows); // a log that slept is no longer than its readings
     out.period = grid.period;

@@ -20,9 +20,6 @@ struct Track {
     size_t rows() const { return measured.size(); }
 };
 
-// Median time between rows, of two rows at least, s.
-double median_period(const mk_record &record);
-
 // Smooths the readings (mechkit/signals.h), rougher than most likely: what is left of the noise
 // averages out in the equations, what the smoother bends does not. Throws std::bad_alloc; needs 5
 // readings of each joint.
