@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "mechkit/model.h"
 #include "support/files.h"
@@ -179,6 +181,27 @@ START_TEST(a_full_disk_keeps_the_old_model)
 }
 END_TEST
 
+START_TEST(writing_follows_links_and_replaces_no_device)
+{
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    struct stat info;
+    const char *file = scratch_text("file.ini", WHEEL), *link = scratch("link.ini");
+    const char *device = scratch("device.ini");
+    ck_assert(chmod(file, 0640) == 0 && symlink(file, link) == 0);
+    ck_assert(symlink("/dev/null", device) == 0);
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_model_write(link, &m, NULL, &err), MK_OK);
+    ck_assert(lstat(link, &info) == 0 && S_ISLNK(info.st_mode));
+    ck_assert(stat(file, &info) == 0 && (info.st_mode & 0777) == 0640);
+    ck_assert_int_eq(mk_model_read(file, &back, &err), MK_OK);
+    ck_assert_int_eq(back.plant, MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(mk_model_write(device, &m, NULL, &err), MK_OK);
+    ck_assert(lstat(device, &info) == 0 && S_ISLNK(info.st_mode));
+    ck_assert_int_eq(mk_model_write("/dev/full", &m, NULL, &err), MK_ERR_NOSPACE);
+}
+END_TEST
+
 START_TEST(the_models_that_ship_are_the_defaults)
 {
     for (int kind = 0; kind < MK_PLANT_COUNT; kind++) {
@@ -205,6 +228,7 @@ Suite *suite_model_file(void)
     tcase_add_test(t, bad_models_are_refused_with_their_line);
     tcase_add_test(t, random_text_does_no_harm);
     tcase_add_test(t, a_full_disk_keeps_the_old_model);
+    tcase_add_test(t, writing_follows_links_and_replaces_no_device);
     tcase_add_test(t, the_models_that_ship_are_the_defaults);
     suite_add_tcase(s, t);
     return s;

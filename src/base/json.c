@@ -81,10 +81,7 @@ static enum mk_status write_file(const char *path, const char *text, struct mk_e
     st = mk_out_file_write(&file, text, strlen(text), err);
     if (st == MK_OK)
         st = mk_out_file_write(&file, "\n", 1, err);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    return mk_out_file_finish(&file, st, err);
 }
 
 enum mk_status mk_json_write(const char *path, const cJSON *root, struct mk_error *err)

@@ -72,10 +72,7 @@ static enum mk_status sink_close(struct sink *s, enum mk_status st)
         if (closed != Z_OK && st == MK_OK)
             st = mk_error_errno(s->err, errno ? errno : EIO, s->file.path, "cannot write");
     }
-    if (st == MK_OK)
-        return mk_out_file_commit(&s->file, s->err);
-    mk_out_file_abandon(&s->file);
-    return st;
+    return mk_out_file_finish(&s->file, st, s->err);
 }
 
 static enum mk_status no_memory(const char *path, struct mk_error *err)

@@ -119,3 +119,39 @@ void mk_out_file_abandon(struct mk_out_file *file)
     free(file->temporary);
     free(file->target);
 }
+
+enum mk_status mk_out_file_finish(struct mk_out_file *file, enum mk_status st, struct mk_error *err)
+{
+    if (st == MK_OK)
+        return mk_out_file_commit(file, err);
+    mk_out_file_abandon(file);
+    return st;
+}
+
+enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
+                                struct mk_error *err)
+{
+    struct mk_out_file file;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st != MK_OK)
+        return st;
+    return mk_out_file_finish(&file, mk_out_file_write(&file, data, size, err), err);
+}
+
+enum mk_status mk_out_text_open(struct mk_out_text *out, const char *path, struct mk_error *err)
+{
+    *out = (struct mk_out_text){.path = path};
+    out->stream = open_memstream(&out->text, &out->size);
+    return out->stream ? MK_OK : mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+}
+
+enum mk_status mk_out_text_save(struct mk_out_text *out, struct mk_error *err)
+{
+    bool complete = !ferror(out->stream);
+    if (fclose(out->stream) != 0)
+        complete = false;
+    enum mk_status st = complete ? mk_out_file_save(out->path, out->text, out->size, err)
+                                 : mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", out->path);
+    free(out->text);
+    return st;
+}

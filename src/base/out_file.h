@@ -6,6 +6,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
 
 #include "mechkit/status.h"
 
@@ -30,6 +31,25 @@ MK_NODISCARD enum mk_status mk_out_file_write(struct mk_out_file *file, const ch
 MK_NODISCARD enum mk_status mk_out_file_commit(struct mk_out_file *file, struct mk_error *err);
 /* Closes and removes the temporary file. */
 void mk_out_file_abandon(struct mk_out_file *file);
+/* Commits what was written well (`st`), else abandons it. The first failure of the two. */
+MK_NODISCARD enum mk_status mk_out_file_finish(struct mk_out_file *file, enum mk_status st,
+                                               struct mk_error *err);
+/* All of the above for what is there already. */
+MK_NODISCARD enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
+                                             struct mk_error *err);
+
+/* The same for text that is printed: into memory first, so that a full disk fails in one place. */
+struct mk_out_text {
+    FILE *stream;
+    const char *path; /* the caller's */
+    char *text;
+    size_t size;
+};
+
+MK_NODISCARD enum mk_status mk_out_text_open(struct mk_out_text *out, const char *path,
+                                             struct mk_error *err);
+/* Writes what was printed to the file. Closes and frees, also on failure. */
+MK_NODISCARD enum mk_status mk_out_text_save(struct mk_out_text *out, struct mk_error *err);
 
 /* write(2) until all is written. 0 or errno; *written (NULL allowed) counts also on failure. */
 int mk_write_all(int fd, const char *data, size_t size, size_t *written);

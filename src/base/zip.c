@@ -129,10 +129,7 @@ enum mk_status mk_zip_write(const char *path, const struct mk_zip_entry *entries
         put_directory(&a, entries, p, count);
         if (a.status == MK_OK && a.offset > LIMIT)
             a.status = mk_error_set(err, MK_ERR_RANGE, "%s is too large for a ZIP archive", path);
-        if (a.status == MK_OK)
-            a.status = mk_out_file_commit(&a.file, err);
-        else
-            mk_out_file_abandon(&a.file);
+        a.status = mk_out_file_finish(&a.file, a.status, err);
     }
     for (size_t i = 0; i < count; i++)
         free(p[i].data);

@@ -117,10 +117,7 @@ static enum mk_status draw_to_file(const char *script, const char *path, FILE *c
     enum mk_status ended = finish(child, complaints, st == MK_OK ? err : NULL);
     if (st == MK_OK)
         st = ended;
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    return mk_out_file_finish(&file, st, err);
 }
 
 static enum mk_status run(const char *script, const char *path, struct mk_error *err)

@@ -181,24 +181,10 @@ static void put_rows(FILE *f, const struct sweep_journal *j)
 enum mk_status sweep_write_csv(const struct sweep_journal *j, const char *path,
                                struct mk_error *err)
 {
-    char *text = NULL;
-    size_t size = 0;
-    struct mk_out_file file;
-    FILE *f = open_memstream(&text, &size);
-    if (f)
-        put_rows(f, j);
-    if (!f || fclose(f) != 0) {
-        free(text);
-        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    }
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st == MK_OK) {
-        st = mk_out_file_write(&file, text, size, err);
-        if (st == MK_OK)
-            st = mk_out_file_commit(&file, err);
-        else
-            mk_out_file_abandon(&file);
-    }
-    free(text);
-    return st;
+    struct mk_out_text out;
+    enum mk_status st = mk_out_text_open(&out, path, err);
+    if (st != MK_OK)
+        return st;
+    put_rows(out.stream, j);
+    return mk_out_text_save(&out, err);
 }

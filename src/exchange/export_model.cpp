@@ -13,15 +13,7 @@ namespace mk
 
 enum mk_status write_text(const std::string &path, const std::string &text, mk_error *err)
 {
-    mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path.c_str(), err);
-    if (st != MK_OK)
-        return st;
-    st = mk_out_file_write(&file, text.data(), text.size(), err);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    return mk_out_file_save(path.c_str(), text.data(), text.size(), err);
 }
 
 // Words of C, MATLAB or Octave, of which no function can be called.

@@ -3,7 +3,6 @@
 #include <errno.h>
 #include <ini.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/out_file.h"
@@ -244,26 +243,11 @@ static void put_map(FILE *f, const struct mk_import_map *map)
 enum mk_status mk_import_map_write(const char *path, const struct mk_import_map *map,
                                    const char *comment, struct mk_error *err)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *f = open_memstream(&text, &size);
-    if (!f)
-        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    put_comment(f, comment);
-    put_map(f, map);
-    if (fclose(f) != 0) {
-        free(text);
-        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    }
-    struct mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st == MK_OK) {
-        st = mk_out_file_write(&file, text, size, err);
-        if (st == MK_OK)
-            st = mk_out_file_commit(&file, err);
-        else
-            mk_out_file_abandon(&file);
-    }
-    free(text);
-    return st;
+    struct mk_out_text out;
+    enum mk_status st = mk_out_text_open(&out, path, err);
+    if (st != MK_OK)
+        return st;
+    put_comment(out.stream, comment);
+    put_map(out.stream, map);
+    return mk_out_text_save(&out, err);
 }

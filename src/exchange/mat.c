@@ -279,10 +279,7 @@ static enum mk_status copy_out(const char *from, const char *path, struct mk_err
     if (st == MK_OK && ferror(in))
         st = mk_error_set(err, MK_ERR_IO, "cannot read %s", from);
     fclose(in);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    return mk_out_file_finish(&file, st, err);
 }
 
 /* A file in memory where there is such a place: matio does not notice a full disk, and HDF5 does

@@ -154,30 +154,15 @@ static void put_cell(FILE *f, double value, char separator)
 enum mk_status mk_table_write_csv(const char *path, const struct mk_table *table,
                                   const struct mk_log *meta, char separator, struct mk_error *err)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *f = open_memstream(&text, &size);
-    if (!f)
-        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    put_header(f, table, meta, separator);
+    struct mk_out_text out;
+    enum mk_status st = mk_out_text_open(&out, path, err);
+    if (st != MK_OK)
+        return st;
+    put_header(out.stream, table, meta, separator);
     for (size_t r = 0; r < table->rows; r++)
         for (size_t i = 0; i < table->count; i++) {
-            put_cell(f, table->column[i].data[r], separator);
-            fputc(i + 1 < table->count ? separator : '\n', f);
+            put_cell(out.stream, table->column[i].data[r], separator);
+            fputc(i + 1 < table->count ? separator : '\n', out.stream);
         }
-    if (fclose(f) != 0) {
-        free(text);
-        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    }
-    struct mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st == MK_OK) {
-        st = mk_out_file_write(&file, text, size, err);
-        if (st == MK_OK)
-            st = mk_out_file_commit(&file, err);
-        else
-            mk_out_file_abandon(&file);
-    }
-    free(text);
-    return st;
+    return mk_out_text_save(&out, err);
 }

@@ -6,19 +6,6 @@
 #include "mechkit/excite.h"
 #include "mechkit/number.h"
 
-static enum mk_status write_text(const char *path, const char *text, struct mk_error *err)
-{
-    struct mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st != MK_OK)
-        return st;
-    st = mk_out_file_write(&file, text, strlen(text), err);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
-}
-
 /* "dir/NAME.cmd" to "dir/NAME". */
 static enum mk_status stem_of(const char *path, char *out, size_t size, struct mk_error *err)
 {
@@ -56,5 +43,5 @@ enum mk_status mk_excitation_write(const struct mk_excitation *e, const char *pa
         return mk_error_set(err, MK_ERR_RANGE, "the path of the model is too long: %s", model);
     if (!e->input[0] && (st = mk_log_write(csv, e->plan, err)) != MK_OK)
         return st;
-    return write_text(path, text, err);
+    return mk_out_file_save(path, text, (size_t)n, err);
 }

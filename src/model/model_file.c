@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/ini_file.h"
+#include "base/out_file.h"
 #include "mechkit/number.h"
 
 struct reader {
@@ -339,31 +339,10 @@ static void write_model(FILE *f, const struct mk_model *m, const char *comment)
 enum mk_status mk_model_write(const char *path, const struct mk_model *model, const char *comment,
                               struct mk_error *err)
 {
-    size_t size = strlen(path) + 16;
-    char *temporary = malloc(size);
-    if (!temporary)
-        return mk_error_at(err, MK_ERR_NOMEM, path, 0, 0, "out of memory");
-    snprintf(temporary, size, "%s.tmp%d", path, (int)getpid());
-    enum mk_status st = MK_OK;
-    FILE *f = fopen(temporary, "w");
-    if (!f) {
-        st = mk_error_errno(err, errno, path, "cannot write the model");
-        free(temporary);
+    struct mk_out_text out;
+    enum mk_status st = mk_out_text_open(&out, path, err);
+    if (st != MK_OK)
         return st;
-    }
-    write_model(f, model, comment);
-    errno = 0;
-    bool failed = fflush(f) != 0 || ferror(f) || fsync(fileno(f)) != 0;
-    int why = errno;
-    failed = fclose(f) != 0 || failed;
-    if (!failed && rename(temporary, path) != 0) {
-        failed = true;
-        why = errno;
-    }
-    if (failed) {
-        st = mk_error_errno(err, why ? why : EIO, path, "cannot write the model");
-        unlink(temporary);
-    }
-    free(temporary);
-    return st;
+    write_model(out.stream, model, comment);
+    return mk_out_text_save(&out, err);
 }
