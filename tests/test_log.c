@@ -312,6 +312,21 @@ static void expect_equal(const struct mk_log *a, const struct mk_log *b)
         }
 }
 
+/* Shortest digits of a large double are those of a whole number. */
+START_TEST(an_unknown_column_of_large_numbers_stays_one_of_numbers)
+{
+    struct mk_log *log = read_text("t,x\n0,6.666666666666017e17\n1,-1e20\n2,1e15\n"), *back;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("large.csv");
+    ck_assert_int_eq(mk_log_write(path, log, &err), MK_OK);
+    ck_assert_int_eq(mk_log_read(path, &back, &err), MK_OK);
+    ck_assert(mk_log_get(back, "x") != NULL);
+    expect_equal(log, back);
+    mk_log_free(log);
+    mk_log_free(back);
+}
+END_TEST
+
 START_TEST(a_round_trip_is_exact_plain_and_compressed)
 {
     struct mk_log *log = random_log(30000), *back;
@@ -528,6 +543,7 @@ Suite *suite_log(void)
     tcase_add_test(t, what_cannot_be_read_says_why);
     tcase_add_test(t, a_crash_while_writing_costs_the_last_line_only);
     tcase_add_test(t, unknown_columns_survive_a_round_trip);
+    tcase_add_test(t, an_unknown_column_of_large_numbers_stays_one_of_numbers);
     tcase_add_test(t, unknown_text_survives_to_the_letter);
     tcase_add_test(t, a_pipe_is_read_like_a_file);
     tcase_add_test(t, metadata_can_be_set_and_found);

@@ -1,5 +1,7 @@
 /* Reads a log line by line: only the columns stay in memory, and they grow as rows come. */
+#include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -226,16 +228,23 @@ static enum mk_status make_textual(struct reader *r, size_t column)
     return MK_OK;
 }
 
-/* A whole number that a double cannot hold (a time in ns, an identifier) would not survive. */
+/* A whole number that a double cannot hold (a time in ns, an identifier) would not survive. One
+ * that it can hold may be a double that we wrote. */
 static bool loses_digits(struct mk_span cell, double value)
 {
+    char held[DBL_MAX_10_EXP + 2];
     size_t length = (size_t)(cell.end - cell.begin);
     if (length <= 15 || memchr(cell.begin, '.', length) || fabs(value) < 9007199254740992.0)
         return false;
+    while (cell.begin < cell.end &&
+           (*cell.begin == '+' || *cell.begin == '-' || *cell.begin == '0'))
+        cell.begin++;
     for (const char *p = cell.begin; p < cell.end; p++)
-        if ((*p < '0' || *p > '9') && *p != '+' && *p != '-')
+        if (*p < '0' || *p > '9')
             return false; /* an exponent, inf */
-    return true;
+    length = (size_t)(cell.end - cell.begin);
+    return !isfinite(value) || snprintf(held, sizeof held, "%.0f", fabs(value)) != (int)length ||
+           memcmp(held, cell.begin, length) != 0;
 }
 
 static enum mk_status take_unknown_text(struct reader *r, size_t column)
