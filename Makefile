@@ -393,8 +393,8 @@ deb: ## Debian packages of program, library and headers in build/deb, looked at 
 BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identify.cpp)
 bench: $(B)/libmkbench.so $(B)/latency $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
 	$(PYTHON) -B tools/bench/bench.py $(BUILD) $(abspath $<) $(SECTIONS)
-$(B)/libmkbench.so: $(BENCH_SRC) $(LIB)
-	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+$(B)/libmkbench.so: $(BENCH_SRC) $(LIB) tools/bench/bench_pendubot.hpp
+	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $(BENCH_SRC) $(LIB) $(LDLIBS_ALL)
 
 .PHONY: cov
 cov: ## lines and branches that the tests reach, by folder (needs gcovr)

@@ -49,7 +49,6 @@ class Context:
         address = ctypes.c_void_p
         for name, types in {
                 "bench_reference": [address], "bench_rk4": [ctypes.c_int, address],
-                "bench_fast": [ctypes.c_int, ctypes.c_double, address],
                 "bench_many": [ctypes.c_int, ctypes.c_double, address],
                 "bench_held": [ctypes.c_int, ctypes.c_double, address],
                 "bench_fast_held": [ctypes.c_double, address],

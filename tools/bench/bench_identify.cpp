@@ -5,29 +5,15 @@
 #include <memory>
 #include <vector>
 
+#include "bench_pendubot.hpp"
 #include "mechkit/ident.h"
-#include "mechkit/sim.h"
-
-#define EXPORT extern "C" __attribute__((visibility("default")))
 
 namespace
 {
 
-constexpr double DT = 0.005, PI = 3.14159265358979323846;
-constexpr int PARAMETERS = 7;
-
 double command(int row)
 {
     return 1.5 * std::sin(6.0 * DT * row);
-}
-
-mk_model pendubot(const double *parameters)
-{
-    mk_model m;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    memcpy(m.parameter, parameters, PARAMETERS * sizeof *parameters);
-    m.g = 9.81;
-    return m;
 }
 
 struct FreeLog {
@@ -54,20 +40,13 @@ Log log_of(const double *angles, int rows)
 // Exact angles of a run from hanging under the command held between rows; out: rows x 2.
 EXPORT int bench_angles(const double *parameters, int rows, double *out)
 {
-    mk_model m = pendubot(parameters);
-    std::vector<double> u, x((size_t)(4 * rows));
+    const std::vector<mk_model> models = {pendubot(parameters)};
+    const std::vector<double> x0 = {-PI / 2, 0, 0, 0};
+    std::vector<double> u, x;
     for (int k = 0; k < rows; k++)
         u.insert(u.end(), {command(k), 0.0});
-    double x0[4] = {-PI / 2, 0, 0, 0};
-    mk_batch b = {};
-    b.model = &m;
-    b.model_count = 1;
-    b.dt = DT;
-    b.samples = rows - 1;
-    b.x0 = x0;
+    mk_batch b = batch_of(models, x0, DT, rows - 1, 1e-12, x);
     b.u = u.data();
-    b.rtol = b.atol = 1e-12;
-    b.x = x.data();
     if (mk_simulate_batch(&b, nullptr) != MK_OK)
         return 0;
     for (int k = 0; k < rows; k++)

@@ -1,32 +1,16 @@
-// What tools/bench times besides one trajectory: a plain loop to compare with, many trajectories,
-// derivatives, logs.
+// What tools/bench times besides one trajectory: a plain loop to compare with, derivatives, logs.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <vector>
 
 #include "base/random.h"
+#include "bench_pendubot.hpp"
 #include "mechkit/log.h"
-#include "mechkit/sim.h"
 #include "sim/shoot.hpp"
-
-#define EXPORT extern "C" __attribute__((visibility("default")))
 
 namespace
 {
-
-constexpr int SAMPLES = 2000;
-constexpr double DT = 0.005, PI = 3.14159265358979323846;
-const double P[7] = {0.0541, 0.0553, 0.0293, 0.7823, 0.3360, 0.1384, 0.1981};
-
-mk_model the_model()
-{
-    mk_model m;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    memcpy(m.parameter, P, sizeof P);
-    m.g = 9.81;
-    return m;
-}
 
 // The equations as one would write them down.
 void slope(double t, const double *x, double *dx)
@@ -73,31 +57,6 @@ EXPORT void bench_rk4(int substeps, double *out)
     }
 }
 
-// `count` trajectories, each from a start of its own; out is the first one, from hanging.
-EXPORT int bench_many(int count, double tolerance, double *out)
-{
-    static std::vector<double> x, x0;
-    std::vector<mk_model> models((size_t)count, the_model());
-    x.resize((size_t)count * (SAMPLES + 1) * 4);
-    x0.clear();
-    for (int i = 0; i < count; i++)
-        x0.insert(x0.end(), {-PI / 2 + 1e-4 * i, -1e-4 * i, 0, 0});
-    mk_sine drive = {1.5, 6.0, 0.0};
-    mk_batch b = {};
-    b.model = models.data();
-    b.model_count = count;
-    b.dt = DT;
-    b.samples = SAMPLES;
-    b.x0 = x0.data();
-    b.drive = &drive;
-    b.rtol = b.atol = tolerance;
-    b.x = x.data();
-    if (mk_simulate_batch(&b, nullptr) != MK_OK)
-        return 0;
-    memcpy(out, x.data(), sizeof(double) * (SAMPLES + 1) * 4);
-    return 1;
-}
-
 namespace
 {
 
@@ -105,7 +64,7 @@ namespace
 // `jac` (rows - 1 times 2 x 11, may be NULL) gets them.
 bool derivatives(size_t rows, double step, double *jac)
 {
-    mk_model model = the_model();
+    mk_model model = pendubot(P);
     std::vector<double> t(rows), u(rows), zero(rows, 0.0), one(rows, 1.0);
     for (size_t k = 0; k < rows; k++) {
         t[k] = DT * (double)k;
