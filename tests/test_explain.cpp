@@ -81,24 +81,35 @@ mk_log *record(const Hidden &h, int kind, double seconds)
     return log;
 }
 
-mk_explanation explained(const Hidden &h, bool exact = false, double most_s = 0.0)
+// The pendulum without what is hidden.
+mk_model pendulum(bool exact)
 {
     mk_model model;
     mk_model_default(MK_PLANT_PENDULUM, &model);
-    double truth[4] = {J, MGL, C, F};
+    const double truth[4] = {J, MGL, C, F};
     for (int i = 0; i < 4; i++)
         model.parameter[i] = truth[i] * (exact ? 1.0 : i % 2 ? 1.1 : 0.92);
-    mk_log *train = record(h, 0, 6.0), *hold = record(h, 1, 5.0);
+    return model;
+}
+
+// Frees the logs; `hold` may be null.
+mk_explanation explained(const mk_model &model, mk_log *train, mk_log *hold, double most_s = 0.0)
+{
     mk_explanation e;
     mk_error err = MK_ERROR_INIT;
     mk_explain_options options = {};
     options.threads = 2;
     options.most_s = most_s;
-    enum mk_status st = mk_explain(&model, &train, 1, &hold, 1, &options, &e, &err);
+    enum mk_status st = mk_explain(&model, &train, 1, &hold, hold ? 1 : 0, &options, &e, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     mk_log_free(train);
     mk_log_free(hold);
     return e;
+}
+
+mk_explanation explained(const Hidden &h, bool exact = false, double most_s = 0.0)
+{
+    return explained(pendulum(exact), record(h, 0, 6.0), record(h, 1, 5.0), most_s);
 }
 
 // A loop on a busy machine: each exchange comes late, some a whole period and more, and then the
@@ -225,18 +236,7 @@ END_TEST
 
 START_TEST(samples_that_came_late_are_taken_for_when_they_came)
 {
-    mk_model model;
-    mk_model_default(MK_PLANT_PENDULUM, &model);
-    const double truth[4] = {J, MGL, C, F};
-    std::copy(truth, truth + 4, model.parameter);
-    mk_log *log = record_late(8.0);
-    mk_explanation e;
-    mk_error err = MK_ERROR_INIT;
-    mk_explain_options options = {};
-    options.threads = 2;
-    ck_assert_msg(mk_explain(&model, &log, 1, nullptr, 0, &options, &e, &err) == MK_OK, "%s",
-                  err.message);
-    mk_log_free(log);
+    mk_explanation e = explained(pendulum(true), record_late(8.0), nullptr);
     ck_assert_msg(e.verdict == MK_VERDICT_NONE, "%s %s", mk_verdict_name(e.verdict), e.structure);
     ck_assert_double_lt(e.drift_refit, 3e-4);
 }
@@ -245,10 +245,6 @@ END_TEST
 // With the board's own clock only the host was late.
 START_TEST(samples_by_the_boards_clock_are_not_moved)
 {
-    mk_model model;
-    mk_model_default(MK_PLANT_PENDULUM, &model);
-    const double truth[4] = {J, MGL, C, F};
-    std::copy(truth, truth + 4, model.parameter);
     mk_log *log = record({}, 0, 8.0);
     double *late = mk_log_add_column(log, "late_us"), *flags = mk_log_add_column(log, "flags");
     for (size_t k = 0; k < log->rows; k++) {
@@ -256,13 +252,7 @@ START_TEST(samples_by_the_boards_clock_are_not_moved)
         flags[k] = late[k] > 2000.0 ? 1.0 : 0.0;
     }
     ck_assert_int_eq(mk_log_set_meta(log, "clock", "board"), MK_OK);
-    mk_explanation e;
-    mk_error err = MK_ERROR_INIT;
-    mk_explain_options options = {};
-    options.threads = 2;
-    ck_assert_msg(mk_explain(&model, &log, 1, nullptr, 0, &options, &e, &err) == MK_OK, "%s",
-                  err.message);
-    mk_log_free(log);
+    mk_explanation e = explained(pendulum(true), log, nullptr);
     ck_assert_msg(e.verdict == MK_VERDICT_NONE, "%s %s", mk_verdict_name(e.verdict), e.structure);
     // Times that are off at random look like noise of the readings.
     ck_assert_double_lt(e.noise[0], 0.5 * 2.0 * M_PI / 4000.0);
@@ -362,8 +352,7 @@ END_TEST
 
 START_TEST(a_log_without_motion_is_refused)
 {
-    mk_model model;
-    mk_model_default(MK_PLANT_PENDULUM, &model);
+    const mk_model model = pendulum(true);
     Hidden h;
     h.dead = 100.0;
     mk_log *log = record(h, 0, 2.0);
