@@ -291,7 +291,7 @@ static void bouncing_model(struct mk_model *m)
 
 /* The functions of FMI 2.0 that a master of a co-simulation calls. */
 struct fmu {
-    void *library, *unit;
+    void *handle, *unit;
     void *(*instantiate)(const char *, int, const char *, const char *, const void *, int, int);
     void (*release)(void *);
     int (*setup)(void *, int, double, double, int, double);
@@ -305,15 +305,15 @@ struct fmu {
 
 static void *symbol(struct fmu *f, const char *name)
 {
-    void *p = dlsym(f->library, name);
+    void *p = dlsym(f->handle, name);
     ck_assert_msg(p != NULL, "the FMU has no %s", name);
     return p;
 }
 
-static void open_fmu(struct fmu *f, const char *library, const char *guid)
+static void open_fmu(struct fmu *f, const char *path, const char *guid)
 {
-    f->library = dlopen(library, RTLD_NOW);
-    ck_assert_msg(f->library != NULL, "%s", dlerror());
+    f->handle = dlopen(path, RTLD_NOW);
+    ck_assert_msg(f->handle != NULL, "%s", dlerror());
     *(void **)&f->instantiate = symbol(f, "fmi2Instantiate");
     *(void **)&f->release = symbol(f, "fmi2FreeInstance");
     *(void **)&f->setup = symbol(f, "fmi2SetupExperiment");
@@ -345,19 +345,19 @@ static unsigned reference(const char *xml, const char *name)
 /* Unpacks what the program exported; returns the description, to be freed. */
 static char *unpacked_fmu(const struct mk_model *m, struct fmu *f)
 {
-    char out[4096], dir[256], guid[64] = "", library[512];
+    char out[4096], dir[256], guid[64] = "", path[512];
     const char *ini = scratch("hard.ini");
     snprintf(dir, sizeof dir, "%s", scratch("fmu"));
     ck_assert_int_eq(mk_model_write(ini, m, NULL, NULL), MK_OK);
     int code = run_mechkit(out, sizeof out, "export --model %s --out %s", ini, scratch("rig.fmu"));
     ck_assert_msg(code == 0 && !*out, "%s", out);
     ck_assert_int_eq(unzip_all(scratch("rig.fmu"), dir, NULL, 0), 5);
-    snprintf(library, sizeof library, "%s/modelDescription.xml", dir);
-    char *xml = slurp_file(library);
+    snprintf(path, sizeof path, "%s/modelDescription.xml", dir);
+    char *xml = slurp_file(path);
     ck_assert_ptr_nonnull(xml);
     ck_assert_int_eq(sscanf(strstr(xml, "guid=\"") + 6, "%63[^\"]", guid), 1);
-    snprintf(library, sizeof library, "%s/binaries/linux64/rig.so", dir);
-    open_fmu(f, library, guid);
+    snprintf(path, sizeof path, "%s/binaries/linux64/rig.so", dir);
+    open_fmu(f, path, guid);
     return xml;
 }
 
@@ -420,7 +420,7 @@ START_TEST(an_fmu_with_play_predicts_what_simulate_predicts)
     r = 9999;
     ck_assert_int_ne(f.get(f.unit, &r, 1, &q1), 0);
     f.release(f.unit);
-    dlclose(f.library);
+    dlclose(f.handle);
     mk_log_free(log);
     mk_log_free(want);
     free(xml);
@@ -453,7 +453,7 @@ START_TEST(an_fmu_with_an_old_sensor_does_not_mind_tiny_steps)
     ck_assert_double_gt(fabs(y[0]), 0.01);
     ck_assert_double_eq_tol(y[1], y[0], 1e-7);
     f.release(f.unit);
-    dlclose(f.library);
+    dlclose(f.handle);
     free(xml);
 }
 END_TEST
