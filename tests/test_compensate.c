@@ -142,6 +142,17 @@ START_TEST(all_effects_together_leave_the_acceleration_wished_for)
 }
 END_TEST
 
+START_TEST(who_says_to_be_invertible_is_tried)
+{
+    for (int i = 0; i < mk_effect_count(); i++) {
+        bool tried = false;
+        for (size_t k = 0; k < CANCELLED_COUNT; k++)
+            tried = tried || strcmp(mk_effect(i)->name, cancelled[k].name) == 0;
+        ck_assert_msg(tried == mk_effect(i)->invertible, "%s", mk_effect(i)->name);
+    }
+}
+END_TEST
+
 START_TEST(effects_elsewhere_are_left_alone)
 {
     static const struct {
@@ -524,6 +535,7 @@ Suite *suite_compensate(void)
     tcase_add_loop_test(t, each_effect_within_reach_leaves_the_acceleration_wished_for, 0,
                         (int)CANCELLED_COUNT);
     tcase_add_test(t, all_effects_together_leave_the_acceleration_wished_for);
+    tcase_add_test(t, who_says_to_be_invertible_is_tried);
     tcase_add_test(t, effects_elsewhere_are_left_alone);
     tcase_add_test(t, what_takes_more_than_the_limit_gets_the_limit);
     tcase_add_test(t, a_command_that_does_nothing_stays_as_wished);

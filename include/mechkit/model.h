@@ -127,6 +127,12 @@ struct mk_effect_info {
     int event_count;
     int parameter_count;
     struct mk_parameter_info parameter[MK_MAX_EFFECT_PARAMETERS];
+    /* A command can cancel it at once, wherever it acts on the motor joint. */
+#ifdef __cplusplus
+    bool invertible = false;
+#else
+    bool invertible;
+#endif
 };
 
 int mk_effect_count(void);

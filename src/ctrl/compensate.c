@@ -13,25 +13,6 @@
 
 /* --- which effects ------------------------------------------------------------------------- */
 
-/* What a command can cancel at once, wherever it acts on the motor joint. Not delays and lags,
- * which have to be known before; not limits, beyond which there is nothing; not contact. Within its
- * limits `back-emf-limit` asks for nothing. */
-static const char *const invertible[] = {
-    "viscous",           "coulomb",          "coulomb-asymmetry", "stribeck",
-    "quadratic-drag",    "stiction",         "load-friction",     "friction-drift",
-    "cable-stiffness",   "cable-hysteresis", "cogging",           "imbalance",
-    "reflected-inertia", "deadband",         "gain-asymmetry",    "gain-drift",
-    "torque-ripple",     "custom",           "custom-wave",
-};
-
-static bool is_invertible(const struct mk_effect_use *use)
-{
-    for (size_t i = 0; i < sizeof invertible / sizeof invertible[0]; i++)
-        if (strcmp(mk_effect(use->index)->name, invertible[i]) == 0)
-            return true;
-    return false;
-}
-
 /* States at which an effect shows which equations it enters. */
 #define PROBES 4
 static const double probe[PROBES][4] = {
@@ -64,10 +45,12 @@ static bool leaves_other_joint(const struct mk_model *model)
     return true;
 }
 
+/* Not for delays and lags, which have to be known before; not for limits, beyond which there is
+ * nothing; not for contact. Within its limits `back-emf-limit` asks for nothing. */
 static bool can_make_up_for(const struct mk_model *believed, const struct mk_effect_use *use)
 {
     struct mk_model alone = *believed;
-    if (!is_invertible(use))
+    if (!mk_effect(use->index)->invertible)
         return false;
     alone.effect_count = 1;
     alone.effect[0] = *use;
@@ -111,9 +94,7 @@ static struct line plant_line(const struct mk_model *plant, double t, const doub
     return (struct line){zero, (most - zero) / plant->u_max};
 }
 
-#define STEPS                                                                                      \
-    47 /* every third halves the bracket; most laws are straight and take two or three             \
-        */
+#define STEPS 47 /* every third halves the bracket; most laws are straight and take 2 or 3 */
 #define CLOSE 1e-11
 
 double mk_compensate(const struct mk_model *full, const struct mk_model *plant, double t,

@@ -58,7 +58,8 @@ struct Deadband {
                                             0,
                                             0,
                                             1,
-                                            {{"width", "N m", "half width b", 0.0, INF, 0.1}}};
+                                            {{"width", "N m", "half width b", 0.0, INF, 0.1}},
+                                            true};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -79,7 +80,8 @@ struct GainAsymmetry {
                                             0,
                                             0,
                                             1,
-                                            {{"ratio", "", "a", -1.0, 1.0, 0.02}}};
+                                            {{"ratio", "", "a", -1.0, 1.0, 0.02}},
+                                            true};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -99,7 +101,8 @@ struct GainDrift {
                                             0,
                                             2,
                                             {{"loss", "", "final loss a", -1.0, 1.0, 0.05},
-                                             {"time-constant", "s", "T", 1e-3, INF, 4.0}}};
+                                             {"time-constant", "s", "T", 1e-3, INF, 4.0}},
+                                            true};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -122,7 +125,8 @@ struct TorqueRipple {
         {{"ratio", "", "amplitude a", 0.0, 1.0, 0.05},
          {"cycles", "1/rev", "periods per revolution n (integer)", 1.0, 1000.0, 1.0,
           MK_FIT_INTEGER},
-         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
+        true};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {

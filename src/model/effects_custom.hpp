@@ -25,7 +25,8 @@ struct Custom {
         0,
         2,
         {{"coefficient", "", "c", -INF, INF, 0.0},
-         {"term", "", "number of f", 1.0, 17.0, 1.0, MK_FIT_FIXED}}};
+         {"term", "", "number of f", 1.0, 17.0, 1.0, MK_FIT_FIXED}},
+        true};
     template <class S>
     static S term(const Frame<S> &f, int j, int number)
     {
@@ -113,7 +114,8 @@ struct CustomWave {
         {{"amplitude", "", "A", 0.0, INF, 0.0},
          {"phase", "rad", "phi", -INF, INF, 0.0, MK_FIT_ANGLE},
          {"term", "", "number of f and angle", 1.0, 8.0, 1.0, MK_FIT_FIXED},
-         {"frequency", "Hz", "of a term in time", 0.0, 1000.0, 1.0, MK_FIT_FREE, true}}};
+         {"frequency", "Hz", "of a term in time", 0.0, 1000.0, 1.0, MK_FIT_FREE, true}},
+        true};
     static constexpr int IN_TIME = 8;
     // Up to the phase.
     static const char *text(int number)

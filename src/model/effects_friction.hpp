@@ -20,7 +20,8 @@ struct Viscous {
         0,
         0,
         1,
-        {{"coefficient", "N m s/rad", "viscous friction c", 0.0, INF, 0.005}}};
+        {{"coefficient", "N m s/rad", "viscous friction c", 0.0, INF, 0.005}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -39,7 +40,8 @@ struct Coulomb {
         0,
         0,
         1,
-        {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}}};
+        {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -60,7 +62,8 @@ struct Stribeck {
         0,
         2,
         {{"level", "N m", "excess friction at rest Fs", 0.0, INF, 0.1},
-         {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0}}};
+         {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -81,7 +84,8 @@ struct QuadraticDrag {
         0,
         0,
         1,
-        {{"coefficient", "N m s^2/rad^2", "drag d", 0.0, INF, 1e-3}}};
+        {{"coefficient", "N m s^2/rad^2", "drag d", 0.0, INF, 1e-3}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -102,7 +106,8 @@ struct CoulombAsymmetry {
         0,
         0,
         1,
-        {{"difference", "N m", "forwards minus backwards dF", -INF, INF, 0.02}}};
+        {{"difference", "N m", "forwards minus backwards dF", -INF, INF, 0.02}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -125,7 +130,8 @@ struct Stiction {
         3,
         {{"stiffness", "N m/rad", "bristle stiffness sigma0", 1e-9, INF, 5.0},
          {"damping", "N m s/rad", "bristle damping sigma1", 0.0, INF, 0.05},
-         {"level", "N m", "friction when sliding g", 1e-9, INF, 0.05}}};
+         {"level", "N m", "friction when sliding g", 1e-9, INF, 0.05}},
+        true};
     template <class S>
     static S bend_rate(const Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -168,7 +174,8 @@ struct LoadFriction {
         0,
         0,
         1,
-        {{"coefficient", "", "friction per torque mu", 0.0, 1.0, 0.05}}};
+        {{"coefficient", "", "friction per torque mu", 0.0, 1.0, 0.05}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -190,7 +197,8 @@ struct FrictionDrift {
         0,
         2,
         {{"change", "", "final change, a fraction", -1.0, INF, 0.2},
-         {"time-constant", "s", "T", 1e-3, INF, 4.0}}};
+         {"time-constant", "s", "T", 1e-3, INF, 4.0}},
+        true};
     template <class S>
     static void frame(Frame<S> &f, const EffectArgs<S> &e)
     {

@@ -22,7 +22,8 @@ struct ReflectedInertia {
         0,
         0,
         1,
-        {{"inertia", "kg m^2", "reflected inertia J", 0.0, INF, 1e-3}}};
+        {{"inertia", "kg m^2", "reflected inertia J", 0.0, INF, 1e-3}},
+        true};
     template <class S>
     static void inertia(Frame<S> &f, const EffectArgs<S> &e)
     {

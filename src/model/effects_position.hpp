@@ -22,7 +22,8 @@ struct CableStiffness {
         0,
         2,
         {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.1},
-         {"rest", "rad", "angle q0 where the cable is slack", -INF, INF, 0.0, MK_FIT_CENTRE}}};
+         {"rest", "rad", "angle q0 where the cable is slack", -INF, INF, 0.0, MK_FIT_CENTRE}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -45,7 +46,8 @@ struct Cogging {
         {{"amplitude", "N m", "amplitude A", 0.0, INF, 0.05},
          {"cycles", "1/rev", "periods per revolution n (integer)", 1.0, 1000.0, 4.0,
           MK_FIT_INTEGER},
-         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+         {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -66,7 +68,8 @@ struct CableHysteresis {
         0,
         2,
         {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.3},
-         {"yield", "rad", "largest deflection zy", 1e-6, INF, 0.15}}};
+         {"yield", "rad", "largest deflection zy", 1e-6, INF, 0.15}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -104,7 +107,8 @@ struct Imbalance {
         0,
         2,
         {{"moment", "N m", "moment of the mass's weight m", 0.0, INF, 0.02},
-         {"phase", "rad", "its direction phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+         {"phase", "rad", "its direction phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
+        true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
