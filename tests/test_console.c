@@ -145,8 +145,44 @@ START_TEST(every_mistake_is_reported_with_its_line)
     ck_assert_int_eq(c.line[0], 1);
     parse("source nothing.cmd\n", &c);
     ck_assert_int_eq(c.count, 1);
-    parse("source s.cmd\n", &c); /* itself */
-    ck_assert_ptr_nonnull(strstr(c.first, "too deeply"));
+}
+END_TEST
+
+/* Each line that brings a file in again would multiply what is read at every depth. */
+START_TEST(files_that_source_each_other_come_to_an_end)
+{
+    struct complaints c;
+    parse("source s.cmd\nwait 1\nsource s.cmd\n", &c);
+    ck_assert_int_eq(c.count, 2);
+    ck_assert_msg(strstr(c.first, "sources itself") != NULL, "%s", c.first);
+    ck_assert_int_eq(c.line[0], 1);
+    ck_assert_int_eq(c.line[1], 3);
+    scratch_text("other.cmd", "source s.cmd\n");
+    parse("source other.cmd\n", &c);
+    ck_assert_int_eq(c.count, 1);
+    ck_assert_msg(strstr(c.first, "sources itself") != NULL, "%s", c.first);
+    char name[16], text[64];
+    for (int i = 0; i < 12; i++) {
+        snprintf(name, sizeof name, "f%d.cmd", i);
+        snprintf(text, sizeof text, "source f%d.cmd\nsource f%d.cmd\n", i + 1, i + 1);
+        scratch_text(name, i < 11 ? text : "wait 1\n");
+    }
+    parse("source f0.cmd\n", &c);
+    ck_assert_int_eq(c.count, 1);
+    ck_assert_msg(strstr(c.first, "1000 files") != NULL, "%s", c.first);
+    scratch_text("f5.cmd", "wait 1\n");
+    struct cmdfile *file = parse("source f0.cmd\nsource f0.cmd\n", &c);
+    ck_assert_msg(c.count == 0, "%s", c.first);
+    ck_assert_uint_eq(cmdfile_command_count(file), 64);
+    cmdfile_free(file);
+    for (int i = 0; i < 18; i++) {
+        snprintf(name, sizeof name, "f%d.cmd", i);
+        snprintf(text, sizeof text, "source f%d.cmd\n", i + 1);
+        scratch_text(name, text);
+    }
+    parse("source f0.cmd\n", &c);
+    ck_assert_int_eq(c.count, 1);
+    ck_assert_msg(strstr(c.first, "too deeply") != NULL, "%s", c.first);
 }
 END_TEST
 
@@ -458,6 +494,7 @@ Suite *suite_console(void)
     tcase_add_test(t, bad_conditions_are_refused_at_their_character);
     tcase_add_test(t, a_good_file_is_understood);
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
+    tcase_add_test(t, files_that_source_each_other_come_to_an_end);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);

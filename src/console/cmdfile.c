@@ -5,10 +5,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "console/cmd.h"
 
 #define MAX_SOURCES 16 /* nested files */
+#define MAX_FILES 1000 /* sourced in all: those that source each other twice grow without bounds   \
+                        */
 #define MAX_BLOCKS 16  /* nested repeats */
 #define MAX_LINE 1024
 #define MAX_COUNT 1000000
@@ -35,7 +38,11 @@ struct reader {
     void *user;
     struct mk_error *err;
     enum mk_status first; /* first error */
-    int depth;
+    int depth, files;
+    struct {
+        dev_t device;
+        ino_t number;
+    } reading[MAX_SOURCES];  /* files that are being read, by depth */
     size_t open[MAX_BLOCKS]; /* repeats that wait for their end */
     int open_count;
 };
@@ -216,10 +223,29 @@ static void read_lines(struct reader *r, FILE *in, const char *path)
     }
 }
 
+/* Writes down that `in` is being read; false: it is already. */
+static bool enter(struct reader *r, FILE *in)
+{
+    struct stat info;
+    if (fstat(fileno(in), &info) != 0)
+        return true;
+    for (int i = 0; i < r->depth; i++)
+        if (r->reading[i].device == info.st_dev && r->reading[i].number == info.st_ino)
+            return false;
+    r->reading[r->depth].device = info.st_dev;
+    r->reading[r->depth].number = info.st_ino;
+    return true;
+}
+
 static void read_file(struct reader *r, const char *path, const char *from, int from_line)
 {
     if (r->depth == MAX_SOURCES) {
         complain_at(r, from, from_line, "files source each other too deeply");
+        return;
+    }
+    if (++r->files > MAX_FILES) {
+        if (r->files == MAX_FILES + 1)
+            complain_at(r, from, from_line, "more than 1000 files are sourced in all");
         return;
     }
     FILE *in = strcmp(path, "-") == 0 ? stdin : fopen(path, "r");
@@ -230,15 +256,19 @@ static void read_file(struct reader *r, const char *path, const char *from, int 
         complain(r, &err);
         return;
     }
-    r->depth++;
-    errno = 0;
-    read_lines(r, in, strcmp(path, "-") == 0 ? "standard input" : path);
-    if (ferror(in)) { /* a directory, a broken disk */
-        struct mk_error err = MK_ERROR_INIT;
-        mk_error_errno(&err, errno ? errno : EIO, path, "cannot read");
-        complain(r, &err);
+    if (enter(r, in)) {
+        r->depth++;
+        errno = 0;
+        read_lines(r, in, strcmp(path, "-") == 0 ? "standard input" : path);
+        if (ferror(in)) { /* a directory, a broken disk */
+            struct mk_error err = MK_ERROR_INIT;
+            mk_error_errno(&err, errno ? errno : EIO, path, "cannot read");
+            complain(r, &err);
+        }
+        r->depth--;
+    } else {
+        complain_at(r, from, from_line, "the file sources itself, or one that sources it");
     }
-    r->depth--;
     if (in != stdin)
         fclose(in);
 }
