@@ -389,6 +389,11 @@ START_TEST(ten_rows_are_refused_and_forty_do_not_crash)
         Fit g(m, forty, method);
         ck_assert(g.status == MK_OK || strlen(g.err.message) > 20);
     }
+    for (const char *method : METHODS) {
+        Fit g(m, forty, method);
+        ck_assert_int_eq(g.status, MK_ERR_RANGE);
+        ck_assert_ptr_nonnull(strstr(g.err.message, "too few for windows"));
+    }
 }
 END_TEST
 
@@ -441,6 +446,98 @@ START_TEST(output_error_warns_of_swapped_columns_and_of_degrees)
 }
 END_TEST
 
+/* Rows first to last - 1 are not in the log, or without values, or without angles. */
+enum class Hole { rows, values, angles };
+Log with_hole(const mk_log &whole, size_t first, size_t last, Hole hole)
+{
+    mk_log *log;
+    size_t left_out = hole == Hole::rows ? last - first : 0;
+    ck_assert_int_eq(mk_log_create(whole.rows - left_out, &log), MK_OK);
+    for (size_t c = 0; c < whole.column_count; c++) {
+        double *x = mk_log_add_column(log, whole.columns[c].name);
+        const double *from = whole.columns[c].data;
+        std::copy(from, from + first, x);
+        std::copy(from + last, from + whole.rows, x + last - left_out);
+        const char name = whole.columns[c].name[0];
+        bool kept = name == 't' || (name == 'u' && hole == Hole::angles);
+        for (size_t k = first; left_out == 0 && k < last; k++)
+            x[k] = kept ? from[k] : (double)NAN;
+    }
+    return Log(log);
+}
+
+START_TEST(output_error_cuts_out_a_hole_of_seconds)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 8, run.rate = 200;
+    Log whole = with_noise(*record(m, run), 4.5e-4, 1);
+    for (Hole hole : {Hole::rows, Hole::values, Hole::angles}) {
+        Fit f(m, with_hole(*whole, 600, 1000, hole), "output-error");
+        ck_assert_msg(f.status == MK_OK, "%s", f.err.message);
+        ck_assert(f.warns("in 2 pieces"));
+        ck_assert(!f.warns("follow"));
+        for (int i = 0; i < 7; i++) {
+            const mk_ident_parameter &p = f.r->parameter[i];
+            ck_assert_double_lt(fabs(p.value - m.parameter[i]), 4 * p.std_error);
+            ck_assert_double_lt(p.std_error, 1e-3 * m.parameter[i]);
+        }
+    }
+    /* A motor that warms does not start cold again after it. */
+    ck_assert_int_eq(mk_model_add_effect(&m, "gain-drift", 0, nullptr), MK_OK);
+    Fit first(m, with_hole(*whole, 600, 1000, Hole::rows), "output-error");
+    ck_assert(first.status == MK_OK && first.warns("in 1 piece"));
+    ck_assert_uint_le(first.r->rows, 2 * 600);
+}
+END_TEST
+
+START_TEST(output_error_refuses_what_neither_follows_nor_tells)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 5, run.rate = 200;
+    Log log = with_noise(*record(m, run), 4.5e-4, 1);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "u")[k] *= -1;
+    Fit f(m, log, "output-error");
+    ck_assert_int_eq(f.status, MK_ERR_NUMERIC);
+    ck_assert_ptr_nonnull(strstr(f.err.message, "signs"));
+}
+END_TEST
+
+START_TEST(equations_that_miss_the_data_are_told)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 10, run.rate = 200;
+    Log right = with_noise(*record(m, run), 4.5e-4, 1), wrong = with_noise(*right, 0, 1);
+    for (size_t k = 0; k < wrong->rows; k++)
+        column(wrong, "q2")[k] *= -1;
+    for (const char *method : METHODS) {
+        Fit f(m, right, method), g(m, wrong, method);
+        ck_assert_int_eq(f.status, MK_OK);
+        ck_assert(!f.warns("miss these data"));
+        ck_assert(g.status != MK_OK || g.warns("miss these data"));
+    }
+}
+END_TEST
+
+START_TEST(a_command_beyond_the_limit_is_told)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 5, run.rate = 200;
+    Log log = record(m, run);
+    for (const char *method : {"output-error", "olsen"}) {
+        mk_model narrow = m;
+        narrow.u_max = 1;
+        Fit wide(m, log, method), clipped(narrow, log, method);
+        ck_assert(wide.status == MK_OK && !wide.warns("u_max"));
+        ck_assert(clipped.status != MK_OK || clipped.warns("beyond u_max = 1"));
+    }
+}
+END_TEST
+
 /* So many that the first of them lead the way. */
 START_TEST(output_error_on_many_runs_is_as_good_as_it_says)
 {
@@ -490,6 +587,10 @@ Suite *suite_linear(void)
     tcase_add_test(c, time_in_milliseconds_is_refused);
     tcase_add_test(c, output_error_warns_of_a_stuck_joint);
     tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
+    tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
+    tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
+    tcase_add_test(c, equations_that_miss_the_data_are_told);
+    tcase_add_test(c, a_command_beyond_the_limit_is_told);
     tcase_add_test(c, output_error_on_many_runs_is_as_good_as_it_says);
 
     c = tcase_create("many fits");

@@ -85,6 +85,25 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
     return st;
 }
 
+// Rows beyond the limit that make a warning: a command may overshoot where it is clipped for real.
+constexpr double MOST_CLIPPED = 0.01;
+
+// A command beyond the model's limit is taken as clipped there, which is wrong where the limit is.
+void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
+{
+    size_t beyond = 0, rows = 0;
+    for (const mk_record &record : problem.records) {
+        for (size_t k = 0; k < record.rows; k++)
+            beyond += std::fabs(record.u[0][k]) > problem.model.u_max * (1.0 + 1e-9);
+        rows += record.rows;
+    }
+    if ((double)beyond > MOST_CLIPPED * (double)rows && r.warning_count < MK_MAX_FIT_WARNINGS)
+        snprintf(r.warning[r.warning_count++], sizeof r.warning[0],
+                 "the command is beyond u_max = %g in %.0f %% of the rows, and taken as clipped "
+                 "there: are the units right?",
+                 problem.model.u_max, 100.0 * (double)beyond / (double)rows);
+}
+
 void name_parameters(const mk_ident_options &options, mk_ident_result &r)
 {
     r.parameter_count = mk_model_parameter_count(&r.model);
@@ -154,6 +173,7 @@ try {
         if (!problem.moves[j] && result->warning_count < MK_MAX_FIT_WARNINGS)
             snprintf(result->warning[result->warning_count++], sizeof result->warning[0],
                      "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
+    warn_of_clipping(problem, *result);
     for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
         double e = result->parameter[i].std_error;
         if (i < mk_plant(model->plant)->parameter_count)

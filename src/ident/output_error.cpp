@@ -8,6 +8,7 @@
 
 #include "ident/fit.hpp"
 #include "ident/method.hpp"
+#include "ident/period.hpp"
 
 namespace mk
 {
@@ -81,23 +82,87 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
 // Rows that are fitted, of all logs together: what a fit may cost in memory and time.
 constexpr size_t MOST_ROWS = 1000000;
 
-// The logs as they are fitted: whole, or of each the first rows.
+// A command or angles that are missing for longer than so many periods are not bridged: what the
+// rig did meanwhile nobody knows.
+constexpr double LONGEST_HOLE = 51.0;
+constexpr size_t FEWEST_ROWS = 20;
+
+struct Piece {
+    size_t first, last; // rows [first, last) of a record
+};
+
+bool says_something(const mk_record &record, size_t row)
+{
+    bool reads = false;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        reads = reads || (record.q[j] && !std::isnan(record.q[j][row]));
+    return reads && !std::isnan(record.u[0][row]);
+}
+
+// Whether an effect's time counts from the start of a log.
+bool depends_on_time(const mk_model &model)
+{
+    const double q[MK_MAX_JOINTS] = {0.7, 0.7}, v[MK_MAX_JOINTS] = {1.0, 1.0};
+    const double u[MK_MAX_INPUTS] = {0.5 * model.u_max, 0.0};
+    double x[MK_MAX_STATES], early[MK_MAX_STATES], late[MK_MAX_STATES];
+    mk_model_initial_state(&model, q, v, x);
+    mk_model_rhs(&model, 0.0, x, u, early);
+    mk_model_rhs(&model, 1e3, x, u, late);
+    return !std::equal(early, early + 2 * mk_model_joints(&model), late);
+}
+
+// What is between holes. Where an effect depends on the time since the start, only the first.
+std::vector<Piece> pieces_of(const mk_record &record, const mk_model &model, double &longest)
+{
+    std::vector<Piece> pieces;
+    const double most = LONGEST_HOLE * median_period(record.t, record.rows);
+    size_t first = 0, before = 0;
+    for (size_t k = 1; k <= record.rows; k++) {
+        bool end = k == record.rows;
+        if (!end && !says_something(record, k))
+            continue;
+        double hole = end ? 0.0 : record.t[k] - record.t[before];
+        if (end || hole > most) {
+            size_t last = end ? k : before + 1;
+            if (last - first >= FEWEST_ROWS)
+                pieces.push_back({first, last});
+            longest = std::max(longest, hole);
+            first = k;
+        }
+        before = k;
+    }
+    if (pieces.size() > 1 && depends_on_time(model))
+        pieces.erase(pieces.begin() + 1, pieces.end());
+    return pieces;
+}
+
+// The logs as they are fitted: in pieces where they have holes, and of each at most the first rows.
 std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
 {
     size_t all = 0, left = MOST_ROWS, logs_left = problem.records.size();
+    double hole = 0.0;
     for (const mk_record &record : problem.records)
         all += record.rows;
     std::vector<FitLog> logs;
     for (const mk_record &record : problem.records) {
         size_t rows = all > MOST_ROWS ? std::min(record.rows, left / logs_left) : record.rows;
-        logs.push_back(fit_log(record, problem.model, 0, rows));
+        for (const Piece &piece : pieces_of(record, problem.model, hole))
+            if (piece.first + FEWEST_ROWS <= rows)
+                logs.push_back(
+                    fit_log(record, problem.model, piece.first, std::min(piece.last, rows)));
         left -= std::min(left, rows);
         logs_left--;
     }
+    char text[128];
     if (all > MOST_ROWS) {
-        char text[128];
         snprintf(text, sizeof text, "of %zu rows the first %zu are fitted: more would say little",
                  all, MOST_ROWS - left);
+        warn(r, text);
+    }
+    if (hole > 0.0) {
+        snprintf(text, sizeof text,
+                 "the command is missing for up to %.3g s: the data are fitted in %zu piece%s",
+                 hole, logs.size(), logs.size() == 1 ? "" : "s");
         warn(r, text);
     }
     return logs;
@@ -161,6 +226,12 @@ void warn_of_drift(double drift, mk_ident_result &r)
     warn(r, text);
 }
 
+size_t unknown(const std::vector<int> &free, const mk_ident_result &r)
+{
+    return (size_t)std::count_if(free.begin(), free.end(),
+                                 [&](int i) { return !r.parameter[i].excited; });
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -181,6 +252,9 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     std::vector<int> free = free_parameters(problem);
     if (free.empty())
         return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
+    if (logs.empty())
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "no %zu rows without a hole: there is nothing to fit", FEWEST_ROWS);
     mk_model model = problem.model;
     double drift = 1.0;
     if (scout(views, free, options, model, drift))
@@ -204,6 +278,10 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         r.parameter[i].value = mk_model_parameter(&r.model, i);
     warn_of_drift(fit.options.drift[0], r);
     judge(point, picture, free, r);
+    if (fit.options.drift[0] >= HOPELESS_DRIFT && 2 * unknown(free, r) > free.size())
+        return mk_error_set(err, MK_ERR_NUMERIC,
+                            "the model does not follow these data, which say little about most of "
+                            "its parameters: is it this rig, with these units, signs and columns?");
     return MK_OK;
 }
 

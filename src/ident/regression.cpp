@@ -19,6 +19,10 @@ namespace
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 constexpr double DEFAULT_CUTOFF_HZ = 3.0;
 constexpr double ROWS_PER_WINDOW = 10.0;
+// Fewer of them and noise bends the parameters by more than the errors say.
+constexpr double FEWEST_WINDOWS = 2.0;
+// Residuals over what the readings' noise leaves in the equations; a right model's are near 1.
+constexpr double SUSPICIOUS_LEVEL = 5.0;
 
 // Sums over all rows; nothing grows with the data.
 struct Sums {
@@ -203,8 +207,9 @@ enum mk_status Regression::solve(const Sums &sums, Eigen::VectorXd &p, Eigen::Ma
 {
     if (sums.rows * (size_t)form.equations < 2 * free.size())
         return mk_error_set(err, MK_ERR_RANGE,
-                            "%zu windows of %.3g s are too few for %zu parameters", sums.rows,
-                            window.seconds, free.size());
+                            "%zu windows of %.3g s without a hole are too few for %zu parameters: "
+                            "output-error bridges holes",
+                            sums.rows, window.seconds, free.size());
     if (!(sums.square > 0.0))
         return mk_error_set(err, MK_ERR_RANGE,
                             "the command is 0 throughout: free motion shows ratios of parameters "
@@ -239,7 +244,16 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
     Eigen::MatrixXd cov = inverse * sums.spread * inverse;
     // The level of the noise is what the residuals show.
     double expected = sums.expected - (inverse * sums.spread).trace();
-    cov *= r.cost / std::max(expected, 1e-300);
+    double level2 = r.cost / std::max(expected, 1e-300);
+    cov *= level2;
+    if (level2 > SUSPICIOUS_LEVEL * SUSPICIOUS_LEVEL) {
+        char text[160];
+        snprintf(text, sizeof text,
+                 "the plant's equations miss these data by %.0f times what noise explains: is it "
+                 "this rig? What does it lack?",
+                 std::sqrt(level2));
+        warn(r, text);
+    }
     r.rows = sums.rows * (size_t)form.equations;
     r.converged = true;
     for (int i = 0; i < r.parameter_count; i++)
@@ -262,6 +276,13 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
 enum mk_status Regression::run(mk_ident_result &r, mk_error *err)
 {
     tracks = tracks_of(problem);
+    double longest = 0.0;
+    for (const Track &track : tracks)
+        longest = std::max(longest, track.period * (double)track.rows());
+    if (longest < FEWEST_WINDOWS * window.seconds)
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "%.3g s of data are too few for windows of %.3g s: twice that at least",
+                            longest, window.seconds);
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         r.noise[j] = j < mk_model_joints(&model) ? tracks[0].noise[j] : UNKNOWN;
     Eigen::VectorXd p;
