@@ -105,11 +105,16 @@ FUSED += -ffp-contract=fast -fno-math-errno -fno-trapping-math -fno-signed-zeros
 ISA_FLAGS_generic :=
 ISA_FLAGS_avx2    := -mavx2 -mfma $(FUSED)
 ISA_FLAGS_avx512  := $(FUSED) -mavx512f -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512
-# The shooting kernel besides for several numbers of derivatives (0: values alone).
-SHOOT_SRC   := src/sim/shoot_kernel.cc
-SHOOT_LANES := 0 8 16 24
+# The shooting kernel besides for one stretch and for as many as go side by side, without and with
+# derivatives (0, 1).
+SHOOT_SRC           := src/sim/shoot_kernel.cc
+SHOOT_WIDTH_generic := 2
+SHOOT_WIDTH_avx2    := 4
+SHOOT_WIDTH_avx512  := 8
+SHOOT_SIZES   = $(foreach w,1 $(SHOOT_WIDTH_$(1)),$(w).0 $(w).1)
+SHOOT_KERNELS = $(foreach i,$(ISAS),$(foreach s,$(call SHOOT_SIZES,$(i)),$(i).$(s)))
 ISA_OBJ   := $(ISAS:%=$(B)/src/sim/fast_kernel.%.o) \
-             $(foreach n,$(SHOOT_LANES),$(ISAS:%=$(B)/src/sim/shoot_kernel.%.$(n).o))
+             $(foreach k,$(SHOOT_KERNELS),$(B)/src/sim/shoot_kernel.$(k).o)
 
 LIB_OBJ  := $(LIB_C:%.c=$(B)/%.o) $(LIB_CXX:%.cpp=$(B)/%.o) $(ISA_OBJ)
 APP_OBJ  := $(APP_C:%.c=$(B)/%.o)
@@ -167,13 +172,14 @@ $(B)/%.o: %.cpp
 $(B)/src/sim/fast_kernel.%.o: $(ISA_SRC)
 	@mkdir -p $(@D)
 	$(call say,CXX)$(CXX) -x c++ $(CPPFLAGS_ALL) -DMK_ISA=$* $(CXXFLAGS_ALL) $(ISA_FLAGS_$*) -MMD -MP -c -o $@ $<
+# $(1): instruction set, $(2): stretches side by side, $(3): with derivatives or without.
 define SHOOT_RULE
-$(B)/src/sim/shoot_kernel.$(1).$(2).o: $(SHOOT_SRC)
+$(B)/src/sim/shoot_kernel.$(1).$(2).$(3).o: $(SHOOT_SRC)
 	@mkdir -p $$(@D)
-	$$(call say,CXX)$(CXX) -x c++ $$(CPPFLAGS_ALL) -DMK_ISA=$(1)_$(2) -DMK_LANES=$(2) \
+	$$(call say,CXX)$(CXX) -x c++ $$(CPPFLAGS_ALL) -DMK_ISA=$(1)_$(2)_$(3) -DMK_WIDTH=$(2) -DMK_DERIVATIVES=$(3) \
 		$$(CXXFLAGS_ALL) $(ISA_FLAGS_$(1)) -MMD -MP -c -o $$@ $$<
 endef
-$(foreach i,$(ISAS),$(foreach n,$(SHOOT_LANES),$(eval $(call SHOOT_RULE,$(i),$(n)))))
+$(foreach k,$(SHOOT_KERNELS),$(eval $(call SHOOT_RULE,$(word 1,$(subst ., ,$(k))),$(word 2,$(subst ., ,$(k))),$(word 3,$(subst ., ,$(k))))))
 
 # Check's macros convert freely; conversions are not errors in tests.
 $(TEST_OBJ) $(B)/tests/challenge.o: CFLAGS_ALL += -Wno-conversion -Wno-pedantic

@@ -103,53 +103,78 @@ void Fit::lay_data(const FitPoint &point)
     }
 }
 
-void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t l, size_t i,
-                    bool derivatives)
+// Buffers of stretches that are shot together.
+struct Fit::Batch {
+    std::vector<ShootTask> task;
+    std::vector<double> jac, scale;
+};
+
+// Stretches first .. last - 1 of `jobs`.
+void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
+                     const Job *last, bool derivatives)
 {
+    static thread_local Batch batch;
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     int columns = derivatives ? ns + (int)free.size() : 0;
     double late = sensor_delay(point.model);
-    std::vector<double> scale;
+    batch.scale.clear();
     for (int number : free)
-        scale.push_back(scale_of(point.model, number));
+        batch.scale.push_back(scale_of(point.model, number));
+    batch.task.clear();
+    size_t rows = 0;
+    for (const Job *job = first; job < last; job++) {
+        const auto [l, i] = *job;
+        Segment &s = work[l][i];
+        const FitNodes &nodes = point.nodes[l];
+        size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
+        while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
+            stop++;
+        size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
+        rows += capacity;
+        s.residual.resize(capacity);
+        s.joint.resize(capacity);
+        s.x_end.resize(ns);
+        s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
+        ShootTask task = {};
+        task.model = &point.model;
+        task.data = &data[l].shoot;
+        task.begin = s.begin;
+        task.end = s.end;
+        task.last = s.last;
+        task.x = nodes.x.data() + (long)i * ns;
+        task.step = point.step > 0.0 && !correction ? point.step : options.step;
+        task.free_count = derivatives ? (int)free.size() : 0;
+        task.free = free.data();
+        task.scale = batch.scale.data();
+        task.columns = columns;
+        task.x_end = s.x_end.data();
+        task.jac_end = s.jac_end.data();
+        task.row_capacity = capacity;
+        task.residual = s.residual.data();
+        task.joint_of = s.joint.data();
+        batch.task.push_back(task);
+    }
+    batch.jac.resize(rows * (size_t)std::max(columns, 1));
+    double *jac = batch.jac.data();
+    for (ShootTask &task : batch.task) {
+        task.jac = jac;
+        jac += task.row_capacity * (size_t)columns;
+    }
+    shoot(batch.task.data(), (int)batch.task.size());
+    for (const Job *job = first; job < last; job++)
+        compress(batch.task[(size_t)(job - first)], job->first, job->second);
+}
+
+// What a stretch's fit needs to know of how it went.
+void Fit::compress(const ShootTask &task, size_t l, size_t i)
+{
     Segment &s = work[l][i];
-    const FitNodes &nodes = point.nodes[l];
-    size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
-    while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
-        stop++;
-    size_t capacity = (stop - nodes.row[i] + 2) * (size_t)joints;
-    s.residual.resize(capacity);
-    s.joint.resize(capacity);
-    s.x_end.resize(ns);
-    s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
-    static thread_local std::vector<double> jac;
-    jac.resize(capacity * (size_t)std::max(columns, 1));
-    VectorXd x0 = nodes.x.col((long)i);
-    ShootTask task = {};
-    task.model = &point.model;
-    task.data = &data[l].shoot;
-    task.begin = s.begin;
-    task.end = s.end;
-    task.last = s.last;
-    task.x = x0.data();
-    const Correction *c = correction ? &(*correction)[l][i] : nullptr;
-    task.step = point.step > 0.0 && !c ? point.step : options.step;
-    task.free_count = derivatives ? (int)free.size() : 0;
-    task.free = free.data();
-    task.scale = scale.data();
-    task.columns = columns;
-    task.x_end = s.x_end.data();
-    task.jac_end = s.jac_end.data();
-    task.row_capacity = capacity;
-    task.residual = s.residual.data();
-    task.jac = jac.data();
-    task.joint_of = s.joint.data();
-    shoot(task);
-    s.effort = (double)task.steps * (1.0 + columns / 6.0);
+    s.effort = (double)task.steps * (1.0 + task.columns / 6.0);
     s.finite = task.finite;
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
+    const Correction *c = correction ? &(*correction)[l][i] : nullptr;
     // States of further effects come after those of the point that the correction is from.
     if (c && n == c->residual.size() && s.x_end.size() >= c->x_end.size()) {
         for (size_t r = 0; r < n; r++)
@@ -161,26 +186,38 @@ void Fit::shoot_one(const FitPoint &point, const std::vector<int> &free, size_t 
         s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
     }
     s.cost = 0.5 * (s.sum2[0] + s.sum2[1]);
-    if (!derivatives || !s.finite)
+    if (task.columns == 0 || !s.finite)
         return;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    Eigen::Map<RowMajor> J(jac.data(), (long)n, columns);
-    VectorXd r = Eigen::Map<VectorXd>(s.residual.data(), (long)n);
-    s.normal.setZero(columns, columns);
+    Eigen::Map<const RowMajor> J(task.jac, (long)n, task.columns);
+    Eigen::Map<const VectorXd> r(s.residual.data(), (long)n);
+    s.normal.setZero(task.columns, task.columns);
     s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
     s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
     s.right = J.transpose() * r;
 }
 
+void Fit::shoot_one(const FitPoint &point, size_t l, size_t i)
+{
+    const Job job = {l, i};
+    shoot_some(point, {}, &job, &job + 1, false);
+}
+
 void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
 {
+    // Enough to keep all lanes busy, few enough to stay near the processor. What is shot together
+    // must not depend on the number of threads.
+    constexpr size_t FEW = 16, MANY = 64;
     prepare(point);
-    std::vector<std::pair<size_t, size_t>> jobs;
+    std::vector<Job> jobs;
     for (size_t l = 0; l < logs.size(); l++)
         for (size_t i = 0; i < work[l].size(); i++)
             jobs.emplace_back(l, i);
-    parallel_for(options.threads, jobs.size(), [&](size_t job) {
-        shoot_one(point, free, jobs[job].first, jobs[job].second, derivatives);
+    size_t parts = jobs.size() < FEW ? 1 : 2 * ((jobs.size() + 2 * MANY - 1) / (2 * MANY));
+    parallel_for(options.threads, parts, [&](size_t part) {
+        const Job *all = jobs.data();
+        shoot_some(point, free, all + jobs.size() * part / parts,
+                   all + jobs.size() * (part + 1) / parts, derivatives);
     });
     double effort = 0.0, usual = 0.0;
     for (size_t l = 0; l < logs.size(); l++) {

@@ -14,6 +14,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "ident/fit_log.hpp"
@@ -21,6 +22,8 @@
 
 namespace mk
 {
+
+struct ShootTask;
 
 struct FitOptions {
     double drift[MK_MAX_JOINTS] = {1e-4, 1e-4}; // process noise of the speeds, rad/s per sqrt(s)
@@ -127,6 +130,7 @@ class Fit
 
   private:
     struct Segment;    // one stretch at one point
+    struct Batch;      // stretches that are shot together
     struct Correction; // of one stretch
     struct LogData;
 
@@ -142,8 +146,11 @@ class Fit
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;
     bool refine_step(FitPoint &point);
-    void shoot_one(const FitPoint &point, const std::vector<int> &free, size_t log, size_t node,
-                   bool derivatives);
+    using Job = std::pair<size_t, size_t>; // log, node
+    void shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
+                    const Job *last, bool derivatives);
+    void compress(const ShootTask &task, size_t log, size_t node);
+    void shoot_one(const FitPoint &point, size_t log, size_t node); // without derivatives
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;
     double surprise(const FitPoint &point, int number, double &slope) const;

@@ -129,7 +129,7 @@ void Fit::carry_apart(FitPoint &point, size_t l)
     const mk_model &m = point.model;
     long joints = mk_model_joints(&m);
     for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
-        shoot_one(point, {}, l, i, false);
+        shoot_one(point, l, i);
         if (!work[l][i].finite)
             return;
         const VectorXd &end = work[l][i].x_end;
@@ -158,7 +158,7 @@ void Fit::carry_states(FitPoint &point, size_t l)
     FitNodes &nodes = point.nodes[l];
     long own = 2 * mk_model_joints(&point.model), ns = nodes.x.rows();
     for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
-        shoot_one(point, {}, l, i, false);
+        shoot_one(point, l, i);
         if (!work[l][i].finite)
             return;
         nodes.x.col((long)i + 1).tail(ns - own) = work[l][i].x_end.tail(ns - own);

@@ -65,15 +65,16 @@ inline EffectArgs<S> args_of(const typename Compiled<S>::Effect &e, const S *x)
     return {e.joint, e.p, x + e.state};
 }
 
-// Fills a frame up to the command and frame stages.
-template <class S>
-inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const S &t, const S *x, const S *u)
+// Fills a frame up to the command and frame stages. Commands and time are scalars S, or, where
+// nothing is differentiated by them, numbers that S is made of.
+template <class S, class U>
+inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const U &t, const S *x, const U *u)
 {
     f.c = &c;
-    f.t = t;
+    f.t = S(t);
     f.m = motion_of(c.joints, x, x + c.joints);
-    f.command[0] = clamp(u[0], S(-c.u_max), S(c.u_max));
-    f.command[1] = u[1];
+    f.command[0] = S(clamp(u[0], U(-c.u_max), U(c.u_max)));
+    f.command[1] = S(u[1]);
     f.motor_speed = f.m.v[c.motor];
     f.coulomb_scale = S(1.0);
     f.motor_detached = false;
@@ -102,8 +103,8 @@ inline void solve_joints(int joints, const S &m11, const S &m12, const S &m22, c
 }
 
 // dx/dt with the law known at compile time; *power (if wanted) is what the motors put in.
-template <class Law, class S>
-inline void rhs_of(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx,
+template <class Law, class S, class U>
+inline void rhs_of(const Compiled<S> &c, const U &t, const S *x, const U *u, S *dx,
                    S *power = nullptr)
 {
     Frame<S> f;
@@ -145,11 +146,11 @@ inline void rhs(const Compiled<S> &c, const S &t, const S *x, const S *u, S *dx,
 }
 
 // Switching functions at a state.
-template <class S>
-inline void events(const Compiled<S> &c, const S &t, const S *x, S *g)
+template <class S, class U>
+inline void events(const Compiled<S> &c, const U &t, const S *x, S *g)
 {
     Frame<S> f;
-    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
+    U u[MK_MAX_INPUTS] = {U(0.0), U(0.0)};
     frame_begin(f, c, t, x, u);
     for (int i = 0; i < c.effect_count; i++)
         if (auto *stage = effect_ops<S>(c.at(i).index).events)
@@ -157,11 +158,11 @@ inline void events(const Compiled<S> &c, const S &t, const S *x, S *g)
 }
 
 // The fastest rate that effects bring in at a state, 1/s.
-template <class S>
-inline double fastest_rate(const Compiled<S> &c, const S &t, const S *x)
+template <class S, class U>
+inline double fastest_rate(const Compiled<S> &c, const U &t, const S *x)
 {
     Frame<S> f;
-    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
+    U u[MK_MAX_INPUTS] = {U(0.0), U(0.0)};
     frame_begin(f, c, t, x, u);
     double fastest = 0.0;
     for (int i = 0; i < c.effect_count; i++)
@@ -172,14 +173,19 @@ inline double fastest_rate(const Compiled<S> &c, const S &t, const S *x)
     return fastest;
 }
 
-template <class S>
-inline void measure(const Compiled<S> &c, const S &t, const S *x, S *y)
+template <class S, class U>
+inline void measure(const Compiled<S> &c, const U &t, const S *x, S *y)
 {
-    Frame<S> f;
-    S u[MK_MAX_INPUTS] = {S(0.0), S(0.0)};
-    frame_begin(f, c, t, x, u);
+    bool plain = true;
+    for (int i = 0; i < c.effect_count; i++)
+        plain = plain && !effect_ops<S>(c.at(i).index).measure;
     for (int j = 0; j < c.joints; j++)
         y[j] = x[j];
+    if (plain)
+        return;
+    Frame<S> f;
+    U u[MK_MAX_INPUTS] = {U(0.0), U(0.0)};
+    frame_begin(f, c, t, x, u);
     for (int i = 0; i < c.effect_count; i++)
         if (auto *stage = effect_ops<S>(c.at(i).index).measure)
             stage(f, args_of(c.at(i), x), y);

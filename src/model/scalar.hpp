@@ -1,7 +1,7 @@
-// The scalar a law is evaluated over: double here; Pack<W> (SIMD lanes) in simd.hpp and Dual<N>
-// (derivatives) in dual.hpp overload the same few functions. Laws are written over `class S` and
-// use arithmetic and the functions below only, so that one source gives values, derivatives and
-// batches.
+// The scalar a law is evaluated over: double here; Pack<W> (SIMD lanes) in simd.hpp, Dual<N> and
+// SparseDual<B> (derivatives) in dual.hpp and sparse_dual.hpp overload the same few functions. Laws
+// are written over `class S` and use arithmetic and the functions below only, so that one source
+// gives values, derivatives and batches.
 //
 // Everything lives in a namespace per instruction set: the fast kernel is compiled several times
 // with different flags, and the linker must never mix the results.

@@ -1,52 +1,47 @@
-// Chooses the shooting kernel for the machine and for the number of derivatives.
+// Chooses the shooting kernel for the machine, for how many stretches go side by side and for the
+// number of derivatives.
 #include "sim/shoot.hpp"
 
 namespace mk
 {
 
-#define MK_DECLARE_KERNELS(isa)                                                                    \
-    namespace isa_##isa##_0                                                                        \
-    {                                                                                              \
-        extern const ShootKernel shoot_kernel;                                                     \
-    }                                                                                              \
-    namespace isa_##isa##_8                                                                        \
-    {                                                                                              \
-        extern const ShootKernel shoot_kernel;                                                     \
-    }                                                                                              \
-    namespace isa_##isa##_16                                                                       \
-    {                                                                                              \
-        extern const ShootKernel shoot_kernel;                                                     \
-    }                                                                                              \
-    namespace isa_##isa##_24                                                                       \
+#define MK_DECLARE_KERNEL(isa, width, derivatives)                                                 \
+    namespace isa_##isa##_##width##_##derivatives                                                  \
     {                                                                                              \
         extern const ShootKernel shoot_kernel;                                                     \
     }
-MK_DECLARE_KERNELS(generic)
+// As built by the Makefile: alone and side by side, without and with derivatives.
+#define MK_DECLARE_KERNELS(isa, width)                                                             \
+    MK_DECLARE_KERNEL(isa, 1, 0)                                                                   \
+    MK_DECLARE_KERNEL(isa, 1, 1)                                                                   \
+    MK_DECLARE_KERNEL(isa, width, 0)                                                               \
+    MK_DECLARE_KERNEL(isa, width, 1)
+MK_DECLARE_KERNELS(generic, 2)
 #ifdef MK_WIDE_KERNELS // set by the Makefile where they are built
-MK_DECLARE_KERNELS(avx2)
-MK_DECLARE_KERNELS(avx512)
+MK_DECLARE_KERNELS(avx2, 4)
+MK_DECLARE_KERNELS(avx512, 8)
 #endif
 
 namespace
 {
 
-constexpr int SIZES = 4;
 struct Family {
-    const ShootKernel *by_size[SIZES]; // fewest lanes first
+    const ShootKernel *alone[2], *beside[2]; // without, with derivatives
 };
-#define MK_FAMILY(isa)                                                                             \
+#define MK_KERNEL(isa, width, derivatives) &isa_##isa##_##width##_##derivatives::shoot_kernel
+#define MK_FAMILY(isa, width)                                                                      \
     {                                                                                              \
+        {MK_KERNEL(isa, 1, 0), MK_KERNEL(isa, 1, 1)},                                              \
         {                                                                                          \
-            &isa_##isa##_0::shoot_kernel, &isa_##isa##_8::shoot_kernel,                            \
-                &isa_##isa##_16::shoot_kernel, &isa_##isa##_24::shoot_kernel                       \
+            MK_KERNEL(isa, width, 0), MK_KERNEL(isa, width, 1)                                     \
         }                                                                                          \
     }
 
 const Family &family()
 {
-    static const Family generic = MK_FAMILY(generic);
+    static const Family generic = MK_FAMILY(generic, 2);
 #ifdef MK_WIDE_KERNELS
-    static const Family avx2 = MK_FAMILY(avx2), avx512 = MK_FAMILY(avx512);
+    static const Family avx2 = MK_FAMILY(avx2, 4), avx512 = MK_FAMILY(avx512, 8);
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
         __builtin_cpu_supports("avx512vl"))
         return avx512;
@@ -58,22 +53,20 @@ const Family &family()
 
 } // namespace
 
-void shoot(ShootTask &task)
+void shoot(ShootTask *tasks, int count)
 {
-    const Family &f = family();
-    if (task.columns == 0) {
-        f.by_size[0]->run(task, 0);
+    if (count < 1)
         return;
-    }
-    for (int first = 0; first < task.columns;) {
-        int size = 1;
-        while (size + 1 < SIZES && f.by_size[size]->lanes < task.columns - first)
-            size++;
-        f.by_size[size]->run(task, first);
-        if (!task.finite)
-            return;
-        first += f.by_size[size]->lanes;
-    }
+    const bool derivatives = tasks->columns > 0;
+    // Lanes that stay empty cost as much as full ones; all of eight as much as two alone, with
+    // derivatives, or three without.
+    const Family &f = family();
+    const bool crowd = 3 * count >= (derivatives ? 6 : f.beside[0]->width);
+    const ShootKernel *const *kernels = crowd ? f.beside : f.alone;
+    int done = 0;
+    do
+        done += kernels[derivatives]->run(tasks, count, done);
+    while (derivatives && done < tasks->free_count);
 }
 
 } // namespace mk

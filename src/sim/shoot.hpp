@@ -50,13 +50,20 @@ struct ShootTask {
     bool finite;         // out: false when the trajectory ran away
 };
 
-// Runs a task with the widest instructions of this machine.
-void shoot(ShootTask &task);
+// Runs tasks with the widest instructions of this machine, side by side where there are several.
+// They share model, step, free parameters and number of columns. A task's result does not depend
+// on the others, except that few and many differ in their last digits.
+void shoot(ShootTask *tasks, int count);
+inline void shoot(ShootTask &task)
+{
+    shoot(&task, 1);
+}
 
-// Kernels of one instruction set, by number of derivative lanes.
+// A kernel: how many tasks side by side. Its `run` differentiates by as many free parameters as it
+// has room for, from first_free on, and returns how many.
 struct ShootKernel {
-    int lanes;
-    void (*run)(ShootTask &task, int first_column);
+    int width;
+    int (*run)(ShootTask *tasks, int count, int first_free);
 };
 
 } // namespace mk

@@ -1,8 +1,16 @@
-// The shooting kernel of one instruction set (MK_ISA) and one number of derivative lanes (MK_LANES,
-// 0: values alone). As in fast_kernel.cc nothing here may leak through the linker.
-#include "model/dual.hpp"
+// The shooting kernel of one instruction set (MK_ISA), for MK_WIDTH stretches side by side, with
+// derivatives (MK_DERIVATIVES) or without. As in fast_kernel.cc nothing here may leak through the
+// linker.
+//
+// Every stretch has a lane of its own: it goes at its own pace, with its own steps, and when it
+// arrives the next one takes its place. What comes out does not depend on who travels beside it.
+//
+// Derivatives are those of the numbers that the method computes, by the chain rule: laws are
+// differentiated by the state and the parameters that they see, and what the state itself depends
+// on is carried along as columns.
 #include "model/rhs.hpp"
 #include "model/simd.hpp"
+#include "model/sparse_dual.hpp"
 #include "sim/shoot.hpp"
 
 namespace mk
@@ -10,214 +18,501 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
-#if MK_LANES > 0
-using Scalar = Dual<MK_LANES>;
-inline void seed(Scalar &x, int lane, double slope)
+constexpr int W = MK_WIDTH;
+#if MK_WIDTH > 1
+using Base = Pack<W>;
+inline double get(const Base &x, int lane)
 {
-    if (lane >= 0 && lane < MK_LANES)
-        x.d[lane] = slope;
+    return x[lane];
 }
-inline double slope_of(const Scalar &x, int lane)
+inline void put(Base &x, int lane, double value)
 {
-    return x.d[lane];
+    x.set(lane, value);
+}
+inline bool all_below(const Base &x, double limit)
+{
+    bool all = true;
+    for (int i = 0; i < W; i++)
+        all = all && x[i] < limit;
+    return all;
 }
 #else
-using Scalar = double;
-inline void seed(Scalar &, int, double) {}
-inline double slope_of(const Scalar &, int)
+using Base = double;
+inline double get(double x, int)
 {
-    return 0.0;
+    return x;
+}
+inline void put(double &x, int, double value)
+{
+    x = value;
+}
+inline bool all_below(double x, double limit)
+{
+    return x < limit;
 }
 #endif
 
+#if MK_DERIVATIVES
+using Scalar = SparseDual<Base>;
+constexpr int MOST_COLUMNS = Scalar::MOST;
+inline const Base &base_of(const Scalar &x)
+{
+    return x.v;
+}
+#else
+using Scalar = Base;
+constexpr int MOST_COLUMNS = 0;
+inline const Base &base_of(const Scalar &x)
+{
+    return x;
+}
+#endif
+
+// A state, or its slope, and what it depends on: derivative of number i by column c in
+// d[i * columns + c].
+struct Point {
+    Base v[MK_MAX_STATES];
+    Base d[MK_MAX_STATES * MOST_COLUMNS + 1];
+};
+// Derivatives of one number.
+struct Row {
+    Base d[MOST_COLUMNS + 1];
+};
+
 constexpr double NONE = 1e300;
+constexpr double PAST = 1e-8; // s, how far past a switch a step ends
+constexpr int MOST_PARTS = 6; // of a step that a law switches in
+
+// One stretch on its way.
+struct Lane {
+    ShootTask *task;          // NULL: the lane is idle
+    long command;             // row in force
+    long next[MK_MAX_JOINTS]; // first reading not yet taken
+    size_t rows;              // readings taken
+    double now;
+    bool edge; // a new command has just taken over
+
+    // Until the command's next edge, in up to three runs of equal steps.
+    double stop[3];
+    long least[3]; // steps of a run
+    int run, runs;
+    // The run.
+    double from, to, h;
+    long step, steps;
+    // The step that is being taken: where it shall end, and how often a law has switched in it.
+    double target;
+    int switched;
+};
 
 template <class Law>
 class Shooter
 {
   public:
-    Shooter(ShootTask &task, int first_column)
-        : k(task), d(*task.data), c(compile<Scalar>(*task.model)), first(first_column)
+    // Derivatives by the start state and by free parameters first_free ... of as many as there is
+    // room for: `columns` in all.
+    Shooter(ShootTask *tasks, int count, int first_free)
+        : k(tasks[0]), c(compile<Scalar>(*k.model)), bare(compile<Base>(*k.model)),
+          plain(compile<double>(*k.model)), ns(c.state_count), first(first_free), queue(tasks),
+          waiting(count)
     {
-        seed_parameters();
-        for (int i = 0; i < c.state_count; i++) {
-            x[i] = Scalar(k.x[i]);
-            seed(x[i], i - first, 1.0);
-        }
+#if MK_DERIVATIVES
+        int room = MOST_COLUMNS - ns, left = k.columns - ns - first;
+        columns = ns + (left < room ? left : room);
+#endif
+        seed();
+        for (int i = 0; i < W; i++)
+            lane[i].task = nullptr;
+        for (int i = 0; i < ns; i++)
+            x.v[i] = Base(0.0);
+        for (int i = 0; i < ns * columns; i++)
+            x.d[i] = Base(0.0);
+        for (int i = 0; i < columns; i++)
+            passed.d[i] = Base(0.0);
+        u[0] = u[1] = now = Base(0.0);
+    }
+    int parameters_done() const
+    {
+        return columns - ns;
     }
 
     void run()
     {
-        find_start();
-        double now = k.begin;
-        k.finite = true;
-        while (now < k.end && k.finite) {
-            double edge = command + 1 < (long)d.rows ? d.t[command + 1] + value_of(delay) : NONE;
-            double stop = edge < k.end ? edge : k.end;
-            if (stop > now)
-                advance(now, stop);
-            now = stop;
-            if (edge <= k.end && edge < NONE)
-                turn_to(command + 1, now);
+        for (int i = 0; i < W; i++)
+            board(i);
+        while (busy > 0) {
+            if (!slopes_known)
+                derivative(now, x, f0);
+            slopes_known = true;
+            if (edges_move)
+                follow_edges();
+            if (alight()) {
+                slopes_known = false;
+                continue;
+            }
+            plan();
+            take_at_start();
+            step();
         }
-        if (k.last && k.finite)
-            read_up_to_end();
-        for (int i = 0; i < c.state_count; i++) {
-            k.x_end[i] = value_of(x[i]);
-            store(x[i], k.jac_end + (long)i * k.columns);
-        }
-        k.row_count = rows;
     }
 
   private:
-    ShootTask &k;
-    const ShootData &d;
+    const ShootTask &k; // what all tasks share
     Compiled<Scalar> c;
-    int first;
-    Scalar x[MK_MAX_STATES], f0[MK_MAX_STATES], f1[MK_MAX_STATES];
-    Scalar u[MK_MAX_INPUTS];
-    Scalar delay = Scalar(0.0);                             // of the command
-    Scalar old[MK_MAX_JOINTS] = {Scalar(0.0), Scalar(0.0)}; // age of each joint's readings
-    bool moving_edges = false;                              // the delay is differentiated by
-    long command = -1;                                      // row in force
-    long next[MK_MAX_JOINTS] = {0, 0};                      // first reading not yet taken
-    size_t rows = 0;
-    bool stiff = false;        // an effect has a rate
-    int speeds[MK_MAX_STATES]; // places of the speeds that friction acts on
+    Compiled<Base> bare;    // the same without derivatives
+    Compiled<double> plain; // and without lanes
+    const int ns;
+    int first; // free parameter of the first column after the states'
+#if MK_DERIVATIVES
+    int columns = 0; // derivatives of a number
+#else
+    static constexpr int columns = 0;
+#endif
+    ShootTask *queue; // tasks that wait
+    int waiting, busy = 0;
+    Lane lane[W];
+    Point x, f0; // where the lanes are, and the slopes there
+    Point y, f1; // the same at the end of a step
+    Point k2, k3, k4, between, older;
+    Base u[MK_MAX_INPUTS], now;
+    Scalar seen[MK_MAX_STATES];     // the state as laws see it
+    Base before[MK_MAX_STATES];     // slopes under the last command
+    Row passed;                     // of the start of a step at an instant where a law switched
+    double late = 0.0;              // delay of the command
+    double age[MK_MAX_JOINTS] = {}; // of each joint's readings
+    // Derivatives of these by the columns, the same in all lanes.
+    double late_slope[MOST_COLUMNS + 1] = {}, age_slope[MK_MAX_JOINTS][MOST_COLUMNS + 1] = {};
+    bool edges_move = false, ages_move = false; // there are any
+    bool stiff = false;                         // an effect has a rate
+    bool on_switch = false;                     // some lane is at a switch: `passed` counts
+    int speeds[MK_MAX_STATES];                  // places of the speeds that friction acts on
     int speed_count = 0;
-    bool slope_known = false; // f0 belongs to x
+    bool slopes_known = false; // f0 belongs to x
 
-    void seed_parameters()
+    // Makes a parameter depend on its column.
+    void vary(Scalar &parameter, int column, double slope)
     {
-        for (int f = 0; f < k.free_count; f++) {
-            int lane = c.state_count + f - first, number = k.free[f];
+#if MK_DERIVATIVES
+        parameter.seed(column, Base(slope));
+#else
+        (void)parameter, (void)column, (void)slope;
+#endif
+    }
+    void seed()
+    {
+        double slope[MK_MAX_EFFECTS] = {}; // of an effect's first parameter
+        int column[MK_MAX_EFFECTS] = {};
+        for (int f = first; f - first < columns - ns; f++) {
+            int number = k.free[f], place = ns + f - first;
             if (number < c.parameter_count) {
-                seed(c.p[number], lane, k.scale[f]);
+                vary(c.p[number], place, k.scale[f]);
                 continue;
             }
             number -= c.parameter_count;
             for (int e = 0; e < c.effect_count; e++) {
                 int count = mk_effect(c.effect[e].index)->parameter_count;
                 if (number >= 0 && number < count)
-                    seed(c.effect[e].p[number], lane, k.scale[f]);
+                    vary(c.effect[e].p[number], place, k.scale[f]);
+                if (number == 0) {
+                    slope[e] = k.scale[f];
+                    column[e] = place;
+                }
                 number -= count;
             }
         }
-        constexpr unsigned between = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
+        for (int i = 0; i < ns; i++) {
+            seen[i] = Scalar(0.0);
+            vary(seen[i], i, 1.0);
+        }
+        constexpr unsigned apart = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
         int states = 2 * c.joints;
         for (int j = 0; j < c.joints; j++)
             speeds[speed_count++] = c.joints + j;
         for (int e = 0; e < c.effect_count; e++) {
             const mk_effect_info *info = mk_effect(c.effect[e].index);
             // A body of its own between joint and encoder: angle, speed.
-            if ((info->stages & between) == between)
+            if ((info->stages & apart) == apart)
                 speeds[speed_count++] = states + 1;
             states += info->state_count;
-            stiff = stiff || effect_ops<Scalar>(c.effect[e].index).rate;
-            unsigned stages = mk_effect(c.effect[e].index)->stages;
-            if (stages & MK_STAGE_COMMAND_DELAY)
-                delay += c.effect[e].p[0];
-            if (stages & MK_STAGE_SENSOR_DELAY)
-                for (int j = 0; j < c.joints; j++)
-                    if (c.effect[e].joint < 0 || c.effect[e].joint == j)
-                        old[j] += c.effect[e].p[0];
+            stiff = stiff || effect_ops<double>(c.effect[e].index).rate;
+            if (info->stages & MK_STAGE_COMMAND_DELAY) {
+                late += plain.effect[e].p[0];
+                late_slope[column[e]] += slope[e];
+                edges_move = edges_move || slope[e] != 0.0;
+            }
+            for (int j = 0; j < c.joints && (info->stages & MK_STAGE_SENSOR_DELAY); j++)
+                if (c.effect[e].joint < 0 || c.effect[e].joint == j) {
+                    age[j] += plain.effect[e].p[0];
+                    age_slope[j][column[e]] += slope[e];
+                    ages_move = ages_move || slope[e] != 0.0;
+                }
         }
-        moving_edges = false;
-        for (int i = 0; i < MK_LANES; i++)
-            moving_edges = moving_edges || slope_of(delay, i) != 0.0;
+    }
+    double state(int i, int at) const
+    {
+        return get(x.v[at], i);
+    }
+    double slope(int i, int at) const
+    {
+        return get(f0.v[at], i);
     }
 
-    // First row whose time, shifted by `by`, is not before the begin.
-    long first_row(double by) const
+    // --- who travels ---
+
+    // The next task takes a lane.
+    void board(int i)
     {
+        Lane &l = lane[i];
+        l.task = nullptr;
+        if (waiting == 0)
+            return;
+        waiting--;
+        busy++;
+        l.task = queue++;
+        l.task->finite = true;
+        l.task->steps = 0;
+        l.rows = 0;
+        l.edge = false;
+        l.run = l.runs = 0;
+        l.step = l.steps = 0;
+        l.switched = 0;
+        place(i);
+        for (int d = 0; d < columns; d++)
+            put(passed.d[d], i, 0.0);
+        l.now = l.task->begin;
+        put(now, i, l.now);
+        const ShootData &d = *l.task->data;
+        long row = first_row(l, late);
+        bool on_edge = row < (long)d.rows && d.t[row] + late <= l.task->begin + 1e-9;
+        set_command(i, on_edge ? row : row - 1);
+        for (int j = 0; j < c.joints; j++)
+            l.next[j] = first_row(l, -age[j]);
+    }
+    // At the start state of its task.
+    void place(int i)
+    {
+        for (int s = 0; s < ns; s++) {
+            put(x.v[s], i, lane[i].task->x[s]);
+            for (int d = 0; d < columns; d++)
+                put(x.d[s * columns + d], i, d == s ? 1.0 : 0.0);
+        }
+    }
+    // First row whose time, shifted by `by`, is not before the begin.
+    static long first_row(const Lane &l, double by)
+    {
+        const ShootData &d = *l.task->data;
         long low = 0, high = (long)d.rows;
         while (low < high) {
             long mid = (low + high) / 2;
-            if (d.t[mid] + by < k.begin - 1e-9)
+            if (d.t[mid] + by < l.task->begin - 1e-9)
                 low = mid + 1;
             else
                 high = mid;
         }
         return low;
     }
-    void find_start()
+    // Lanes that have arrived hand in what they found. Whether any did.
+    bool alight()
     {
-        long row = first_row(value_of(delay));
-        bool on_edge = row < (long)d.rows && d.t[row] + value_of(delay) <= k.begin + 1e-9;
-        set_command(on_edge ? row : row - 1);
+        bool any = false;
+        for (int i = 0; i < W; i++)
+            any = any || arrived(lane[i]);
+        if (!any)
+            return false;
         for (int j = 0; j < c.joints; j++)
-            next[j] = first_row(-value_of(old[j]));
-    }
-    void set_command(long row)
-    {
-        command = row;
-        // Before the first row the motor was off.
-        u[0] = Scalar(row >= 0 ? d.u[0][row] : 0.0);
-        u[1] = Scalar(row >= 0 && d.u[1] ? d.u[1][row] : 0.0);
-    }
-    void derivative(double t, const Scalar *at, Scalar *dx) const
-    {
-        rhs_of<Law>(c, Scalar(t), at, u, dx);
-    }
-    // The next command takes over. If the edge moves with the delay, so does what follows.
-    void turn_to(long row, double t)
-    {
-        double before[MK_MAX_STATES];
-        if (moving_edges) {
-            derivative(t, x, f1);
-            for (int i = 0; i < c.state_count; i++)
-                before[i] = value_of(f1[i]);
+            take_up_to_end(j);
+        for (int i = 0; i < W; i++) {
+            if (!arrived(lane[i]))
+                continue;
+            ShootTask &task = *lane[i].task;
+            for (int s = 0; s < ns; s++) {
+                task.x_end[s] = state(i, s);
+                store(x.d + s * columns, i, 1.0, task.jac_end + (long)s * task.columns);
+            }
+            task.row_count = lane[i].rows;
+            busy--;
+            place(i); // what stays in an idle lane must be numbers
+            board(i);
         }
-        set_command(row);
-        slope_known = false;
-        if (!moving_edges)
-            return;
-        derivative(t, x, f0);
-        Scalar late = delay - value_of(delay);
-        for (int i = 0; i < c.state_count; i++)
-            x[i] += late * (before[i] - value_of(f0[i]));
+        return true;
+    }
+    static bool arrived(const Lane &l)
+    {
+        return l.task && (!l.task->finite || !(l.now < l.task->end));
     }
 
-    // From `from` to `to` under one command, in equal steps.
-    void advance(double from, double to)
+    // --- commands ---
+
+    void set_command(int i, long row)
     {
-        double length = to - from;
-        if (!slope_known)
-            derivative(from, x, f0);
-        slope_known = true;
-        double left = from, right = from;
-        long fine = sharp_reversal(length, left, right);
-        if (fine == 0) {
-            run_steps(from, to, reversal_steps(length));
-            return;
-        }
-        run_steps(from, left, 1);
-        run_steps(left, right, fine);
-        run_steps(right, to, 1);
+        const ShootData &d = *lane[i].task->data;
+        lane[i].command = row;
+        // Before the first row the motor was off.
+        put(u[0], i, row >= 0 ? d.u[0][row] : 0.0);
+        put(u[1], i, row >= 0 && d.u[1] ? d.u[1][row] : 0.0);
     }
-    void run_steps(double from, double to, long count)
+    double next_edge(const Lane &l) const
     {
-        double length = to - from;
-        if (!(length > 0.0) || !k.finite)
+        const ShootData &d = *l.task->data;
+        return l.command + 1 < (long)d.rows ? d.t[l.command + 1] + late : NONE;
+    }
+    // Commands whose time has come take over.
+    void turn()
+    {
+        bool any = false;
+        for (int i = 0; i < W; i++)
+            any = any || due(lane[i]);
+        if (!any)
             return;
-        long usual = (long)(length / k.step + 0.999);
+        if (edges_move) {
+            bare_slopes(now, x.v, before);
+        }
+        for (int i = 0; i < W; i++) {
+            Lane &l = lane[i];
+            while (due(l)) {
+                set_command(i, l.command + 1);
+                l.edge = true;
+            }
+        }
+        slopes_known = false;
+    }
+    bool due(const Lane &l) const
+    {
+        if (!l.task || !l.task->finite)
+            return false;
+        double edge = next_edge(l);
+        return edge <= l.now && edge <= l.task->end;
+    }
+    // If an edge moves with the delay, so does what follows.
+    void follow_edges()
+    {
+        bool any = false;
+        for (int i = 0; i < W; i++)
+            any = any || (lane[i].task && lane[i].edge);
+        if (!any)
+            return;
+        for (int s = 0; s < ns; s++) {
+            Base change = Base(0.0);
+            for (int i = 0; i < W; i++)
+                if (lane[i].task && lane[i].edge)
+                    put(change, i, get(before[s], i) - slope(i, s));
+            for (int d = 0; d < columns; d++)
+                x.d[s * columns + d] += late_slope[d] * change;
+        }
+        for (int i = 0; i < W; i++)
+            lane[i].edge = false;
+        derivative(now, x, f0);
+    }
+
+    // --- steps ---
+
+    // Slopes at a state, with derivatives.
+    void derivative(const Base &t, const Point &at, Point &f)
+    {
+        Scalar dx[MK_MAX_STATES];
+        look_at(at);
+        rhs_of<Law>(c, t, seen, u, dx);
+        for (int i = 0; i < ns; i++) {
+            f.v[i] = base_of(dx[i]);
+            chain(dx[i], at, f.d + i * columns);
+        }
+    }
+    void bare_slopes(const Base &t, const Base *at, Base *dx) const
+    {
+        rhs_of<Law>(bare, t, at, u, dx);
+    }
+    void look_at(const Point &at)
+    {
+        for (int i = 0; i < ns; i++)
+#if MK_DERIVATIVES
+            seen[i].v = at.v[i];
+#else
+            seen[i] = at.v[i];
+#endif
+    }
+    // The chain rule: derivatives by the columns of what laws made of `at`.
+    void chain(const Scalar &number, const Point &at, Base *row) const
+    {
+#if MK_DERIVATIVES
+        int n = 0;
+        const Base *from[MK_MAX_STATES];
+        Base by[MK_MAX_STATES];
+        Scalar::each(number.mask & ((1u << ns) - 1u), [&](int s) {
+            from[n] = at.d + s * columns;
+            by[n++] = number.d[s];
+        });
+        for (int d = 0; d < columns; d++) {
+            Base sum = Base(0.0);
+            for (int i = 0; i < n; i++)
+                sum += by[i] * from[i][d];
+            row[d] = sum;
+        }
+        Scalar::each(number.mask & ~((1u << ns) - 1u), [&](int d) { row[d] += number.d[d]; });
+#else
+        (void)number, (void)at, (void)row;
+#endif
+    }
+    // Where each lane's step shall end.
+    void plan()
+    {
+        for (int i = 0; i < W; i++) {
+            Lane &l = lane[i];
+            if (!l.task || l.switched > 0)
+                continue;
+            while (l.step == l.steps) {
+                if (l.run == l.runs)
+                    begin_interval(i);
+                begin_run(i);
+            }
+            l.target = l.step + 1 == l.steps ? l.to : l.from + l.h * (double)(l.step + 1);
+        }
+    }
+    // From here to the next edge, under one command.
+    void begin_interval(int i)
+    {
+        Lane &l = lane[i];
+        double edge = next_edge(l), stop = edge < l.task->end ? edge : l.task->end;
+        double length = stop - l.now, left = l.now, right = l.now;
+        long fine = sharp_reversal(i, length, left, right);
+        l.run = 0;
+        l.runs = fine == 0 ? 1 : 3;
+        l.stop[0] = fine == 0 ? stop : left;
+        l.least[0] = fine == 0 ? reversal_steps(i, length) : 1;
+        l.stop[1] = right;
+        l.least[1] = fine;
+        l.stop[2] = stop;
+        l.least[2] = 1;
+    }
+    void begin_run(int i)
+    {
+        Lane &l = lane[i];
+        double length = l.stop[l.run] - l.now;
+        long count = l.least[l.run], usual = (long)(length / k.step + 0.999);
+        l.from = l.now;
+        l.to = l.stop[l.run++];
+        l.step = l.steps = 0;
+        if (!(length > 0.0))
+            return;
         count = usual > count ? usual : count;
         if (stiff) {
-            double rate = fastest_rate(c, Scalar(from), x) * length / 1.6;
+            double at[MK_MAX_STATES];
+            for (int s = 0; s < c.state_count; s++)
+                at[s] = state(i, s);
+            double rate = fastest_rate(plain, l.now, at) * length / 1.6;
             count = rate > (double)count ? (long)(rate < 24.0 ? rate + 1.0 : 24.0) : count;
         }
-        double h = length / (double)count;
-        for (long i = 0; i < count && k.finite; i++)
-            step(from + h * (double)i, i + 1 == count ? to : from + h * (double)(i + 1));
+        l.steps = count;
+        l.h = length / (double)count;
     }
     // A light wheel runs through the whole turn of its friction within a fraction of a step: when,
     // and how many steps it takes to follow. 0: no such thing.
-    long sharp_reversal(double length, double &left, double &right) const
+    long sharp_reversal(int i, double length, double &left, double &right) const
     {
         for (int j = 0; j < speed_count; j++) {
-            double v = value_of(x[speeds[j]]), a = value_of(f0[speeds[j]]);
+            double v = state(i, speeds[j]), a = slope(i, speeds[j]);
+            if (!(fabs(a) * length > 0.4))
+                continue;
             double reach = 0.35 / fabs(a), middle = -v / a;
-            if (!(fabs(a) * length > 0.4) || middle + reach < 0.0 || middle - reach > length)
+            if (middle + reach < 0.0 || middle - reach > length)
                 continue;
             double from = left;
             left = from + (middle > reach ? middle - reach : 0.0);
@@ -227,11 +522,12 @@ class Shooter
         return 0;
     }
     // Friction turns over within |v| < 0.2 rad/s; a step must resolve that.
-    long reversal_steps(double length) const
+    long reversal_steps(int i, double length) const
     {
         long count = 1;
         for (int j = 0; j < speed_count; j++) {
-            double v = fabs(value_of(x[speeds[j]])), dv = fabs(value_of(f0[speeds[j]])) * length;
+            double v = fabs(state(i, speeds[j]));
+            double dv = fabs(slope(i, speeds[j])) * length;
             long need = v < 0.2 + dv ? (long)(dv / 0.05) + 1 : 1;
             if (need > count)
                 count = need < 8 ? need : 8;
@@ -239,204 +535,368 @@ class Shooter
         return count;
     }
 
-    // The classical Runge-Kutta method over a step that may depend on what is differentiated by.
-    template <class H>
-    void runge_kutta(double a, const H &h, Scalar *y) const
+    // y = x + h f.
+    void advance(const Base &h, const Point &f)
     {
-        k.steps++;
-        const int ns = c.state_count;
-        double mid = a + 0.5 * value_of(h), b = a + value_of(h);
-        Scalar k2[MK_MAX_STATES], k3[MK_MAX_STATES], k4[MK_MAX_STATES];
         for (int i = 0; i < ns; i++)
-            y[i] = x[i] + (0.5 * h) * f0[i];
+            y.v[i] = x.v[i] + h * f.v[i];
+        for (int i = 0; i < ns * columns; i++)
+            y.d[i] = x.d[i] + h * f.d[i];
+    }
+    // The classical Runge-Kutta method from x to y.
+    void runge_kutta(const Base &h)
+    {
+        Base half = 0.5 * h, sixth = (1.0 / 6.0) * h, mid = now + half;
+        advance(half, f0);
         derivative(mid, y, k2);
-        for (int i = 0; i < ns; i++)
-            y[i] = x[i] + (0.5 * h) * k2[i];
+        advance(half, k2);
         derivative(mid, y, k3);
+        advance(h, k3);
+        derivative(now + h, y, k4);
         for (int i = 0; i < ns; i++)
-            y[i] = x[i] + h * k3[i];
-        derivative(b, y, k4);
+            y.v[i] = x.v[i] + sixth * (f0.v[i] + 2.0 * (k2.v[i] + k3.v[i]) + k4.v[i]);
+        for (int i = 0; i < ns * columns; i++)
+            y.d[i] = x.d[i] + sixth * (f0.d[i] + 2.0 * (k2.d[i] + k3.d[i]) + k4.d[i]);
+    }
+    // The same without derivatives.
+    void bare_runge_kutta(const Base &h, Base *to) const
+    {
+        Base half = 0.5 * h, mid = now + half;
+        Base a[MK_MAX_STATES], b[MK_MAX_STATES], e[MK_MAX_STATES];
         for (int i = 0; i < ns; i++)
-            y[i] = x[i] + (h * (1.0 / 6.0)) * (f0[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+            to[i] = x.v[i] + half * f0.v[i];
+        bare_slopes(mid, to, a);
+        for (int i = 0; i < ns; i++)
+            to[i] = x.v[i] + half * a[i];
+        bare_slopes(mid, to, b);
+        for (int i = 0; i < ns; i++)
+            to[i] = x.v[i] + h * b[i];
+        bare_slopes(now + h, to, e);
+        for (int i = 0; i < ns; i++)
+            to[i] = x.v[i] + (1.0 / 6.0) * h * (f0.v[i] + 2.0 * (a[i] + b[i]) + e[i]);
+    }
+    void count_steps(const bool *who)
+    {
+        for (int i = 0; i < W; i++)
+            if (lane[i].task && (!who || who[i]))
+                lane[i].task->steps++;
     }
 
-    // One step; where a law switches inside (contact), it ends there and another goes on.
-    void step(double a, double b)
+    void step()
     {
-        Scalar y[MK_MAX_STATES];
-        if (!slope_known)
-            derivative(a, x, f0);
-        slope_known = true;
-        if (c.event_count == 0) {
-            runge_kutta(a, b - a, y);
-            arrive(a, b, y);
+        Base end = now;
+        for (int i = 0; i < W; i++)
+            if (lane[i].task)
+                put(end, i, lane[i].target);
+        count_steps(nullptr);
+        if (c.event_count == 0)
+            runge_kutta(end - now);
+        else
+            step_to_switch(end);
+        arrive(end);
+    }
+
+    // Where a law switches inside (contact), the step ends there, just past it, and another goes
+    // on. The instant moves with what is differentiated by, and the state at it with the instant.
+    void step_to_switch(Base &end)
+    {
+        Base h = end - now, hop = Base(0.0), bare_y[MK_MAX_STATES];
+        bool switching[W], any = false;
+        int which[W];
+        bare_runge_kutta(h, bare_y);
+        if (find_switch(h, bare_y, which)) {
+            for (int i = 0; i < W; i++) {
+                switching[i] = which[i] >= 0;
+                any = any || switching[i];
+                if (!switching[i])
+                    continue;
+                put(end, i, get(now, i) + get(h, i));
+                put(hop, i, 2.0 * PAST + 1e-3 * get(h, i));
+            }
+            count_steps(switching);
+        }
+        // A law may jump at its switch: up to there all of the step is under the old one.
+        runge_kutta(h - hop);
+        if (!any && !on_switch)
             return;
-        }
-        Scalar start = Scalar(a);
-        for (int part = 0;; part++) {
-            Scalar h = Scalar(b) - start;
-            runge_kutta(value_of(start), h, y);
-            Scalar to_switch;
-            if (part == 6 || !switches(value_of(start), h, y, to_switch)) {
-                arrive(value_of(start), b, y);
-                return;
-            }
-            runge_kutta(value_of(start), to_switch, y);
-            double from = value_of(start);
-            start += to_switch;
-            arrive(from, value_of(start), y);
-            if (!k.finite)
-                return;
-            derivative(value_of(start), x, f0);
-            slope_known = true;
+        derivative(end - hop, y, k2);
+        for (int s = 0; s < ns; s++)
+            y.v[s] += hop * k2.v[s];
+        for (int d = 0; d < ns * columns; d++)
+            y.d[d] += hop * k2.d[d];
+        move_instants(end, any ? which : nullptr, k2.v);
+    }
+    // Slopes: at y, under the old law.
+    void move_instants(const Base &end, const int *which, const Base *slopes)
+    {
+        Base instant[MOST_COLUMNS + 1];
+        for (int d = 0; d < columns; d++)
+            instant[d] = -passed.d[d]; // the end stands still
+        if (which)
+            instants(end, which, slopes, instant);
+        for (int s = 0; s < ns; s++)
+            for (int d = 0; d < columns; d++)
+                y.d[s * columns + d] += instant[d] * slopes[s];
+        on_switch = false;
+        for (int i = 0; i < W; i++) {
+            bool switching = which && which[i] >= 0;
+            lane[i].switched = switching ? lane[i].switched + 1 : 0;
+            on_switch = on_switch || switching;
+            for (int d = 0; d < columns; d++)
+                put(passed.d[d], i, switching ? get(passed.d[d], i) + get(instant[d], i) : 0.0);
         }
     }
-
-    // Whether a law switches on the way to y, and after how long (just past it).
-    bool switches(double a, const Scalar &h, const Scalar *y, Scalar &to_switch) const
+    // By the implicit function theorem: how long steps to a switch take, by the columns.
+    void instants(const Base &end, const int *which, const Base *slopes, Base *instant)
     {
-        constexpr double PAST = 1e-8; // s
-        Scalar ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
-        mk::events(c, Scalar(a), x, ga);
-        mk::events(c, Scalar(a + value_of(h)), y, gb);
-        int which = -1;
-        double share = 1.0;
+        Scalar g[MK_MAX_EVENTS];
+        look_at(y);
+        mk::events(c, end, seen, g);
         for (int e = 0; e < c.event_count; e++) {
-            double va = value_of(ga[e]), vb = value_of(gb[e]);
-            if ((va > 0.0) == (vb > 0.0) || value_of(h) < 10.0 * PAST)
+            bool wanted = false;
+            for (int i = 0; i < W; i++)
+                wanted = wanted || which[i] == e;
+            if (!wanted)
                 continue;
-            if (va / (va - vb) <= share) {
-                share = va / (va - vb);
-                which = e;
+            Base rate = Base(0.0);
+            Row row;
+#if MK_DERIVATIVES
+            Scalar::each(g[e].mask & ((1u << ns) - 1u),
+                         [&](int s) { rate += g[e].d[s] * slopes[s]; });
+#else
+            (void)slopes;
+#endif
+            chain(g[e], y, row.d);
+            for (int d = 0; d < columns; d++)
+                for (int i = 0; i < W; i++)
+                    if (which[i] == e && get(rate, i) != 0.0)
+                        put(instant[d], i, -get(row.d[d], i) / get(rate, i));
+        }
+    }
+    // Which law switches in which lane (-1: none) on the way over h to y; shortens h there to what
+    // it takes to get just past it. False: nowhere.
+    bool find_switch(Base &h, const Base *y_end, int *which) const
+    {
+        Base ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
+        bool any = false;
+        mk::events(bare, now, x.v, ga);
+        mk::events(bare, now + h, y_end, gb);
+        for (int i = 0; i < W; i++) {
+            which[i] = -1;
+            double share = 1.0;
+            if (!lane[i].task || lane[i].switched >= MOST_PARTS || get(h, i) < 10.0 * PAST)
+                continue;
+            for (int e = 0; e < c.event_count; e++) {
+                double va = get(ga[e], i), vb = get(gb[e], i);
+                if ((va > 0.0) != (vb > 0.0) && va / (va - vb) <= share) {
+                    share = va / (va - vb);
+                    which[i] = e;
+                }
             }
+            any = any || which[i] >= 0;
         }
-        if (which < 0)
+        if (!any)
             return false;
-        Scalar slope = (gb[which] - ga[which]) / h;
-        Scalar guess = h * (ga[which] / (ga[which] - gb[which]));
+        Base a = pick(ga, which), b = pick(gb, which);
+        Base rate = (b - a) / h, guess = h * (a / (a - b));
         for (int round = 0; round < 3; round++) {
-            Scalar at[MK_MAX_STATES], g[MK_MAX_EVENTS];
-            runge_kutta(a, guess, at);
-            mk::events(c, Scalar(a + value_of(guess)), at, g);
-            guess -= g[which] / slope;
-            if (!(value_of(guess) > 0.0))
-                guess = guess - value_of(guess) + 1e-3 * value_of(h);
-            if (!(value_of(guess) < value_of(h)))
-                guess = guess - value_of(guess) + 0.999 * value_of(h);
+            Base at[MK_MAX_STATES], g[MK_MAX_EVENTS];
+            bare_runge_kutta(guess, at);
+            mk::events(bare, now + guess, at, g);
+            guess -= pick(g, which) / rate;
+            guess = if_positive(guess, guess, 1e-3 * h);
+            guess = if_positive(h - guess, guess, 0.999 * h);
         }
-        to_switch = guess + PAST;
-        return value_of(to_switch) < value_of(h);
+        any = false;
+        for (int i = 0; i < W; i++) {
+            double length = get(guess, i) + PAST;
+            if (!(which[i] >= 0 && length < get(h, i))) {
+                which[i] = -1;
+                continue;
+            }
+            put(h, i, length);
+            any = true;
+        }
+        return any;
+    }
+    // By lane, one of the switching functions.
+    static Base pick(const Base *g, const int *which)
+    {
+        Base r = g[0];
+        for (int i = 0; i < W; i++)
+            if (which[i] > 0)
+                put(r, i, get(g[which[i]], i));
+        return r;
     }
 
-    // Takes what was read on the way from a to b and moves to y.
-    void arrive(double a, double b, const Scalar *y)
+    // Takes what was read on the way and moves to y.
+    void arrive(const Base &end)
     {
-        const int ns = c.state_count;
-        take_at_start(a);
-        slope_known = readings_before(b);
-        if (slope_known) {
-            derivative(b, y, f1);
-            take_readings(a, b, y);
+        slopes_known = readings_before(end);
+        if (slopes_known) {
+            derivative(end, y, f1);
+            take_readings(end);
+            move(f1, f0);
         }
-        for (int i = 0; i < ns; i++) {
-            x[i] = y[i];
-            if (slope_known)
-                f0[i] = f1[i];
+        move(y, x);
+        Base far = Base(0.0);
+        for (int s = 0; s < ns; s++) {
+            Base size = fabs(x.v[s]);
+            far = if_positive(size - far, size, far);
+            far += size - size; // not a number stays
         }
+        if (!all_below(far, 1e6))
+            for (int i = 0; i < W; i++)
+                if (lane[i].task && !(get(far, i) < 1e6))
+                    lane[i].task->finite = false;
+        now = end;
+        for (int i = 0; i < W; i++) {
+            Lane &l = lane[i];
+            l.now = get(end, i);
+            if (l.task && l.switched == 0)
+                l.step++;
+        }
+        turn();
+    }
+    void move(const Point &from, Point &to) const
+    {
         for (int i = 0; i < ns; i++)
-            if (!(value_of(x[i]) < 1e6 && value_of(x[i]) > -1e6))
-                k.finite = false;
+            to.v[i] = from.v[i];
+        for (int i = 0; i < ns * columns; i++)
+            to.d[i] = from.d[i];
     }
 
-    double time_of(int j, long row) const { return d.t[row] - value_of(old[j]); }
-    bool pending(int j, double before) const
+    // --- readings ---
+
+    // Of the lanes whose next reading of a joint is before `end`: its row and time.
+    struct Readings {
+        long row[W]; // -1: none
+        Base t;
+        bool any;
+    };
+    Readings readings(int j, const Base &end, double slack)
     {
-        return next[j] < (long)d.rows && time_of(j, next[j]) < before;
+        Readings r;
+        r.t = now;
+        r.any = false;
+        for (int i = 0; i < W; i++) {
+            Lane &l = lane[i];
+            r.row[i] = -1;
+            if (!l.task || !pending(l, j, get(end, i) + slack))
+                continue;
+            r.row[i] = l.next[j]++;
+            put(r.t, i, time_of(l, j, r.row[i]));
+            r.any = true;
+        }
+        return r;
     }
-    bool readings_before(double b) const
+    double time_of(const Lane &l, int j, long row) const
     {
-        for (int j = 0; j < c.joints; j++)
-            if (pending(j, b - 1e-9))
-                return true;
+        return l.task->data->t[row] - age[j];
+    }
+    bool pending(const Lane &l, int j, double end) const
+    {
+        return l.next[j] < (long)l.task->data->rows && time_of(l, j, l.next[j]) < end;
+    }
+    bool readings_before(const Base &end) const
+    {
+        for (int i = 0; i < W; i++)
+            for (int j = 0; j < c.joints && lane[i].task; j++)
+                if (pending(lane[i], j, get(end, i) - 1e-9))
+                    return true;
         return false;
     }
     // Readings that fall on the start of a step need no interpolation.
-    void take_at_start(double a)
+    void take_at_start()
     {
         for (int j = 0; j < c.joints; j++)
-            while (pending(j, a + 1e-9)) {
-                compare(j, next[j], x, f0, d.t[next[j]] - value_of(old[j]));
-                next[j]++;
+            for (Readings r; (r = readings(j, now, 1e-9)).any;)
+                compare(j, r, x, f0.v);
+    }
+    void take_readings(const Base &end)
+    {
+        for (int j = 0; j < c.joints; j++)
+            for (Readings r; (r = readings(j, end, -1e-9)).any;) {
+                Base rate[MK_MAX_STATES];
+                interpolate(end, r.t, between, rate);
+                compare(j, r, between, rate);
             }
     }
-    void take_readings(double a, double b, const Scalar *y)
+    // Of lanes that have arrived.
+    void take_up_to_end(int j)
     {
-        for (int j = 0; j < c.joints; j++)
-            while (pending(j, b - 1e-9)) {
-                double t = time_of(j, next[j]);
-                Scalar at[MK_MAX_STATES], slope[MK_MAX_STATES];
-                interpolate(a, b, y, t, at, slope);
-                compare(j, next[j], at, slope, t);
-                next[j]++;
-            }
+        Base end = Base(-NONE);
+        for (int i = 0; i < W; i++)
+            if (arrived(lane[i]) && lane[i].task->last && lane[i].task->finite)
+                put(end, i, lane[i].task->end);
+        for (Readings r; (r = readings(j, end, 1e-9)).any;)
+            compare(j, r, x, f0.v);
     }
     // Cubic Hermite between both ends of a step.
-    void interpolate(double a, double b, const Scalar *y, double t, Scalar *at, Scalar *slope) const
+    void interpolate(const Base &end, const Base &t, Point &at, Base *rate) const
     {
-        double h = b - a, s = (t - a) / h, r = 1.0 - s;
-        double h00 = (1.0 + 2.0 * s) * r * r, h10 = h * s * r * r, h01 = s * s * (3.0 - 2.0 * s),
-               h11 = -h * s * s * r;
-        double g00 = -6.0 * s * r / h, g10 = r * (1.0 - 3.0 * s), g11 = s * (3.0 * s - 2.0);
-        for (int i = 0; i < c.state_count; i++) {
-            at[i] = h00 * x[i] + h10 * f0[i] + h01 * y[i] + h11 * f1[i];
-            slope[i] = g00 * x[i] + g10 * f0[i] - g00 * y[i] + g11 * f1[i];
+        Base h = end - now, inverse = 1.0 / if_positive(h, h, Base(1.0));
+        Base s = (t - now) * inverse, r = 1.0 - s;
+        Base h00 = (1.0 + 2.0 * s) * r * r, h10 = h * s * r * r, h01 = s * s * (3.0 - 2.0 * s),
+             h11 = -h * s * s * r;
+        Base g00 = -6.0 * s * r * inverse, g10 = r * (1.0 - 3.0 * s), g11 = s * (3.0 * s - 2.0);
+        for (int i = 0; i < ns; i++) {
+            at.v[i] = h00 * x.v[i] + h10 * f0.v[i] + h01 * y.v[i] + h11 * f1.v[i];
+            rate[i] = g00 * x.v[i] + g10 * f0.v[i] - g00 * y.v[i] + g11 * f1.v[i];
+        }
+        for (int i = 0; i < ns * columns; i++)
+            at.d[i] = h00 * x.d[i] + h10 * f0.d[i] + h01 * y.d[i] + h11 * f1.d[i];
+    }
+    void compare(int j, const Readings &r, const Point &state_then, const Base *rate)
+    {
+        const Point *at = &state_then;
+        if (ages_move) {
+            for (int s = 0; s < ns; s++) {
+                older.v[s] = at->v[s];
+                for (int d = 0; d < columns; d++)
+                    older.d[s * columns + d] = at->d[s * columns + d] - age_slope[j][d] * rate[s];
+            }
+            at = &older;
+        }
+        Scalar reading[MK_MAX_JOINTS];
+        Row row;
+        look_at(*at);
+        measure(c, r.t, seen, reading);
+        chain(reading[j], *at, row.d);
+        for (int i = 0; i < W; i++) {
+            if (r.row[i] < 0)
+                continue;
+            Lane &l = lane[i];
+            ShootTask &task = *l.task;
+            double w = task.data->w[j][r.row[i]];
+            if (!(w > 0.0) || l.rows >= task.row_capacity)
+                continue;
+            task.residual[l.rows] = w * (task.data->q[j][r.row[i]] - get(base_of(reading[j]), i));
+            store(row.d, i, w, task.jac + (long)l.rows * task.columns);
+            if (task.joint_of)
+                task.joint_of[l.rows] = j;
+            l.rows++;
         }
     }
-    void read_up_to_end()
+    // Into a row of all columns: the states', then this pass's parameters.
+    void store(const Base *d, int i, double w, double *row) const
     {
-        double none = k.end + 1e-9;
-        if (!slope_known)
-            derivative(k.end, x, f0);
-        for (int j = 0; j < c.joints; j++)
-            while (pending(j, none)) {
-                compare(j, next[j], x, f0, time_of(j, next[j]));
-                next[j]++;
-            }
+        for (int s = 0; s < columns; s++)
+            row[s < ns ? s : first + s] = w * get(d[s], i);
     }
-    void compare(int j, long row, const Scalar *at, const Scalar *slope, double t)
-    {
-        double w = d.w[j][row];
-        if (!(w > 0.0) || rows >= k.row_capacity)
-            return;
-        Scalar y[MK_MAX_JOINTS], seen[MK_MAX_STATES];
-        Scalar early = value_of(old[j]) - old[j];
-        for (int i = 0; i < c.state_count; i++)
-            seen[i] = at[i] + early * value_of(slope[i]);
-        measure(c, Scalar(t), seen, y);
-        k.residual[rows] = w * (d.q[j][row] - value_of(y[j]));
-        store_scaled(y[j], w, k.jac + (long)rows * k.columns);
-        if (k.joint_of)
-            k.joint_of[rows] = j;
-        rows++;
-    }
-    void store_scaled(const Scalar &y, double w, double *row) const
-    {
-        for (int i = 0; i < MK_LANES && first + i < k.columns; i++)
-            row[first + i] = w * slope_of(y, i);
-    }
-    void store(const Scalar &y, double *row) const { store_scaled(y, 1.0, row); }
 };
 
-static void run(ShootTask &task, int first_column)
+static int run(ShootTask *tasks, int count, int first_free)
 {
-    with_plant(task.model->plant, [&](auto law) {
-        Shooter<decltype(law)> shooter(task, first_column);
+    return with_plant(tasks->model->plant, [&](auto law) {
+        Shooter<decltype(law)> shooter(tasks, count, first_free);
         shooter.run();
+        return shooter.parameters_done();
     });
 }
 
 extern const ShootKernel shoot_kernel;
-const ShootKernel shoot_kernel = {MK_LANES, run};
+const ShootKernel shoot_kernel = {W, run};
 
 } // namespace MK_KERNEL_NS
 } // namespace mk
