@@ -182,7 +182,9 @@ class Explainer
         again->run();
         if (closer->cancelled)
             search->cancelled = true;
-        if (again->best.score > same.score)
+        // The first causes may come to the same once they are fitted closer.
+        constexpr double EVEN = 10.0;
+        if (again->best.score > same.score + EVEN)
             return;
         causes = std::move(again);
         search = std::move(closer);
