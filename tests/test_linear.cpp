@@ -10,7 +10,10 @@
 #include <vector>
 
 #include "mechkit/ident.h"
+#include "mechkit/json.h"
 #include "mechkit/sim.h"
+#include "support/files.h"
+#include "support/program.h"
 
 namespace
 {
@@ -563,6 +566,54 @@ START_TEST(output_error_on_many_runs_is_as_good_as_it_says)
 }
 END_TEST
 
+/* --- the program --- */
+
+START_TEST(the_program_writes_what_the_fit_knows)
+{
+    std::string log = open_loop_log("pendulum", "3*sin(6*t)+2*sin(13*t)", 4);
+    std::string json = scratch("fit.json"), ini = scratch("fitted.ini");
+    char out[8192];
+    int rc = run_mechkit(out, sizeof out,
+                         "identify --model " MK_SOURCE_DIR
+                         "/models/pendulum.ini --fix p3 --out %s --json %s "
+                         "--validate %s %s",
+                         ini.c_str(), json.c_str(), log.c_str(), log.c_str());
+    ck_assert_msg(rc == 0 && strstr(out, "largest correlation"), "%s", out);
+    std::unique_ptr<char, void (*)(void *)> text(slurp_file(json.c_str()), free);
+    std::unique_ptr<cJSON, void (*)(cJSON *)> root(cJSON_Parse(text.get()), cJSON_Delete);
+    auto number = [](const cJSON *at, std::initializer_list<const char *> path) {
+        for (const char *name : path)
+            at = cJSON_GetObjectItem(at, name);
+        return at && cJSON_IsNumber(at) ? at->valuedouble : (double)NAN;
+    };
+    for (const char *name : {"condition_number", "condition_number_scaled", "cost", "seconds"})
+        ck_assert_msg(number(root.get(), {name}) > 0, "%s", name);
+    auto element = [&](const char *matrix, int i, int k) {
+        return cJSON_GetArrayItem(cJSON_GetArrayItem(cJSON_GetObjectItem(root.get(), matrix), i),
+                                  k);
+    };
+    mk_model fitted;
+    ck_assert_int_eq(mk_model_read(ini.c_str(), &fitted, nullptr), MK_OK);
+    const char *const names[] = {"p1", "p2", "p4"};
+    const int index[] = {0, 1, 3};
+    for (int a = 0; a < 3; a++) {
+        double error = number(root.get(), {"parameters", names[a], "stderr"});
+        ck_assert_double_eq(number(root.get(), {"parameters", names[a], "value"}),
+                            fitted.parameter[index[a]]);
+        for (int b = 0; b < 3; b++)
+            ck_assert_double_eq_tol(element("covariance", index[a], index[b])->valuedouble,
+                                    element("correlation", index[a], index[b])->valuedouble *
+                                        error *
+                                        number(root.get(), {"parameters", names[b], "stderr"}),
+                                    1e-9 * error * error);
+    }
+    ck_assert(cJSON_IsNull(element("correlation", 2, 2))); /* held */
+    const cJSON *checked = cJSON_GetArrayItem(cJSON_GetObjectItem(root.get(), "validation"), 0);
+    ck_assert_double_lt(
+        cJSON_GetArrayItem(cJSON_GetObjectItem(checked, "nrmse_fitted"), 0)->valuedouble, 0.05);
+}
+END_TEST
+
 } // namespace
 
 Suite *suite_linear(void)
@@ -591,6 +642,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
     tcase_add_test(c, equations_that_miss_the_data_are_told);
     tcase_add_test(c, a_command_beyond_the_limit_is_told);
+    tcase_add_test(c, the_program_writes_what_the_fit_knows);
     tcase_add_test(c, output_error_on_many_runs_is_as_good_as_it_says);
 
     c = tcase_create("many fits");

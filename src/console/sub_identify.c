@@ -11,6 +11,8 @@
 #include "mechkit/json.h"
 
 #define MAX_FILES 64
+#define MOST_COMPARED 1000000 /* rows of a log in free runs: what more would take is for no gain   \
+                               */
 
 struct options {
     const char *model, *out, *json;
@@ -66,6 +68,27 @@ static bool show_progress(void *context, double done, const char *what)
     return true;
 }
 
+static double correlation(const struct mk_ident_result *r, size_t i, size_t k)
+{
+    size_t n = (size_t)r->parameter_count;
+    return r->covariance[i * n + k] /
+           sqrt(r->covariance[i * n + i] * r->covariance[k * n + k]); /* NaN: held */
+}
+
+/* The two parameters that the data tell apart least. */
+static void print_correlation(const struct mk_ident_result *r)
+{
+    double most = 0.0;
+    size_t a = 0, b = 0;
+    for (size_t i = 0; i < (size_t)r->parameter_count; i++)
+        for (size_t k = 0; k < i; k++)
+            if (fabs(correlation(r, i, k)) > fabs(most))
+                most = correlation(r, i, k), a = k, b = i;
+    if (most != 0.0)
+        printf("  largest correlation: %.3f, of %s and %s\n", most, r->parameter[a].name,
+               r->parameter[b].name);
+}
+
 static void print_result(const struct mk_ident_result *r)
 {
     printf("%s: %zu readings, %d iterations, %.2f s\n", r->method, r->rows, r->iterations,
@@ -84,11 +107,13 @@ static void print_result(const struct mk_ident_result *r)
         printf("  noise of q%d: %.3g rad\n", j + 1, r->noise[j]);
     printf("  condition number %.3g, scaled %.3g\n", r->condition_number,
            r->condition_number_scaled);
+    print_correlation(r);
     for (int i = 0; i < r->warning_count; i++)
         printf("  warning: %s\n", r->warning[i]);
 }
 
-/* Free runs of the given and the fitted model over a log. */
+/* Free runs of the given and the fitted model over a log, or over the beginning of a very long one.
+ */
 static enum mk_status compare(const struct mk_model *given, const struct mk_model *fitted,
                               const char *path, const struct mk_log *log, cJSON *list,
                               struct mk_error *err)
@@ -96,15 +121,19 @@ static enum mk_status compare(const struct mk_model *given, const struct mk_mode
     struct mk_predict_figures f[2];
     const struct mk_model *models[2] = {given, fitted};
     struct mk_predict_options o = {.window_s = 1.0};
+    struct mk_log beginning = *log;
+    if (beginning.rows > MOST_COMPARED)
+        beginning.rows = MOST_COMPARED;
     size_t n = (size_t)mk_model_joints(given);
     for (int i = 0; i < 2; i++) {
         struct mk_log *made = NULL;
-        enum mk_status st = mk_predict(models[i], log, &o, &made, &f[i], NULL, err);
+        enum mk_status st = mk_predict(models[i], &beginning, &o, &made, &f[i], NULL, err);
         mk_log_free(made);
         if (st != MK_OK)
             return st;
     }
-    printf("  %s, free runs of 1 s, nrmse:", path);
+    printf("  %s, free runs of 1 s%s, nrmse:", path,
+           beginning.rows < log->rows ? " over its first million rows" : "");
     for (size_t j = 0; j < n; j++)
         printf("  q%zu %.4g -> %.4g", j + 1, f[0].nrmse[j], f[1].nrmse[j]);
     printf("\n");
@@ -139,6 +168,13 @@ static cJSON *result_json(const struct mk_ident_result *r)
     size_t n = (size_t)r->parameter_count;
     for (size_t i = 0; i < n; i++)
         cJSON_AddItemToArray(rows, mk_json_numbers(r->covariance + i * n, n));
+    rows = cJSON_AddArrayToObject(o, "correlation");
+    for (size_t i = 0; i < n; i++) {
+        cJSON *row = cJSON_CreateArray();
+        for (size_t k = 0; k < n; k++)
+            cJSON_AddItemToArray(row, mk_json_number(correlation(r, i, k)));
+        cJSON_AddItemToArray(rows, row);
+    }
     cJSON *warnings = cJSON_AddArrayToObject(o, "warnings");
     for (int i = 0; i < r->warning_count; i++)
         cJSON_AddItemToArray(warnings, cJSON_CreateString(r->warning[i]));

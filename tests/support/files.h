@@ -2,6 +2,10 @@
 #ifndef MECHKIT_TESTS_SUPPORT_FILES_H
 #define MECHKIT_TESTS_SUPPORT_FILES_H
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Path of `name` in this process's scratch directory (made on first use). Static storage of 64
  * paths in turn. */
 const char *scratch(const char *name);
@@ -18,5 +22,9 @@ int count_files(const char *pattern);
 
 /* Whole content of a file as a NUL-terminated string to free; NULL when it cannot be read. */
 char *slurp_file(const char *path);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
