@@ -396,7 +396,7 @@ deb: ## Debian packages of program, library and headers in build/deb, looked at 
 	@tools/deb.sh $(BUILD)
 
 .PHONY: bench
-BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identify.cpp)
+BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identify.cpp bench_explain.cpp)
 bench: $(B)/libmkbench.so $(B)/latency $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
 	$(PYTHON) -B tools/bench/bench.py $(BUILD) $(abspath $<) $(SECTIONS)
 $(B)/libmkbench.so: $(BENCH_SRC) $(LIB) tools/bench/bench_pendubot.hpp

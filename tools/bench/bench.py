@@ -58,7 +58,8 @@ class Context:
                 "bench_numbers": [ctypes.c_int, ctypes.c_int, address],
                 "bench_log_write": [ctypes.c_char_p, ctypes.c_int, ctypes.c_int, address],
                 "bench_log_fprintf": [ctypes.c_char_p, ctypes.c_int, ctypes.c_int, address],
-                "bench_log_read": [ctypes.c_char_p]}.items():
+                "bench_log_read": [ctypes.c_char_p], "bench_hypotheses_prepare": [],
+                "bench_hypotheses": [ctypes.c_int]}.items():
             getattr(self.lib, name).argtypes = types
 
 

@@ -1,4 +1,4 @@
-"""How cost grows: with the samples of a log, with the number of runs."""
+"""How cost grows: with the samples of a log, with the number of runs, with that of hypotheses."""
 import ctypes
 import os
 
@@ -38,5 +38,11 @@ def rows(context):
               "shooting, samples": growth("prediction of a log with its derivatives, samples",
                                           samples, derivatives),
               "batch, runs": growth("trajectories of 10 s, runs", (1, 4, 16, 64, 256, 1000), batch)}
+    there = lib.bench_hypotheses_prepare()
+    if not there:
+        raise RuntimeError("no model for the search of explain")
+    counts = [n for n in (1, 2, 4, 8, 15, 30, 60) if n <= there]
+    result["explain, hypotheses"] = growth("explain's search, hypotheses", counts,
+                                           lib.bench_hypotheses)
     os.unlink(path)
     return result
