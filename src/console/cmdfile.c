@@ -10,8 +10,7 @@
 #include "console/cmd.h"
 
 #define MAX_SOURCES 16 /* nested files */
-#define MAX_FILES 1000 /* sourced in all: those that source each other twice grow without bounds   \
-                        */
+#define MAX_FILES 1000 /* in all: files that source others twice multiply */
 #define MAX_BLOCKS 16  /* nested repeats */
 #define MAX_LINE 1024
 #define MAX_COUNT 1000000
