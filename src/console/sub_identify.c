@@ -11,9 +11,8 @@
 #include "mechkit/json.h"
 
 #define MAX_FILES 64
-#define MOST_COMPARED                                                                              \
-    1000000 /* rows of a log in free runs: what more would take is for no gain                     \
-             */
+/* Rows of a log in free runs: what more would take is for no gain. */
+#define MOST_COMPARED 1000000
 
 struct options {
     const char *model, *out, *json;
