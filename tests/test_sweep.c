@@ -217,6 +217,8 @@ static const struct {
     {"[sweep]\nkind = robustness\n", "[rig] setup is missing"},
     {"[sweep]\nkind = robustness\nruns = 1.5\n",
      "bad.ini:3: runs = '1.5': expected a whole number"},
+    {"[sweep]\nkind = robustness\nruns = 3e47\n",
+     "bad.ini:3: runs = '3e47': expected a whole number"},
     {"[sweep]\nkind = robustness\n[rig]\nsetup = pi-speed\n",
      "bad.ini:4: rig.setup: 'pi-speed' is no setup that balances: expected"},
     {HEAD "[spread]\nparameters = 0 : 1\n", "bad.ini:6: parameters = '0 : 1': expected a number, "},

@@ -244,9 +244,11 @@ static enum mk_status read_sweep(struct sweep *s, struct mk_ini *ini, struct mk_
     enum mk_status st = read_whole(ini, "runs", 1.0, SWEEP_RUNS_MAX, &runs, err);
     if (st == MK_OK)
         st = read_whole(ini, "seed", 0.0, 9e15, &seed, err);
+    if (st != MK_OK)
+        return st;
     s->runs = (int)runs;
     s->seed = (uint64_t)seed;
-    return st;
+    return MK_OK;
 }
 
 /* [rig] model = files, one a kind of rig, beside the spec. */
