@@ -18,7 +18,7 @@ constexpr double SMALL_PART = 0.02;   // at most this share of the refitted mode
 
 // In passes over the data (Search::work_done): nothing more is looked for after so many, and
 // earlier causes are not looked at again after fewer. Most searches end long before.
-constexpr double MOST_WORK = 12000.0, MUCH_WORK = 9000.0;
+constexpr double MOST_WORK = 16000.0, MUCH_WORK = 13000.0;
 constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
 
 // The first of a field, catalogue before library unless the library is clearly better.

@@ -265,7 +265,8 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         Hypothesis best;
         FitPoint point;
         std::vector<int> free;
-        double now = HUGE_VAL, work = 0.0, settled = HUGE_VAL; // the drift at which it is
+        double now = HUGE_VAL, earlier = HUGE_VAL; // scores
+        double work = 0.0, settled = HUGE_VAL;     // the drift at which it is
         int worse = 0;
         bool running = true;
     };
@@ -321,14 +322,20 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         return least;
     };
     // Some take long to come to nothing: a few iterations at a time, and who is then too far behind
-    // the leader is not fitted to the end.
-    constexpr double CLOSE = 200.0;
+    // the leader, and does not catch up, is not fitted to the end.
+    constexpr double CLOSE = 200.0, CATCHING_UP = 0.25; // of what is missing, in a few iterations
     constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
     for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
+        for (Runner &r : runners)
+            r.earlier = r.now;
         run_all(first, FEW_ITERATIONS);
         const double lead = std::min(leader(), beat);
-        for (Runner &r : runners)
-            r.running = r.running && r.now < lead + std::max(CLOSE, share * (from - lead));
+        for (Runner &r : runners) {
+            const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
+            const bool comes =
+                std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
+            r.running = r.running && (near || comes);
+        }
     }
     for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
         run_all(drift, ALL_ITERATIONS);

@@ -35,6 +35,17 @@ OwnedLog slice(const mk_log &log, size_t first, size_t last)
     return out;
 }
 
+// What a log tells without a hole in it.
+Piece longest_piece(const mk_record &record, size_t rows)
+{
+    Piece longest = {0, 0};
+    double hole = 0.0;
+    for (const Piece &piece : pieces_of(record, rows, hole))
+        if (piece.last - piece.first > longest.last - longest.first)
+            longest = piece;
+    return longest;
+}
+
 enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
 {
     for (int j = 0; j < log.joints; j++) {
@@ -75,7 +86,13 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
             made.push_back(slice(*given[i], last, record.rows));
             held.push_back(made.back().get());
         }
-        logs.push_back(fit_log(record, model, 0, last));
+        used.push_back(longest_piece(record, last));
+        if (used[i].last - used[i].first < FEWEST)
+            return mk_error_at(err, MK_ERR_RANGE, given[i]->path, 0, 0,
+                               "no %zu rows without a long hole in them: too few to explain "
+                               "anything",
+                               FEWEST);
+        logs.push_back(fit_log(record, model, used[i].first, used[i].last));
         out.given_s += logs.back().duration();
         st = check_motion(logs.back(), given[i], err);
         if (st != MK_OK)
@@ -103,13 +120,11 @@ enum mk_status TrainingData::take_part(const mk_model &model, double most_s,
         enum mk_status st = mk_record_from_log(given[log], &model, &record, err);
         if (st != MK_OK)
             return st;
-        // What is held back has been left out of these already.
-        const FitLog &whole = logs[log];
-        const double seconds = std::min(share, whole.duration());
-        size_t last = 0;
-        while (last < record.rows && record.t[last] - record.t[0] <= seconds)
+        const double seconds = std::min(share, logs[log].duration());
+        size_t last = used[log].first;
+        while (last < used[log].last && record.t[last] - record.t[used[log].first] <= seconds)
             last++;
-        part.push_back(fit_log(record, model, 0, last));
+        part.push_back(fit_log(record, model, used[log].first, last));
     }
     logs = std::move(part);
     return MK_OK;

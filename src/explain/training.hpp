@@ -23,6 +23,8 @@ struct TrainingData {
                         size_t holdout_count, mk_explanation &out, mk_error *err);
 
   private:
+    std::vector<Piece> used; // of the logs as given: between holes
+
     enum mk_status take_part(const mk_model &model, double most_s, const mk_log *const *given,
                              mk_error *err);
 };

@@ -255,6 +255,35 @@ void Fit::coarsen(const FitPoint &point)
 
 // --- the quadratic picture ---
 
+// What is not known of the command (rows that were not recorded, digits that were not written)
+// moves the speeds: variances by joint at the end of a stretch.
+void Fit::doubt_command(const FitPoint &point, size_t l, size_t node)
+{
+    Segment &s = work[l][node];
+    const FitLog &log = *logs[l];
+    double rounding = log.u_step / std::sqrt(12.0);
+    double doubt = rounding * rounding * (s.end - s.begin) / log.period;
+    size_t stop = s.last ? log.rows() : point.nodes[l].row[node + 1];
+    for (size_t k = point.nodes[l].row[node]; k < stop; k++)
+        doubt += log.doubt[k] * log.doubt[k];
+    s.doubt[0] = s.doubt[1] = 0.0;
+    if (!(doubt > 0.0))
+        return;
+    // The motor's torque meets the mass matrix alone.
+    mk_model bare = point.model;
+    bare.effect_count = 0;
+    const int joints = mk_model_joints(&bare);
+    const double none[MK_MAX_INPUTS] = {0.0, 0.0}, some[MK_MAX_INPUTS] = {0.5 * bare.u_max, 0.0};
+    double without[MK_MAX_STATES], with[MK_MAX_STATES];
+    const double *x = &point.nodes[l].x(0, (long)node);
+    mk_model_rhs(&bare, s.begin, x, none, without);
+    mk_model_rhs(&bare, s.begin, x, some, with);
+    for (int j = 0; j < joints; j++) {
+        double dv = (with[joints + j] - without[joints + j]) / some[0] * log.period;
+        s.doubt[j] = dv * dv * doubt;
+    }
+}
+
 VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) const
 {
     const mk_model &m = point.model;
@@ -270,23 +299,8 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     for (long j = 0; j < joints; j++)
         if (mk_plant(m.plant)->joint_is_wheel[j])
             q(joints + j) += std::pow(RELATIVE * logs[l]->v_max[j], 2) * span;
-    // What is not known of the command: rows that were not recorded, digits that were not written.
-    const FitLog &log = *logs[l];
-    double rounding = log.u_step / std::sqrt(12.0);
-    double doubt = rounding * rounding * span / log.period;
-    size_t stop = s.last ? log.rows() : point.nodes[l].row[node + 1];
-    for (size_t k = point.nodes[l].row[node]; k < stop; k++)
-        doubt += log.doubt[k] * log.doubt[k];
-    if (doubt > 0.0) {
-        double b[MK_MAX_STATES * MK_MAX_INPUTS];
-        VectorXd x = point.nodes[l].x.col((long)node);
-        double u[MK_MAX_INPUTS] = {0.0, 0.0};
-        mk_model_jacobian(&m, s.begin, x.data(), u, nullptr, b, nullptr);
-        for (long j = 0; j < joints; j++) {
-            double dv = b[(joints + j) * MK_MAX_INPUTS] * log.period;
-            q(joints + j) += dv * dv * doubt;
-        }
-    }
+    for (long j = 0; j < joints; j++)
+        q(joints + j) += s.doubt[j];
     return q;
 }
 

@@ -142,6 +142,7 @@ class Fit
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
+    void doubt_command(const FitPoint &point, size_t log, size_t node);
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "ident/period.hpp"
 #include "mechkit/loop.h"
 
 namespace mk
@@ -13,6 +14,7 @@ namespace
 {
 
 constexpr double MISSING = std::numeric_limits<double>::quiet_NaN();
+constexpr double LONGEST_HOLE = 51.0; // that is bridged, periods
 
 double median_of(std::vector<double> v)
 {
@@ -21,14 +23,6 @@ double median_of(std::vector<double> v)
     auto mid = v.begin() + (std::ptrdiff_t)(v.size() / 2);
     std::nth_element(v.begin(), mid, v.end());
     return *mid;
-}
-
-double median_period(const double *t, size_t first, size_t last)
-{
-    std::vector<double> steps;
-    for (size_t k = first; k + 1 < last; k++)
-        steps.push_back(t[k + 1] - t[k]);
-    return median_of(std::move(steps));
 }
 
 // Command of a row, held over rows that lack it.
@@ -126,7 +120,7 @@ class Builder
     {
         double gap = time(after) - time(before);
         double count = std::round(gap / log.period) - 1.0;
-        if (!(count >= 1.0) || count > 50.0)
+        if (!(count >= 1.0) || count >= LONGEST_HOLE)
             return;
         for (double i = 1.0; i <= count; i++)
             add(time(before) + gap * i / (count + 1.0), SIZE_MAX);
@@ -253,11 +247,41 @@ void drop_glitches(FitLog &log, int j, double noise)
 
 } // namespace
 
+static bool says_something(const mk_record &record, size_t row)
+{
+    bool reads = false;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        reads = reads || (record.q[j] && !std::isnan(record.q[j][row]));
+    return reads && !std::isnan(record.u[0][row]);
+}
+
+std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest)
+{
+    std::vector<Piece> pieces;
+    const double most = LONGEST_HOLE * median_period(record.t, rows);
+    size_t first = 0, before = 0;
+    for (size_t k = 1; k <= rows; k++) {
+        bool end = k == rows;
+        if (!end && !says_something(record, k))
+            continue;
+        double hole = end ? 0.0 : record.t[k] - record.t[before];
+        if (end || hole > most) {
+            size_t last = end ? k : before + 1;
+            if (last - first >= Piece::FEWEST_ROWS)
+                pieces.push_back({first, last});
+            longest = std::max(longest, hole);
+            first = k;
+        }
+        before = k;
+    }
+    return pieces;
+}
+
 FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last)
 {
     FitLog log;
     log.joints = mk_model_joints(&model);
-    log.period = median_period(record.t, first, last);
+    log.period = median_period(record.t + first, last - first);
     Builder builder(record, log, first, last);
     builder.copy_rows();
     log.u_step = last_digit(log.u[0]);

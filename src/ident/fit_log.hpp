@@ -27,6 +27,17 @@ struct FitLog {
     double duration() const { return t.empty() ? 0.0 : t.back(); }
 };
 
+// Rows [first, last) of a record.
+struct Piece {
+    static constexpr size_t FEWEST_ROWS = 20;
+    size_t first, last;
+};
+
+// What is between holes in the first `rows` rows: a command or angles that are missing for so long
+// that they are not bridged, since nobody knows what the rig did meanwhile. Pieces of a few rows
+// are left out. `longest`: raised to the longest hole, s. Throws std::bad_alloc.
+std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest);
+
 // `first`, `last`: rows [first, last) of the record. Throws std::bad_alloc.
 FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last);
 

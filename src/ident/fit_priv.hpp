@@ -19,6 +19,7 @@ struct Fit::LogData {
 struct Fit::Segment {
     double begin = 0.0, end = 0.0;
     bool last = false, finite = false;
+    double doubt[MK_MAX_JOINTS] = {0.0, 0.0}; // of the speeds, from the command's: variance
     Eigen::VectorXd x_end;
     Eigen::MatrixXd jac_end; // d x_end / d (state, parameters)
     Eigen::MatrixXd normal;  // J'J

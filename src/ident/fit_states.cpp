@@ -179,6 +179,7 @@ void Fit::prepare(const FitPoint &point)
             s.begin = logs[l]->t[nodes.row[i]];
             s.last = i + 1 == nodes.row.size();
             s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
+            doubt_command(point, l, i);
         }
     }
 }

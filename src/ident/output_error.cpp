@@ -82,23 +82,6 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
 // Rows that are fitted, of all logs together: what a fit may cost in memory and time.
 constexpr size_t MOST_ROWS = 1000000;
 
-// A command or angles that are missing for longer than so many periods are not bridged: what the
-// rig did meanwhile nobody knows.
-constexpr double LONGEST_HOLE = 51.0;
-constexpr size_t FEWEST_ROWS = 20;
-
-struct Piece {
-    size_t first, last; // rows [first, last) of a record
-};
-
-bool says_something(const mk_record &record, size_t row)
-{
-    bool reads = false;
-    for (int j = 0; j < MK_MAX_JOINTS; j++)
-        reads = reads || (record.q[j] && !std::isnan(record.q[j][row]));
-    return reads && !std::isnan(record.u[0][row]);
-}
-
 // Whether an effect's time counts from the start of a log.
 bool depends_on_time(const mk_model &model)
 {
@@ -111,26 +94,10 @@ bool depends_on_time(const mk_model &model)
     return !std::equal(early, early + 2 * mk_model_joints(&model), late);
 }
 
-// What is between holes. Where an effect depends on the time since the start, only the first.
-std::vector<Piece> pieces_of(const mk_record &record, const mk_model &model, double &longest)
+// Where an effect depends on the time since the start, only the first piece.
+std::vector<Piece> fitted_pieces(const mk_record &record, const mk_model &model, double &longest)
 {
-    std::vector<Piece> pieces;
-    const double most = LONGEST_HOLE * median_period(record.t, record.rows);
-    size_t first = 0, before = 0;
-    for (size_t k = 1; k <= record.rows; k++) {
-        bool end = k == record.rows;
-        if (!end && !says_something(record, k))
-            continue;
-        double hole = end ? 0.0 : record.t[k] - record.t[before];
-        if (end || hole > most) {
-            size_t last = end ? k : before + 1;
-            if (last - first >= FEWEST_ROWS)
-                pieces.push_back({first, last});
-            longest = std::max(longest, hole);
-            first = k;
-        }
-        before = k;
-    }
+    std::vector<Piece> pieces = pieces_of(record, record.rows, longest);
     if (pieces.size() > 1 && depends_on_time(model))
         pieces.erase(pieces.begin() + 1, pieces.end());
     return pieces;
@@ -146,8 +113,8 @@ std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
     std::vector<FitLog> logs;
     for (const mk_record &record : problem.records) {
         size_t rows = all > MOST_ROWS ? std::min(record.rows, left / logs_left) : record.rows;
-        for (const Piece &piece : pieces_of(record, problem.model, hole))
-            if (piece.first + FEWEST_ROWS <= rows)
+        for (const Piece &piece : fitted_pieces(record, problem.model, hole))
+            if (piece.first + Piece::FEWEST_ROWS <= rows)
                 logs.push_back(
                     fit_log(record, problem.model, piece.first, std::min(piece.last, rows)));
         left -= std::min(left, rows);
@@ -254,7 +221,8 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
     if (logs.empty())
         return mk_error_set(err, MK_ERR_RANGE,
-                            "no %zu rows without a hole: there is nothing to fit", FEWEST_ROWS);
+                            "no %zu rows without a hole: there is nothing to fit",
+                            Piece::FEWEST_ROWS);
     mk_model model = problem.model;
     double drift = 1.0;
     if (scout(views, free, options, model, drift))

@@ -70,8 +70,24 @@ struct SparseDual {
     }
     SparseDual &operator*=(const SparseDual &b) { return *this = *this * b; }
     SparseDual operator-() const { return chain(-v, B(-1.0)); }
-    friend SparseDual operator+(SparseDual a, const SparseDual &b) { return a += b; }
-    friend SparseDual operator-(SparseDual a, const SparseDual &b) { return a -= b; }
+    friend SparseDual operator+(const SparseDual &a, const SparseDual &b)
+    {
+        SparseDual r(a.v + b.v);
+        r.mask = a.mask | b.mask;
+        each(a.mask & b.mask, [&](int i) { r.d[i] = a.d[i] + b.d[i]; });
+        each(a.mask & ~b.mask, [&](int i) { r.d[i] = a.d[i]; });
+        each(b.mask & ~a.mask, [&](int i) { r.d[i] = b.d[i]; });
+        return r;
+    }
+    friend SparseDual operator-(const SparseDual &a, const SparseDual &b)
+    {
+        SparseDual r(a.v - b.v);
+        r.mask = a.mask | b.mask;
+        each(a.mask & b.mask, [&](int i) { r.d[i] = a.d[i] - b.d[i]; });
+        each(a.mask & ~b.mask, [&](int i) { r.d[i] = a.d[i]; });
+        each(b.mask & ~a.mask, [&](int i) { r.d[i] = -b.d[i]; });
+        return r;
+    }
     friend SparseDual operator*(const SparseDual &a, const SparseDual &b)
     {
         SparseDual r(a.v * b.v);
