@@ -161,7 +161,7 @@ START_TEST(files_that_source_each_other_come_to_an_end)
     parse("source other.cmd\n", &c);
     ck_assert_int_eq(c.count, 1);
     ck_assert_msg(strstr(c.first, "sources itself") != NULL, "%s", c.first);
-    char name[16], text[64];
+    char name[32], text[64];
     for (int i = 0; i < 12; i++) {
         snprintf(name, sizeof name, "f%d.cmd", i);
         snprintf(text, sizeof text, "source f%d.cmd\nsource f%d.cmd\n", i + 1, i + 1);

@@ -234,6 +234,31 @@ START_TEST(a_hidden_effect_is_named_and_measured)
 }
 END_TEST
 
+// Rows that nobody wrote, for most of a second: what the rig did meanwhile cannot be made up.
+START_TEST(a_long_hole_in_a_log_is_not_bridged)
+{
+    Hidden h;
+    h.drag = 0.012;
+    mk_log *whole = record(h, 0, 6.0), *log = nullptr;
+    const size_t first = 400, hole = 180, rows = whole->rows - hole;
+    ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+    for (const char *name : {"t", "q1", "u"}) {
+        const double *from = mk_log_get(whole, name);
+        double *to = mk_log_add_column(log, name);
+        for (size_t k = 0; k < rows; k++)
+            to[k] = from[k < first ? k : k + hole];
+    }
+    mk_log_free(whole);
+    mk_explanation e = explained(pendulum(false), log, record(h, 1, 5.0));
+    ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_eq(e.cause_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
+    ck_assert_double_eq_tol(e.cause[0].value[0], 0.012, 6e-4);
+    // The longer part.
+    ck_assert_double_eq_tol(e.searched_s, (double)(rows - first) / 250.0, 0.01);
+}
+END_TEST
+
 START_TEST(samples_that_came_late_are_taken_for_when_they_came)
 {
     mk_explanation e = explained(pendulum(true), record_late(8.0), nullptr);
@@ -374,6 +399,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 2);
     tcase_add_test(t, samples_that_came_late_are_taken_for_when_they_came);
+    tcase_add_test(t, a_long_hole_in_a_log_is_not_bridged);
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);

@@ -419,13 +419,22 @@ class Explainer
         return sum;
     }
     // Where there is something to close, an extension that widens it is not what is missing,
-    // however well it does in most windows or at one joint.
+    // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
     bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
                   const HeldOutFigures &after) const
     {
         constexpr double SOMETHING = 0.2, WIDER = 0.1; // of the noise, of the gap
-        const double floor = floor_of(held), gap = refitted.total() - floor;
-        return gap > SOMETHING * floor && after.total() - refitted.total() > WIDER * gap;
+        constexpr double NOISE = 2.0;                  // in squares
+        double floor = 0.0, gap = 0.0, wider = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            const double share = noise_share(held, j), noise = NOISE * share * share;
+            const double error = refitted.nrmse(j) * refitted.nrmse(j);
+            const double left = after.nrmse(j) * after.nrmse(j);
+            floor += share * share;
+            gap += std::max(error - noise, 0.0);
+            wider += std::max(left - noise, 0.0) - std::max(error - noise, 0.0);
+        }
+        return gap > SOMETHING * floor && wider > WIDER * gap;
     }
     enum mk_status measure(mk_error *err)
     {

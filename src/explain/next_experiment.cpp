@@ -287,18 +287,14 @@ enum mk_status mk_explanation_write_next(const mk_explanation *e, const char *pa
 {
     if (!e->next.input[0])
         return MK_OK;
-    char text[1024];
-    int length = snprintf(text, sizeof text,
-                          "# %s.\nmodel %s\nsetup open-loop\ninput %s\nstart\nwait %g\nexpect "
-                          "no-fault\nhalt\nsave next.csv\nquit\n",
-                          e->next.why, model, e->next.input, e->next.seconds);
-    mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path, err);
+    // By stream: a path may be long.
+    struct mk_out_text out;
+    enum mk_status st = mk_out_text_open(&out, path, err);
     if (st != MK_OK)
         return st;
-    st = mk_out_file_write(&file, text, (size_t)length, err);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    fprintf(out.stream,
+            "# %s.\nmodel %s\nsetup open-loop\ninput %s\nstart\nwait %g\nexpect no-fault\nhalt\n"
+            "save next.csv\nquit\n",
+            e->next.why, model, e->next.input, e->next.seconds);
+    return mk_out_text_save(&out, err);
 }

@@ -470,15 +470,7 @@ try {
     s += "<h2>Parameters</h2>" + parameter_table(*e);
     s += "<h2>What to do next</h2><p>" + advice(*e) + "</p>";
     add(s, "<p>%d candidate causes, %.1f s.</p></body></html>\n", e->tried, e->seconds);
-    mk_out_file file;
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st != MK_OK)
-        return st;
-    st = mk_out_file_write(&file, s.data(), s.size(), err);
-    if (st == MK_OK)
-        return mk_out_file_commit(&file, err);
-    mk_out_file_abandon(&file);
-    return st;
+    return mk_out_file_save(path, s.data(), s.size(), err);
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
 }

@@ -14,6 +14,12 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
+// The compiler does not see that `mask` guards what is not set.
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
+
 template <class B>
 struct SparseDual {
     static constexpr int MOST = 32;
@@ -229,6 +235,10 @@ inline SparseDual<B> if_positive(const SparseDual<B> &x, const SparseDual<B> &a,
         return r;
     }
 }
+
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
 
 } // namespace MK_KERNEL_NS
 } // namespace mk
