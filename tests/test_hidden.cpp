@@ -221,6 +221,7 @@ extern "C" Suite *suite_hidden(void)
     Suite *s = suite_create("hidden");
     TCase *laws = tcase_create("laws");
     tcase_set_timeout(laws, 120);
+    tcase_set_tags(laws, "one-thread");
     tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0,
                         (int)truth::rig_kinds.size());
     suite_add_tcase(s, laws);

@@ -18,7 +18,7 @@ asan)
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
     export CK_TIMEOUT_MULTIPLIER=6 ;;
 tsan)
-    export CK_EXCLUDE_TAGS=long
+    export CK_EXCLUDE_TAGS="long one-thread"
     suites=$threaded
     export TSAN_OPTIONS=halt_on_error=1
     export CK_TIMEOUT_MULTIPLIER=12 ;;
