@@ -171,7 +171,8 @@ void CauseSearch::drop_idle()
         forget_lacks();
         rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
         Round &last = rounds.back();
-        last.field = led_by(last.field[0].added, std::move(last.field));
+        const Candidate cause = last.field[0].added;
+        last.field = led_by(cause, std::move(last.field));
         i--;
     }
 }
