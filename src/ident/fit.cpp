@@ -21,6 +21,7 @@ constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a 
 constexpr double MOUNT = 0.1;         // what a base does, of what the other states do
 constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
+constexpr double PASS_STEP = 2.5e-3;  // of the passes that work is counted in, s
 constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
 
 } // namespace
@@ -117,6 +118,8 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     int columns = derivatives ? ns + (int)free.size() : 0;
     double late = sensor_delay(point.model);
+    const double own = point.step > 0.0 ? point.step : longest_step(point.model);
+    const double step = correction ? correction->step : own;
     batch.scale.clear();
     for (int number : free)
         batch.scale.push_back(scale_of(point.model, number));
@@ -142,7 +145,7 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         task.end = s.end;
         task.last = s.last;
         task.x = nodes.x.data() + (long)i * ns;
-        task.step = point.step > 0.0 && !correction ? point.step : options.step;
+        task.step = step;
         task.free_count = derivatives ? (int)free.size() : 0;
         task.free = free.data();
         task.scale = batch.scale.data();
@@ -162,11 +165,11 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
     }
     shoot(batch.task.data(), (int)batch.task.size());
     for (const Job *job = first; job < last; job++)
-        compress(batch.task[(size_t)(job - first)], job->first, job->second);
+        compress(batch.task[(size_t)(job - first)], point.noise, job->first, job->second);
 }
 
 // What a stretch's fit needs to know of how it went.
-void Fit::compress(const ShootTask &task, size_t l, size_t i)
+void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t i)
 {
     Segment &s = work[l][i];
     s.effort = (double)task.steps * (1.0 + task.columns / 6.0);
@@ -174,11 +177,11 @@ void Fit::compress(const ShootTask &task, size_t l, size_t i)
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
-    const Correction *c = correction ? &(*correction)[l][i] : nullptr;
+    const Correction *c = correction ? &correction->by_log[l][i] : nullptr;
     // States of further effects come after those of the point that the correction is from.
     if (c && n == c->residual.size() && s.x_end.size() >= c->x_end.size()) {
         for (size_t r = 0; r < n; r++)
-            s.residual[r] += c->residual[r];
+            s.residual[r] += c->residual[r] / noise[s.joint[r]];
         s.x_end.head(c->x_end.size()) += c->x_end;
     }
     s.sum2[0] = s.sum2[1] = 0.0;
@@ -221,36 +224,63 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
     });
     double effort = 0.0, usual = 0.0;
     for (size_t l = 0; l < logs.size(); l++) {
-        usual += logs[l]->duration() / FitOptions().step;
+        usual += logs[l]->duration() / PASS_STEP;
         for (const Segment &s : work[l])
             effort += s.effort;
     }
     work_done += effort / usual;
 }
 
+// What touches may come and go within a long step.
+double Fit::longest_step(const mk_model &model) const
+{
+    constexpr double CONTACT = 2.5e-3;
+    return mk_model_event_count(&model) > 0 ? std::min(options.step, CONTACT) : options.step;
+}
+
 void Fit::coarsen(const FitPoint &point)
 {
+    constexpr double SMALL = 0.02; // of the noise: so much may long steps change a reading
     correction.reset();
-    if (!(point.step > 0.0 && point.step < options.step))
+    const double longest = longest_step(point.model);
+    if (!(point.step > 0.0 && point.step < longest))
         return;
     shoot_all(point, {}, false);
     const std::vector<std::vector<Segment>> fine = work;
+    auto all = std::make_shared<Corrections>();
     FitPoint coarse = point;
-    coarse.step = options.step;
-    shoot_all(coarse, {}, false);
-    auto all = std::make_shared<Corrections>(work.size());
+    for (coarse.step = longest; coarse.step > 1.1 * point.step; coarse.step *= SHORTER) {
+        shoot_all(coarse, {}, false);
+        if (correct(point, fine, *all) < SMALL) {
+            all->step = coarse.step;
+            correction = all;
+            return;
+        }
+    }
+}
+
+// What makes of the work's stretches fine ones. Returns its root mean square, in readings' standard
+// deviations.
+double Fit::correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
+                    Corrections &out) const
+{
+    double sum = 0.0, count = 1e-300;
+    out.by_log.assign(work.size(), {});
     for (size_t l = 0; l < work.size(); l++)
         for (size_t i = 0; i < work[l].size(); i++) {
             const Segment &a = fine[l][i], &b = work[l][i];
             Correction c;
-            if (a.finite && b.finite && a.residual.size() == b.residual.size()) {
-                c.x_end = a.x_end - b.x_end;
-                for (size_t r = 0; r < a.residual.size(); r++)
-                    c.residual.push_back(a.residual[r] - b.residual[r]);
+            if (!a.finite || !b.finite || a.residual.size() != b.residual.size())
+                return HUGE_VAL;
+            c.x_end = a.x_end - b.x_end;
+            for (size_t r = 0; r < a.residual.size(); r++) {
+                const double change = a.residual[r] - b.residual[r];
+                sum += change * change, count += 1.0;
+                c.residual.push_back(change * point.noise[a.joint[r]]);
             }
-            (*all)[l].push_back(std::move(c));
+            out.by_log[l].push_back(std::move(c));
         }
-    correction = all;
+    return std::sqrt(sum / count);
 }
 
 // --- the quadratic picture ---
@@ -402,6 +432,7 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
             s.a = a;
             D -= C.transpose() * s.P * C;
             d -= C.transpose() * s.P * a;
+            out.relief += 0.5 * a.dot(s.P * a);
             if (s.last)
                 break;
             s.F = s.jac_end.topRows(ns).transpose();
@@ -409,11 +440,14 @@ FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
             MatrixXd B = s.jac_end.bottomRows(nf).transpose();
             VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
             MatrixXd S = F * s.P * F.transpose();
-            S.diagonal() += process_variance(point, l, i);
+            const VectorXd push = process_variance(point, l, i);
+            S.diagonal() += push;
             Eigen::LLT<MatrixXd> spread(S);
             s.A_next = spread.solve(MatrixXd::Identity(ns, ns));
             out.volume += log_root_det(spread);
             s.mu = gap + F * s.P * a;
+            out.relief +=
+                0.5 * (gap.cwiseAbs2().cwiseQuotient(push).sum() - s.mu.dot(s.A_next * s.mu));
             s.G = B - F * s.P * C;
             D += s.G.transpose() * s.A_next * s.G;
             d -= s.G.transpose() * s.A_next * s.mu;

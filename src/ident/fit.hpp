@@ -29,10 +29,10 @@ struct FitOptions {
     double drift[MK_MAX_JOINTS] = {1e-4, 1e-4}; // process noise of the speeds, rad/s per sqrt(s)
     double stretch = 0.25;                      // s
     double hidden_stretch = 60.0; // s, of models that hide one side of a joint from the readings
-    double step = 2.5e-3;         // longest integration step, s
+    double step = 5e-3;           // longest integration step, s
     double tolerance = 1e-3;      // stop when a step gains less, in log likelihood
     int max_iterations = 40;
-    // Most work of one minimisation, in passes over the data with the usual step and without
+    // Most work of one minimisation, in passes over the data with steps of 2.5 ms and without
     // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
     double max_passes = HUGE_VAL;
     int threads = 1;
@@ -62,6 +62,7 @@ struct FitPicture {
     Eigen::MatrixXd information;
     Eigen::VectorXd gradient;
     double cost = 0.0;
+    double relief = 0.0; // what the states would take off the cost with the parameters as they are
     // Minus the log likelihood of the readings with the states integrated out (Laplace), up to a
     // constant: comparable between drifts, noises and models.
     double evidence = 0.0;
@@ -107,8 +108,9 @@ class Fit
     double update_noise(FitPoint &point);
 
     FitOptions options;
-    int iterations = 0;     // of the last minimise
-    double work_done = 0.0; // in passes, see FitOptions::max_passes, since the fit was made
+    int iterations = 0;      // of the last minimise
+    double work_done = 0.0;  // in passes, see FitOptions::max_passes, since the fit was made
+    double start_cost = 0.0; // of the last minimise
     bool converged = false;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
@@ -117,10 +119,14 @@ class Fit
     // Minimises with less and less drift, re-estimating the noise, and ends at the drift with the
     // best evidence: an honest model ends with next to none, a wrong one with what it lacks. `last`
     // is the least drift tried. The picture belongs to the result.
-    // One step of that: minimum at a given drift, noise re-estimated. False when it fails.
-    bool settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result);
     bool descend(FitPoint &point, const std::vector<int> &free, double first, double last,
                  FitPicture &result);
+    // The same from the first drift to the last at once: true where that is the best there is, so
+    // for honest models.
+    bool plunge(FitPoint &point, const std::vector<int> &free, double first, double last,
+                FitPicture &result);
+    // One step of both: minimum at a given drift, noise re-estimated. False when it fails.
+    bool settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result);
 
     // Covariance of the free parameters in their units, from their information.
     static Eigen::MatrixXd covariance(const mk_model &model, const FitPicture &picture,
@@ -129,16 +135,18 @@ class Fit
     static double scale_of(const mk_model &model, int number);
 
   private:
-    struct Segment;    // one stretch at one point
-    struct Batch;      // stretches that are shot together
-    struct Correction; // of one stretch
+    struct Segment;     // one stretch at one point
+    struct Batch;       // stretches that are shot together
+    struct Corrections; // of what long steps make
     struct LogData;
 
     std::vector<const FitLog *> logs;
-    std::vector<LogData> data;                                // by log
-    std::vector<std::vector<Segment>> work;                   // by log
-    using Corrections = std::vector<std::vector<Correction>>; // by log
+    std::vector<LogData> data;              // by log
+    std::vector<std::vector<Segment>> work; // by log
     std::shared_ptr<const Corrections> correction;
+
+    double correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
+                   Corrections &out) const;
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
@@ -146,11 +154,13 @@ class Fit
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;
+    bool minimise_finely(FitPoint &point, const std::vector<int> &free);
     bool refine_step(FitPoint &point);
+    double longest_step(const mk_model &model) const;
     using Job = std::pair<size_t, size_t>; // log, node
     void shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
                     const Job *last, bool derivatives);
-    void compress(const ShootTask &task, size_t log, size_t node);
+    void compress(const ShootTask &task, const double *noise, size_t log, size_t node);
     void shoot_one(const FitPoint &point, size_t log, size_t node); // without derivatives
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;

@@ -1,6 +1,7 @@
 // Fit: the way to the minimum, and from drift to drift.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "ident/fit_priv.hpp"
 
@@ -11,6 +12,9 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double EXACTING = 0.02; // drift below which errors of the integration show
+// Gains far below what evidence is weighed in: again and again they are kinks of friction, not
+// progress.
+constexpr double CREEP = 0.1;
 
 namespace
 {
@@ -170,13 +174,18 @@ class Stepper
     }
 };
 
+// What the next step would gain if the cost were as its picture.
+double promise(const mk_model &model, const std::vector<int> &free, const FitPicture &p)
+{
+    const Stepper stepper(model, free);
+    const VectorXd step = stepper.parameters(stepper.solve(p, 1e-4));
+    return p.relief + p.gradient.dot(step) - 0.5 * step.dot(p.information * step);
+}
+
 } // namespace
 
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
-    // Gains far below what evidence is weighed in, again and again: kinks of friction, not
-    // progress.
-    constexpr double CREEP = 0.1;
     int creeping = 0;
     double damping = 1e-4;
     converged = false;
@@ -185,8 +194,12 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     FitPicture p = picture(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
-    point.cost = p.cost;
+    point.cost = start_cost = p.cost;
     while (iterations < options.max_iterations && !converged && work_done < most_work) {
+        if (promise(point.model, free, p) < 0.1 * options.tolerance) {
+            converged = true;
+            break;
+        }
         iterations++;
         if (progress && !progress(progress_context, 0.0, "fitting")) {
             cancelled = true;
@@ -242,26 +255,51 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     return true;
 }
 
+// To the minimum as it is with the point's own step. Where that is short, the way is gone with long
+// steps, corrected by what the short ones change at its start, and the correction stays in force.
+bool Fit::minimise_finely(FitPoint &point, const std::vector<int> &free)
+{
+    constexpr double FAR = 100.0; // gain from a point at which its correction does not hold
+    constexpr int ROUNDS = 4;
+    // What touches at other instants does not differ by a correction.
+    if (mk_model_event_count(&point.model) > 0)
+        return minimise(point, free) && !cancelled;
+    for (int round = 0; round < ROUNDS; round++) {
+        coarsen(point);
+        if (!minimise(point, free) || cancelled)
+            return false;
+        if (!correction || start_cost - point.cost < FAR)
+            break;
+    }
+    return true;
+}
+
 // Shortens the step until that changes the cost no more; false when it was short enough.
 bool Fit::refine_step(FitPoint &point)
 {
     // Contact changes with every step length a little; its instants are found anyway.
     const double shortest = mk_model_event_count(&point.model) > 0 ? 5e-4 : 2e-4;
     if (!(point.step > 0.0))
-        point.step = options.step;
-    double now = cost(point);
+        point.step = longest_step(point.model);
+    double now = point.cost;
+    const auto kept_correction = std::exchange(correction, nullptr);
     bool refined = false;
     while (point.step > shortest) {
         const double kept = point.step;
         point.step *= SHORTER;
-        double finer = cost(point);
-        if (!(std::fabs(finer - now) > 1.0)) {
+        const double finer = cost(point), change = std::fabs(finer - now);
+        if (!(change > 1.0)) {
             point.step = kept;
             break;
         }
         refined = true;
         now = finer;
+        // Where friction bends sharply errors fall by the square of the step, else faster.
+        if (change * SHORTER * SHORTER < 1.0)
+            break;
     }
+    if (!refined)
+        correction = kept_correction;
     return refined;
 }
 
@@ -270,17 +308,42 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
     for (double &d : options.drift)
         d = drift;
     if (drift >= EXACTING)
-        point.step = options.step;
-    if (!minimise(point, free) || cancelled)
-        return false;
+        point.step = longest_step(point.model);
+    bool found = minimise_finely(point, free);
     // What the step length changes must not be taken for what the model lacks.
-    if (drift < EXACTING && refine_step(point) && (!minimise(point, free) || cancelled))
-        return false;
+    if (found && drift < EXACTING && refine_step(point))
+        found = minimise_finely(point, free);
     // The noise belongs to the estimate; a second round where it changed.
-    if (update_noise(point) > 0.02 && (!minimise(point, free) || cancelled))
+    if (found && update_noise(point) > 0.02)
+        found = minimise_finely(point, free);
+    if (found)
+        result = picture(point, free);
+    correction.reset();
+    return found && result.finite;
+}
+
+bool Fit::plunge(FitPoint &point, const std::vector<int> &free, double first, double last,
+                 FitPicture &result)
+{
+    constexpr double MORE = 1.5; // drift, to see whether the data ask for it
+    constexpr int ITERATIONS = 12;
+    const int usual = std::exchange(options.max_iterations, ITERATIONS);
+    FitPicture above;
+    above.evidence = HUGE_VAL;
+    bool found = (first < MORE * last || settle(point, free, first, above)) &&
+                 settle(point, free, last, result) && converged && result.evidence < above.evidence;
+    options.max_iterations = usual;
+    if (!found)
         return false;
-    result = picture(point, free);
-    return result.finite;
+    // States and parameters are where the cost does not change with them: it tells at once how the
+    // evidence goes with the drift.
+    for (double &d : options.drift)
+        d = MORE * last;
+    const FitPicture more = eliminate(point, (int)free.size(), 0.0);
+    found = total_cost(point) + more.volume > result.evidence;
+    for (double &d : options.drift)
+        d = last;
+    return found;
 }
 
 bool Fit::descend(FitPoint &point, const std::vector<int> &free, double first, double last,

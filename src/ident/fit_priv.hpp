@@ -33,10 +33,14 @@ struct Fit::Segment {
     Eigen::VectorXd a, mu;
 };
 
-// What long steps change in a stretch.
-struct Fit::Correction {
+// What short steps change in a stretch.
+struct Correction {
     Eigen::VectorXd x_end;
-    std::vector<double> residual;
+    std::vector<double> residual; // rad
+};
+struct Fit::Corrections {
+    double step = 0.0; // the long one, s
+    std::vector<std::vector<Correction>> by_log;
 };
 
 } // namespace mk

@@ -71,7 +71,7 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     FitPoint p = from;
     p.model = model;
     if (p.step > 0.0 && mk_model_event_count(&model) > 0)
-        p.step = std::max(p.step, SHORTER * options.step);
+        p.step = std::min(std::max(p.step, SHORTER * longest_step(model)), longest_step(model));
     int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
     const bool hidden = mk_model_hides_joint(&model),
                was_hidden = mk_model_hides_joint(&from.model);

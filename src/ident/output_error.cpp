@@ -139,11 +139,29 @@ std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
 constexpr size_t SCOUT_ROWS = 8000;
 // Relative standard error up to which they may start the fit of all.
 constexpr double SCOUT_ERROR = 0.1;
+// At which a log is one trajectory.
+constexpr double LEAST_DRIFT = 1e-5;
 
-// What the first logs say: the model, and the drift at which it follows them. False when there is
-// too little beyond them to be worth it, or when they do not know every parameter well.
+// The whole way from a point; false when the model cannot follow the data at all.
+bool go_down(Fit &fit, const std::vector<int> &free, double first, FitPoint &point,
+             FitPicture &picture)
+{
+    constexpr double LEAST = 1.5 * LEAST_DRIFT;
+    FitPoint straight = point;
+    if ((first >= 1.0 || first < LEAST) &&
+        fit.plunge(straight, free, first, LEAST_DRIFT, picture)) {
+        point = std::move(straight);
+        return true;
+    }
+    return !fit.cancelled &&
+           fit.descend(point, free, std::min(10.0 * first, 1.0), LEAST_DRIFT, picture);
+}
+
+// What the first logs say: where the model's parameters, the noise and the step ended, and the
+// drift at which it follows them. False when there is too little beyond them to be worth it, or
+// when they do not know every parameter well.
 bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &free,
-           const FitOptions &options, mk_model &model, double &drift)
+           const FitOptions &options, const mk_model &model, FitPoint &point, double &drift)
 {
     std::vector<const FitLog *> first;
     size_t rows = 0, all = 0;
@@ -157,9 +175,9 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
     if (all < 4 * rows)
         return false;
     Fit fit(first, options);
-    FitPoint point = fit.start(model);
+    point = fit.start(model);
     FitPicture picture;
-    if (!fit.descend(point, free, 1.0, 1e-5, picture))
+    if (!go_down(fit, free, 1.0, point, picture))
         return false;
     Eigen::MatrixXd cov = Fit::covariance(point.model, picture, free);
     for (size_t i = 0; i < free.size(); i++) {
@@ -168,7 +186,6 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
         if (!(variance > 0.0 && variance < most * most))
             return false;
     }
-    model = point.model;
     drift = fit.options.drift[0];
     return true;
 }
@@ -223,13 +240,16 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         return mk_error_set(err, MK_ERR_RANGE,
                             "no %zu rows without a hole: there is nothing to fit",
                             Piece::FEWEST_ROWS);
-    mk_model model = problem.model;
+    FitPoint scouted;
     double drift = 1.0;
-    if (scout(views, free, options, model, drift))
-        drift = std::min(10.0 * drift, 1.0);
-    FitPoint point = fit.start(model);
+    const bool known = scout(views, free, options, problem.model, scouted, drift);
+    FitPoint point = fit.start(known ? scouted.model : problem.model);
+    if (known) {
+        std::copy(std::begin(scouted.noise), std::end(scouted.noise), std::begin(point.noise));
+        point.step = scouted.step;
+    }
     FitPicture picture;
-    if (!fit.descend(point, free, drift, 1e-5, picture)) {
+    if (!go_down(fit, free, drift, point, picture)) {
         if (fit.cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         return mk_error_set(err, MK_ERR_NUMERIC,
