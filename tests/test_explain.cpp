@@ -389,6 +389,53 @@ START_TEST(a_log_without_motion_is_refused)
 }
 END_TEST
 
+// What is wrong with a log, held out or not, is said before a search.
+START_TEST(a_log_that_tells_nothing_is_refused_at_once)
+{
+    static const struct {
+        const char *column; // whose values change; meta: it is of another rig
+        double value;
+        bool all;
+        int line;
+        const char *says;
+    } rows[] = {{"u", HUGE_VAL, false, 107, "the command is infinite; a missing value is"},
+                {"q1", -HUGE_VAL, false, 107, "q1 is infinite"},
+                {"u", NAN, true, 0, "the command has no values"},
+                {"q1", NAN, true, 0, "q1 has no values"},
+                {"t", 1000.0, true, 0, "is t in seconds?"},
+                {"meta", 0.0, true, 0, "the log is of a pendubot"}};
+    const mk_model model = pendulum(true);
+    const auto &row = rows[_i / 2];
+    mk_log *good = record({}, 0, 2.0), *bad = record({}, 1, 2.0);
+    bad->first_row_line = 7;
+    if (strcmp(row.column, "meta") == 0)
+        ck_assert_int_eq(mk_log_set_meta(bad, "rig", "pendubot"), MK_OK);
+    for (size_t c = 0; c < bad->column_count; c++)
+        for (size_t k = 0; k < bad->rows && strcmp(bad->columns[c].name, row.column) == 0; k++)
+            if (strcmp(row.column, "t") == 0)
+                bad->columns[c].data[k] *= row.value;
+            else if (row.all || k == 100)
+                bad->columns[c].data[k] = row.value;
+    mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    mk_explain_options options = {};
+    bool searched = false;
+    options.threads = 2;
+    options.progress_context = &searched;
+    options.progress = [](void *context, double, const char *) {
+        *(bool *)context = true;
+        return false;
+    };
+    mk_log *train = _i % 2 ? good : bad, *hold = _i % 2 ? bad : good;
+    ck_assert_int_ne(mk_explain(&model, &train, 1, &hold, 1, &options, &e, &err), MK_OK);
+    ck_assert(!searched);
+    ck_assert_msg(strstr(err.message, row.says) != nullptr, "%s", err.message);
+    ck_assert_int_eq(err.line, row.line);
+    mk_log_free(good);
+    mk_log_free(bad);
+}
+END_TEST
+
 Suite *suite_explain(void)
 {
     Suite *s = suite_create("explain");
@@ -408,6 +455,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, a_log_without_motion_is_refused);
+    tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 12);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

@@ -4,14 +4,17 @@
 #include <cmath>
 #include <new>
 
+#include "ident/period.hpp"
+
 namespace mk
 {
 
 namespace
 {
 
-constexpr size_t FEWEST = 40;  // rows of a log
-constexpr double A_RUN = 15.0; // s of a log that are worth having
+constexpr size_t FEWEST = 40;          // rows of a log
+constexpr double A_RUN = 15.0;         // s of a log that are worth having
+constexpr double LONGEST_PERIOD = 0.2; // s; no rig here can be followed with readings farther apart
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
 OwnedLog slice(const mk_log &log, size_t first, size_t last)
@@ -46,6 +49,42 @@ Piece longest_piece(const mk_record &record, size_t rows)
     return longest;
 }
 
+// A column that is to be learned from, or measured on.
+enum mk_status check_column(const double *x, const char *name, const mk_log &log, mk_error *err)
+{
+    bool any = false;
+    for (size_t k = 0; k < log.rows; k++) {
+        if (std::isinf(x[k]))
+            return mk_error_at(err, MK_ERR_RANGE, log.path, log.first_row_line + (int)k, 0,
+                               "%s is infinite; a missing value is an empty field or nan", name);
+        any = any || !std::isnan(x[k]);
+    }
+    return any ? MK_OK : mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0, "%s has no values", name);
+}
+
+enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
+{
+    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
+    enum mk_status st = mk_record_from_log(&log, &model, &record, err);
+    if (st != MK_OK)
+        return st;
+    if (record.rows < FEWEST)
+        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
+                           "%zu rows are too few to explain anything: %zu at least", record.rows,
+                           FEWEST);
+    const double period = median_period(record.t, record.rows);
+    if (period > LONGEST_PERIOD)
+        return mk_error_at(
+            err, MK_ERR_RANGE, log.path, 0, 0,
+            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
+    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++)
+        st = check_column(record.q[j], angles[j], log, err);
+    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
+        if (record.u[i])
+            st = check_column(record.u[i], i ? "the second command" : "the command", log, err);
+    return st;
+}
+
 enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
 {
     for (int j = 0; j < log.joints; j++) {
@@ -69,16 +108,18 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
 {
     held.assign(holdouts, holdouts + holdout_count);
     enum mk_status st = MK_OK;
+    for (size_t i = 0; i < holdout_count; i++) { // before a search that may take minutes
+        mk_record record;
+        st = check_log(*holdouts[i], model, record, err);
+        if (st != MK_OK)
+            return st;
+    }
     for (size_t i = 0; i < count; i++) {
         mk_record record;
-        st = mk_record_from_log(given[i], &model, &record, err);
+        st = check_log(*given[i], model, record, err);
         if (st != MK_OK)
             return st;
         size_t last = record.rows;
-        if (record.rows < FEWEST)
-            return mk_error_at(err, MK_ERR_RANGE, given[i]->path, 0, 0,
-                               "%zu rows are too few to explain anything: %zu at least",
-                               record.rows, FEWEST);
         if (holdout_count == 0 && i + 1 == count) {
             last = record.rows - record.rows / 4;
             out.held_back = true;
