@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <initializer_list>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -13,7 +14,9 @@
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
+#include "console/explanation.h"
 #include "support/files.h"
+#include "support/program.h"
 }
 
 namespace
@@ -372,6 +375,37 @@ START_TEST(the_reports_say_what_was_found)
     path = scratch("report.html");
     ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
     mk_log_free(log);
+    // A phone is narrower than a table: it scrolls by itself, not the page.
+    char *html = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(html, "div{overflow-x:auto}"));
+    for (const char *at = html; (at = strstr(at, "<table>")) != nullptr; at++)
+        ck_assert_int_eq(strncmp(at - 5, "<div>", 5), 0);
+    free(html);
+}
+END_TEST
+
+START_TEST(a_formula_that_is_not_offered_is_not_said_to_explain_a_part)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.verdict = MK_VERDICT_UNKNOWN;
+    e.cause_count = 1;
+    e.cause[0].effect = mk_effect_by_name("quadratic-drag");
+    e.cause[0].joint = 1;
+    e.partly_named = true;
+    snprintf(e.structure, sizeof e.structure, "joint 1: -0.1*dq1*abs(dq1)");
+    for (bool offered : {true, false}) {
+        char *text = nullptr;
+        size_t size = 0;
+        e.offered = offered;
+        FILE *out = open_memstream(&text, &size);
+        explanation_print(out, &e);
+        fclose(out);
+        ck_assert_msg(!strstr(text, "explain a part") == !offered, "%s", text);
+        ck_assert_msg(!strstr(text, "but not the held-out data") == offered, "%s", text);
+        ck_assert_ptr_nonnull(strstr(text, "joint 1: 0 u rms"));
+        free(text);
+    }
 }
 END_TEST
 
@@ -436,6 +470,34 @@ START_TEST(a_log_that_tells_nothing_is_refused_at_once)
 }
 END_TEST
 
+// Before a search, too: where the report goes, and a hold-out that is none.
+START_TEST(a_report_that_could_not_be_written_is_not_made)
+{
+    char out[1024], log[512] = "", folder[512], model[512];
+    mk_error err = MK_ERROR_INIT;
+    mk_model rig = pendulum(true);
+    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
+    std::string text = "t,q1,u\n";
+    for (int k = 0; k < 60; k++)
+        text += std::to_string(0.01 * k) + ",0,0\n";
+    snprintf(log, sizeof log, "%s", scratch_text("still.csv", text.c_str()));
+    snprintf(folder, sizeof folder, "%s", scratch("explained"));
+    auto explain = [&](const char *to, const char *below) {
+        return run_mechkit(out, sizeof out, "explain --model %s --out %s%s --holdout %s %s", model,
+                           to, below, log, log);
+    };
+    ck_assert_int_eq(explain(log, ""), 3);
+    ck_assert_msg(strstr(out, "still.csv: this is no folder") != nullptr, "%s", out);
+    ck_assert_int_eq(explain(folder, "/a/b"), 3);
+    ck_assert_msg(strstr(out, "cannot make the folder") != nullptr, "%s", out);
+    ck_assert_int_eq(explain(folder, ""), 3);
+    ck_assert_msg(strstr(out, "the same data as") != nullptr, "%s", out);
+    ck_assert_msg(strstr(out, "nothing moves") != nullptr, "%s", out);
+    ck_assert_int_eq(count_files("explained"), 0);
+}
+END_TEST
+
 Suite *suite_explain(void)
 {
     Suite *s = suite_create("explain");
@@ -454,8 +516,10 @@ Suite *suite_explain(void)
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
+    tcase_add_test(t, a_formula_that_is_not_offered_is_not_said_to_explain_a_part);
     tcase_add_test(t, a_log_without_motion_is_refused);
     tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 12);
+    tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

@@ -87,18 +87,26 @@ static void print_declined(FILE *out, const struct mk_explanation *e)
     fprintf(out, ".\n");
 }
 
-void explanation_print(FILE *out, const struct mk_explanation *e)
+static const char *sentence(const struct mk_explanation *e)
 {
     static const char *const sentences[] = {
         "The model explains the data.",
         "Only values of parameters were wrong; the structure of the model is right.",
         "Something is missing in the model:",
         "Something is missing in the model that no known effect explains:"};
-    fprintf(
-        out, "%s\n",
-        e->verdict == MK_VERDICT_UNKNOWN && e->partly_named
-            ? "Known effects explain a part of what is missing in the model; the rest has no name:"
-            : sentences[e->verdict]);
+    if (e->verdict != MK_VERDICT_UNKNOWN || e->cause_count == 0)
+        return sentences[e->verdict];
+    if (!e->offered)
+        return "Something is missing in the model that no known effect explains; this fits what "
+               "was learned from, but not the held-out data:";
+    return e->partly_named ? "Something is missing in the model. Known effects explain a part of "
+                             "it, the rest has no name; the part:"
+                           : sentences[e->verdict];
+}
+
+void explanation_print(FILE *out, const struct mk_explanation *e)
+{
+    fprintf(out, "%s\n", sentence(e));
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
     if (e->verdict == MK_VERDICT_EFFECT)
@@ -107,8 +115,8 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     print_rivals(out, e);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
-            fprintf(out, "  missing torque in the equation of joint %d: %.3g rms\n", j + 1,
-                    e->missing[j]);
+            fprintf(out, "  missing torque in the equation of joint %d: %.3g %s rms\n", j + 1,
+                    e->missing[j], mk_model_unit(&e->given, "N m"));
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
@@ -129,11 +137,24 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     fprintf(out, "%.1f s\n", e->seconds);
 }
 
-static enum mk_status make_directory(const char *path, struct mk_error *err)
+enum mk_status explanation_make_folder(const char *path, bool *made, struct mk_error *err)
 {
-    if (mkdir(path, 0777) == 0 || errno == EEXIST)
+    struct stat info;
+    *made = false;
+    if (!path[0])
+        return mk_error_set(err, MK_ERR_USAGE, "the folder of the report has an empty name");
+    if (mkdir(path, 0777) == 0) {
+        *made = true;
         return MK_OK;
-    return mk_error_errno(err, errno, path, "cannot make the folder");
+    }
+    if (errno != EEXIST)
+        return mk_error_errno(err, errno, path, "cannot make the folder");
+    if (stat(path, &info) != 0 || !S_ISDIR(info.st_mode))
+        return mk_error_at(err, MK_ERR_IO, path, 0, 0,
+                           "this is no folder: the report is several files");
+    if (access(path, W_OK | X_OK) != 0)
+        return mk_error_errno(err, errno, path, "cannot write to the folder");
+    return MK_OK;
 }
 
 enum mk_status explanation_write(const char *folder, const char *model,
@@ -142,7 +163,8 @@ enum mk_status explanation_write(const char *folder, const char *model,
                                  struct mk_error *err)
 {
     char path[4096], comment[256];
-    enum mk_status st = make_directory(folder, err);
+    bool made;
+    enum mk_status st = explanation_make_folder(folder, &made, err);
     snprintf(comment, sizeof comment, "mechkit explain: verdict %s, from %s",
              mk_verdict_name(e->verdict), model);
     snprintf(path, sizeof path, "%s/extended.ini", folder);

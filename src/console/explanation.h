@@ -7,6 +7,9 @@
 #include "mechkit/explain.h"
 
 void explanation_print(FILE *out, const struct mk_explanation *e);
+/* The folder a report goes to, before time is spent on what goes in; `made`: it was not there. */
+MK_NODISCARD enum mk_status explanation_make_folder(const char *path, bool *made,
+                                                    struct mk_error *err);
 /* report.html, report.json, extended.ini and next.cmd into a folder, which is made. `model` names
  * where the model came from, `holdouts` the logs that were held out, `shown` is one of them. */
 MK_NODISCARD enum mk_status explanation_write(const char *folder, const char *model,

@@ -84,6 +84,26 @@ static enum mk_status read_all(const char *const *paths, size_t count, struct mk
     return st;
 }
 
+static bool same_column(const struct mk_log *a, const struct mk_log *b, const char *name)
+{
+    const double *x = mk_log_get(a, name), *y = mk_log_get(b, name);
+    return x && y && memcmp(x, y, a->rows * sizeof *x) == 0;
+}
+
+/* What was learned from tells nothing about the gain. */
+static void warn_of_repeats(const struct mk_log *const *logs, size_t count,
+                            const struct mk_log *const *holdouts, size_t holdout_count)
+{
+    for (size_t h = 0; h < holdout_count; h++)
+        for (size_t i = 0; i < count; i++)
+            if (logs[i]->rows == holdouts[h]->rows && same_column(logs[i], holdouts[h], "t") &&
+                same_column(logs[i], holdouts[h], "q1"))
+                fprintf(stderr,
+                        "mechkit: %s: the same data as %s, which is learned from: what is measured "
+                        "on it says nothing of other runs\n",
+                        holdouts[h]->path, logs[i]->path);
+}
+
 static enum mk_status write_reports(const struct options *o, const struct mk_explanation *e,
                                     const struct mk_log *shown, struct mk_error *err)
 {
@@ -109,11 +129,17 @@ static int run(int argc, char **argv)
         o.explain.progress = show_progress;
         o.explain.progress_context = &percent;
     }
+    bool made = false;
     enum mk_status st = mk_model_read(o.model, &model, &err);
     if (st == MK_OK)
         st = read_all((const char *const *)o.input.text, count, logs, &err);
     if (st == MK_OK)
         st = read_all(o.holdout.text, o.holdout.count, holdouts, &err);
+    if (st == MK_OK)
+        st = explanation_make_folder(o.out, &made, &err);
+    if (st == MK_OK)
+        warn_of_repeats((const struct mk_log *const *)logs, count,
+                        (const struct mk_log *const *)holdouts, o.holdout.count);
     if (st == MK_OK)
         st = mk_explain(&model, (const struct mk_log *const *)logs, count,
                         (const struct mk_log *const *)holdouts, o.holdout.count, &o.explain, &e,
@@ -126,6 +152,8 @@ static int run(int argc, char **argv)
         st = write_reports(&o, &e, o.holdout.count ? holdouts[0] : logs[count - 1], &err);
     if (st == MK_OK)
         explanation_print(stdout, &e);
+    if (st != MK_OK && made)
+        (void)rmdir(o.out); /* nothing is in it */
     for (size_t i = 0; i < MAX_FILES; i++) {
         mk_log_free(logs[i]);
         mk_log_free(holdouts[i]);

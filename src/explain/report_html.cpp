@@ -293,8 +293,13 @@ std::string sentence(const mk_explanation &e)
             s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
         return "The model lacks " + s + ".";
     default:
+        if (e.cause_count > 0 && !e.offered)
+            return "Something is missing that no known effect explains; this fits what was learned "
+                   "from, but not the held-out data: " +
+                   std::string(e.structure);
         if (e.partly_named)
-            return "Known effects explain a part of what is missing; the rest has no name: " +
+            return "Known effects explain a part of what is missing, the rest has no name; the "
+                   "part: " +
                    std::string(e.structure);
         return "Something is missing that no known effect explains; as a formula: " +
                std::string(e.structure);
@@ -303,7 +308,8 @@ std::string sentence(const mk_explanation &e)
 
 std::string cause_table(const mk_explanation &e)
 {
-    std::string s = "<table><tr><th>Cause</th><th>Parameters</th><th>BIC</th><th>Verdict</th></tr>";
+    std::string s =
+        "<div><table><tr><th>Cause</th><th>Parameters</th><th>BIC</th><th>Verdict</th></tr>";
     for (int i = 0; i < e.cause_count; i++) {
         const mk_cause &c = e.cause[i];
         s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
@@ -322,12 +328,12 @@ std::string cause_table(const mk_explanation &e)
         add(s, "<td>%.1f worse</td><td>%s</td></tr>", r.delta_bic,
             r.distinguishable ? "ruled out" : "cannot be told apart on these data");
     }
-    return s + "</table>";
+    return s + "</table></div>";
 }
 
 std::string parameter_table(const mk_explanation &e)
 {
-    std::string s = "<table><tr><th>Parameter</th><th>given</th><th>refitted</th><th>with the "
+    std::string s = "<div><table><tr><th>Parameter</th><th>given</th><th>refitted</th><th>with the "
                     "cause</th><th>95 % interval</th></tr>";
     const mk_plant_info *plant = mk_plant(e.given.plant);
     const mk_model &fitted = e.offered ? e.extended : e.refit;
@@ -338,25 +344,25 @@ std::string parameter_table(const mk_explanation &e)
             e.refit.parameter[i], v);
         add(s, "<td>%.5g .. %.5g</td></tr>", v - half, v + half);
     }
-    return s + "</table>";
+    return s + "</table></div>";
 }
 
 std::string gain_table(const mk_explanation &e)
 {
     std::string s =
-        "<table><tr><th>Joint</th><th>given</th><th>refitted</th><th>extended</th><th>noise "
+        "<div><table><tr><th>Joint</th><th>given</th><th>refitted</th><th>extended</th><th>noise "
         "of the readings</th></tr>";
     for (int j = 0; j < mk_model_joints(&e.given); j++)
         add(s, "<tr><td>q%d</td><td>%.4g</td><td>%.4g</td><td>%.4g</td><td>%.2g</td></tr>", j + 1,
             e.before[j], e.refitted[j], e.after[j], e.floor[j]);
-    return s + "</table>";
+    return s + "</table></div>";
 }
 
 // Which readings the models mispredict from one sample to the next, and with what that goes.
 std::string residual_table(const mk_explanation &e)
 {
     const double level = 0.01 / std::max(e.residual_test_count, 1);
-    std::string s = "<table><tr><th>Error of</th><th>goes with</th><th>refitted</th>"
+    std::string s = "<div><table><tr><th>Error of</th><th>goes with</th><th>refitted</th>"
                     "<th>extended</th></tr>";
     auto cell = [&](double figure, double p) {
         add(s, p < level ? "<td><b>%.3f</b></td>" : "<td>%.3f</td>", figure);
@@ -374,7 +380,8 @@ std::string residual_table(const mk_explanation &e)
         s += "</tr>";
     }
     add(s,
-        "</table><p>Correlations; bold: not by chance (%.1g in a test, 1 %% in all, Ljung-Box "
+        "</table></div><p>Correlations; bold: not by chance (%.1g in a test, 1 %% in all, "
+        "Ljung-Box "
         "and Fisher's z). With a right model nothing is bold.</p>",
         level);
     return s;
@@ -383,7 +390,7 @@ std::string residual_table(const mk_explanation &e)
 // What a controller makes of what it believes, on a virtual rig that is the extended model.
 std::string control_table(const mk_explanation &e)
 {
-    std::string s = "<table><tr><th>Setup</th><th>believes</th><th>held</th><th>caught, s</th>"
+    std::string s = "<div><table><tr><th>Setup</th><th>believes</th><th>held</th><th>caught, s</th>"
                     "<th>error, rms</th><th>joint 1 off, rad</th><th>command, rms</th></tr>";
     auto cell = [&](double value) {
         std::isfinite(value) ? add(s, "<td>%.3g</td>", value) : add(s, "<td></td>");
@@ -401,8 +408,9 @@ std::string control_table(const mk_explanation &e)
             s += "</tr>";
         }
     }
-    return s + "</table><p>Medians. Error: sway of the upright link in rad; under speed control "
-               "of the speed in rad/s.</p>";
+    return s +
+           "</table></div><p>Medians. Error: sway of the upright link in rad; under speed control "
+           "of the speed in rad/s.</p>";
 }
 
 std::string advice(const mk_explanation &e)
@@ -433,9 +441,11 @@ const char style[] =
     "color:#222}h1{font-size:1.35em}h2{font-size:1.1em;margin-top:1.6em}"
     "table{border-collapse:collapse;width:100%;font-size:.88em}td,th{border-bottom:1px solid #ccc;"
     "padding:.3em .5em;text-align:left;vertical-align:top}figure{margin:1em 0}svg{width:100%}"
+    "div{overflow-x:auto}"
     ".frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{font-size:12px;fill:#444}"
     ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
     ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"
+    "@media(max-width:30em){table{font-size:.75em}td,th{padding:.25em .3em}.tick{font-size:16px}}"
     "@media print{body{max-width:none}}";
 
 } // namespace
