@@ -90,14 +90,23 @@ static bool same_column(const struct mk_log *a, const struct mk_log *b, const ch
     return x && y && memcmp(x, y, a->rows * sizeof *x) == 0;
 }
 
-/* What was learned from tells nothing about the gain. */
-static void warn_of_repeats(const struct mk_log *const *logs, size_t count,
-                            const struct mk_log *const *holdouts, size_t holdout_count)
+static bool same_data(const struct mk_log *a, const struct mk_log *b)
 {
-    for (size_t h = 0; h < holdout_count; h++)
-        for (size_t i = 0; i < count; i++)
-            if (logs[i]->rows == holdouts[h]->rows && same_column(logs[i], holdouts[h], "t") &&
-                same_column(logs[i], holdouts[h], "q1"))
+    return a->rows == b->rows && same_column(a, b, "t") && same_column(a, b, "q1");
+}
+
+/* What was learned from tells nothing about the gain, and the same evidence counts once. */
+static void warn_of_repeats(struct mk_log *const *logs, size_t count,
+                            struct mk_log *const *holdouts, size_t holdout_count)
+{
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = i + 1; k < count; k++)
+            if (same_data(logs[i], logs[k]))
+                fprintf(stderr, "mechkit: %s: the same data as %s: they count twice\n",
+                        logs[k]->path, logs[i]->path);
+    for (size_t i = 0; i < count; i++)
+        for (size_t h = 0; h < holdout_count; h++)
+            if (same_data(logs[i], holdouts[h]))
                 fprintf(stderr,
                         "mechkit: %s: the same data as %s, which is learned from: what is measured "
                         "on it says nothing of other runs\n",
@@ -138,8 +147,7 @@ static int run(int argc, char **argv)
     if (st == MK_OK)
         st = explanation_make_folder(o.out, &made, &err);
     if (st == MK_OK)
-        warn_of_repeats((const struct mk_log *const *)logs, count,
-                        (const struct mk_log *const *)holdouts, o.holdout.count);
+        warn_of_repeats(logs, count, holdouts, o.holdout.count);
     if (st == MK_OK)
         st = mk_explain(&model, (const struct mk_log *const *)logs, count,
                         (const struct mk_log *const *)holdouts, o.holdout.count, &o.explain, &e,

@@ -85,7 +85,8 @@ enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &re
     return st;
 }
 
-enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *err)
+enum mk_status check_motion(const FitLog &log, const mk_log *source, const char *what,
+                            mk_error *err)
 {
     for (int j = 0; j < log.joints; j++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
@@ -96,7 +97,7 @@ enum mk_status check_motion(const FitLog &log, const mk_log *source, mk_error *e
             return MK_OK;
     }
     return mk_error_at(err, MK_ERR_RANGE, source->path, 0, 0,
-                       "nothing moves in this log: there is nothing to explain");
+                       "nothing moves in this log: there is nothing to %s", what);
 }
 
 } // namespace
@@ -111,6 +112,9 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
     for (size_t i = 0; i < holdout_count; i++) { // before a search that may take minutes
         mk_record record;
         st = check_log(*holdouts[i], model, record, err);
+        if (st == MK_OK)
+            st = check_motion(fit_log(record, model, 0, record.rows), holdouts[i], "measure on",
+                              err);
         if (st != MK_OK)
             return st;
     }
@@ -135,7 +139,7 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
                                FEWEST);
         logs.push_back(fit_log(record, model, used[i].first, used[i].last));
         out.given_s += logs.back().duration();
-        st = check_motion(logs.back(), given[i], err);
+        st = check_motion(logs.back(), given[i], "explain", err);
         if (st != MK_OK)
             return st;
     }
