@@ -409,6 +409,40 @@ START_TEST(a_formula_that_is_not_offered_is_not_said_to_explain_a_part)
 }
 END_TEST
 
+START_TEST(values_that_were_wrong_are_listed_with_those_of_given_effects)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.verdict = MK_VERDICT_PARAMETERS;
+    for (mk_model *m : {&e.given, &e.refit, &e.extended})
+        ck_assert_int_eq(mk_model_add_effect(m, "quadratic-drag", 1, nullptr), MK_OK);
+    e.given.effect[0].value[0] = 0.5;
+    e.refit.effect[0].value[0] = e.extended.effect[0].value[0] = 0.25;
+    e.refit.parameter[0] = 0.0625;
+    e.std_error[0] = 0.001;
+    e.std_error[1] = NAN;
+    char *text = nullptr;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    explanation_print(out, &e);
+    fclose(out);
+    ck_assert_msg(strstr(text, "p1: given 0.0611, refitted 0.0625 +- 0.001\n") != nullptr, "%s",
+                  text);
+    ck_assert_ptr_nonnull(strstr(text, "quadratic-drag, coefficient: given 0.5, refitted 0.25\n"));
+    free(text);
+    mk_error err = MK_ERROR_INIT;
+    mk_log *log = record({}, 1, 1.0);
+    const char *path = scratch("values.html");
+    ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
+    mk_log_free(log);
+    text = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(text, "coefficient</td><td>0.5</td><td>0.25</td><td></td>"));
+    ck_assert_ptr_null(strstr(text, "nan"));
+    ck_assert_ptr_null(strstr(text, "with the cause"));
+    free(text);
+}
+END_TEST
+
 START_TEST(a_log_without_motion_is_refused)
 {
     const mk_model model = pendulum(true);
@@ -519,6 +553,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, a_formula_that_is_not_offered_is_not_said_to_explain_a_part);
+    tcase_add_test(t, values_that_were_wrong_are_listed_with_those_of_given_effects);
     tcase_add_test(t, a_log_without_motion_is_refused);
     tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 14);
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);

@@ -38,6 +38,26 @@ static void print_rivals(FILE *out, const struct mk_explanation *e)
     }
 }
 
+/* What was wrong, where that is values only: also those of effects the given model has. */
+static void print_values(FILE *out, const struct mk_explanation *e)
+{
+    const struct mk_plant_info *plant = mk_plant(e->given.plant);
+    for (int i = 0; i < plant->parameter_count; i++) {
+        fprintf(out, "  %s: given %.4g, refitted %.4g", plant->parameter[i].name,
+                e->given.parameter[i], e->refit.parameter[i]);
+        if (isfinite(e->std_error[i]))
+            fprintf(out, " +- %.2g", e->std_error[i]);
+        fprintf(out, "\n");
+    }
+    for (int i = 0; i < e->given.effect_count; i++) {
+        const struct mk_effect_use *given = &e->given.effect[i], *refit = &e->refit.effect[i];
+        const struct mk_effect_info *info = mk_effect(given->index);
+        for (int k = 0; k < info->parameter_count; k++)
+            fprintf(out, "  %s, %s: given %.4g, refitted %.4g\n", info->name,
+                    info->parameter[k].name, given->value[k], refit->value[k]);
+    }
+}
+
 /* Of the whiteness tests, the one that says most against. */
 static void print_one_step(FILE *out, const struct mk_explanation *e)
 {
@@ -112,6 +132,8 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict == MK_VERDICT_EFFECT)
         for (int i = 0; i < e->cause_count; i++)
             print_cause(out, &e->given, &e->cause[i]);
+    if (e->verdict == MK_VERDICT_PARAMETERS)
+        print_values(out, e);
     print_rivals(out, e);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)

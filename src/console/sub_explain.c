@@ -99,11 +99,13 @@ static bool same_data(const struct mk_log *a, const struct mk_log *b)
 static void warn_of_repeats(struct mk_log *const *logs, size_t count,
                             struct mk_log *const *holdouts, size_t holdout_count)
 {
-    for (size_t i = 0; i < count; i++)
-        for (size_t k = i + 1; k < count; k++)
-            if (same_data(logs[i], logs[k]))
+    for (size_t k = 1; k < count; k++)
+        for (size_t i = 0; i < k; i++)
+            if (same_data(logs[i], logs[k])) {
                 fprintf(stderr, "mechkit: %s: the same data as %s: they count twice\n",
                         logs[k]->path, logs[i]->path);
+                break;
+            }
     for (size_t i = 0; i < count; i++)
         for (size_t h = 0; h < holdout_count; h++)
             if (same_data(logs[i], holdouts[h]))

@@ -331,18 +331,30 @@ std::string cause_table(const mk_explanation &e)
     return s + "</table></div>";
 }
 
+// Base parameters, and those of effects that the given model has already.
 std::string parameter_table(const mk_explanation &e)
 {
-    std::string s = "<div><table><tr><th>Parameter</th><th>given</th><th>refitted</th><th>with the "
-                    "cause</th><th>95 % interval</th></tr>";
+    std::string s = "<div><table><tr><th>Parameter</th><th>given</th><th>refitted</th>";
+    s += e.offered ? "<th>with the cause</th>" : "";
+    s += "<th>95 % interval</th></tr>";
     const mk_plant_info *plant = mk_plant(e.given.plant);
     const mk_model &fitted = e.offered ? e.extended : e.refit;
-    for (int i = 0; i < plant->parameter_count; i++) {
-        double v = fitted.parameter[i], half = 1.96 * e.std_error[i];
-        add(s, "<tr><td>%s, %s</td><td>%.5g</td><td>%.5g</td><td>%.5g</td>",
-            plant->parameter[i].name, plant->parameter[i].help, e.given.parameter[i],
-            e.refit.parameter[i], v);
-        add(s, "<td>%.5g .. %.5g</td></tr>", v - half, v + half);
+    auto row = [&](const std::string &name, double given, double refit, double value, double half) {
+        add(s, "<tr><td>%s</td><td>%.5g</td><td>%.5g</td>", name.c_str(), given, refit);
+        if (e.offered)
+            add(s, "<td>%.5g</td>", value);
+        std::isfinite(half) ? add(s, "<td>%.5g .. %.5g</td></tr>", value - half, value + half)
+                            : add(s, "<td></td></tr>");
+    };
+    for (int i = 0; i < plant->parameter_count; i++)
+        row(plant->parameter[i].name + std::string(", ") + plant->parameter[i].help,
+            e.given.parameter[i], e.refit.parameter[i], fitted.parameter[i], 1.96 * e.std_error[i]);
+    for (int i = 0; i < e.given.effect_count; i++) {
+        const mk_effect_use &given = e.given.effect[i];
+        const mk_effect_info *info = mk_effect(given.index);
+        for (int k = 0; k < info->parameter_count; k++)
+            row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
+                e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }
     return s + "</table></div>";
 }
