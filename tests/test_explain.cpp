@@ -409,6 +409,28 @@ START_TEST(a_formula_that_is_not_offered_is_not_said_to_explain_a_part)
 }
 END_TEST
 
+// The wheel's command with its sign turned, say: what is learned from such a log predicts nothing.
+START_TEST(logs_that_do_not_go_with_the_held_out_ones_are_doubted)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.before[0] = 0.075;
+    e.refitted[0] = e.after[0] = 0.35;
+    e.floor[0] = 1e-4;
+    for (bool doubts : {true, false}) {
+        char *text = nullptr;
+        size_t size = 0;
+        FILE *out = open_memstream(&text, &size);
+        explanation_print(out, &e);
+        fclose(out);
+        ck_assert_msg(!strstr(text, "same signs, units and columns?") != doubts, "%s", text);
+        ck_assert(mk_explanation_doubts_logs(&e) == doubts);
+        free(text);
+        e.refitted[0] = 0.1;
+    }
+}
+END_TEST
+
 START_TEST(values_that_were_wrong_are_listed_with_those_of_given_effects)
 {
     mk_explanation e = {};
@@ -439,6 +461,7 @@ START_TEST(values_that_were_wrong_are_listed_with_those_of_given_effects)
     ck_assert_ptr_nonnull(strstr(text, "coefficient</td><td>0.5</td><td>0.25</td><td></td>"));
     ck_assert_ptr_null(strstr(text, "nan"));
     ck_assert_ptr_null(strstr(text, "with the cause"));
+    ck_assert_ptr_nonnull(strstr(text, ">given</text>"));
     free(text);
 }
 END_TEST
@@ -553,6 +576,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, a_formula_that_is_not_offered_is_not_said_to_explain_a_part);
+    tcase_add_test(t, logs_that_do_not_go_with_the_held_out_ones_are_doubted);
     tcase_add_test(t, values_that_were_wrong_are_listed_with_those_of_given_effects);
     tcase_add_test(t, a_log_without_motion_is_refused);
     tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 14);

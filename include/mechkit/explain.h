@@ -162,6 +162,10 @@ MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
                                        const struct mk_explain_options *options,
                                        struct mk_explanation *out, struct mk_error *err);
 
+/* Whether the given model predicts the held-out data far better than the one refitted to the logs:
+ * then those are hardly of the same rig, or their signs, units or columns differ. */
+bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
+
 /* Writes report.json (docs/formats.md, section 3). `holdout_names` are the files' names. */
 MK_NODISCARD enum mk_status mk_explanation_write_json(const struct mk_explanation *explanation,
                                                       const char *path,

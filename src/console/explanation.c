@@ -147,6 +147,10 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
                 e->before[j], e->refitted[j], e->after[j], e->floor[j]);
+    if (mk_explanation_doubts_logs(e))
+        fprintf(out,
+                "  The given model predicts them better than the refitted one: are all logs of "
+                "the same rig, with the same signs, units and columns?\n");
     if (e->offered)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);

@@ -103,7 +103,7 @@ class Plot
   private:
     struct Frame {
         double x0, x1, y0, y1;
-        double px(double x) const { return 62.0 + 566.0 * (x - x0) / (x1 - x0); }
+        double px(double x) const { return 76.0 + 552.0 * (x - x0) / (x1 - x0); }
         double py(double y) const { return 222.0 - 190.0 * (y - y0) / (y1 - y0); }
     };
     const char *x_name, *y_name;
@@ -111,19 +111,19 @@ class Plot
 
     void axes(std::string &s, const Frame &f) const
     {
-        add(s, "<rect class='frame' x='62' y='32' width='566' height='190'/>");
+        add(s, "<rect class='frame' x='76' y='32' width='552' height='190'/>");
         double step = round_step(f.x1 - f.x0);
         for (double x = std::ceil(f.x0 / step) * step; x <= f.x1 + 1e-9 * step; x += step)
             add(s, "<text class='tick' x='%.1f' y='238' text-anchor='middle'>%.4g</text>", f.px(x),
                 std::fabs(x) < 1e-9 * step ? 0.0 : x);
         step = round_step(f.y1 - f.y0);
         for (double y = std::ceil(f.y0 / step) * step; y <= f.y1 + 1e-9 * step; y += step) {
-            add(s, "<line class='grid' x1='62' x2='628' y1='%.1f' y2='%.1f'/>", f.py(y), f.py(y));
-            add(s, "<text class='tick' x='57' y='%.1f' text-anchor='end'>%.4g</text>",
+            add(s, "<line class='grid' x1='76' x2='628' y1='%.1f' y2='%.1f'/>", f.py(y), f.py(y));
+            add(s, "<text class='tick' x='71' y='%.1f' text-anchor='end'>%.4g</text>",
                 f.py(y) + 4.0, std::fabs(y) < 1e-9 * step ? 0.0 : y);
         }
-        add(s, "<text class='tick' x='345' y='260' text-anchor='middle'>%s</text>", x_name);
-        add(s, "<text class='tick' x='62' y='24'>%s</text>", y_name);
+        add(s, "<text class='tick' x='352' y='260' text-anchor='middle'>%s</text>", x_name);
+        add(s, "<text class='tick' x='76' y='24'>%s</text>", y_name);
     }
     static void draw(std::string &s, const Frame &f, const Series &one)
     {
@@ -178,11 +178,12 @@ OwnedLog predicted(const mk_model &model, const mk_log *log, double window)
     return OwnedLog(made);
 }
 
-// Error of both models over the held-out data, joint by joint.
+// Error of two models over the held-out data, joint by joint: with the extension and without, or,
+// where there is none, refitted and as given.
 std::string error_plots(const mk_explanation &e, const mk_log *log)
 {
-    OwnedLog before = predicted(e.refit, log, e.window_s);
-    OwnedLog after = predicted(e.extended, log, e.window_s);
+    OwnedLog before = predicted(e.offered ? e.refit : e.given, log, e.window_s);
+    OwnedLog after = predicted(e.offered ? e.extended : e.refit, log, e.window_s);
     mk_record record;
     std::string s;
     if (!before || !after || mk_record_from_log(log, &e.given, &record, nullptr) != MK_OK)
@@ -191,7 +192,8 @@ std::string error_plots(const mk_explanation &e, const mk_log *log)
     for (int j = 0; j < mk_model_joints(&e.given); j++) {
         const char *name = j == 0 ? "q1" : "q2";
         const double *b = mk_log_get(before.get(), name), *a = mk_log_get(after.get(), name);
-        Series sb = {{}, {}, "before", "refitted"}, sa = {{}, {}, "after", "extended"};
+        Series sb = {{}, {}, "before", e.offered ? "refitted" : "given"};
+        Series sa = {{}, {}, "after", e.offered ? "extended" : "refitted"};
         const double *w = mk_log_get(before.get(), "window");
         for (size_t k = 0; k < record.rows; k += step) {
             double t = record.t[k] - record.t[0];
@@ -293,17 +295,22 @@ std::string sentence(const mk_explanation &e)
             s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
         return "The model lacks " + s + ".";
     default:
-        if (e.cause_count > 0 && !e.offered)
-            return "Something is missing that no known effect explains; this fits what was learned "
-                   "from, but not the held-out data: " +
-                   std::string(e.structure);
-        if (e.partly_named)
-            return "Known effects explain a part of what is missing, the rest has no name; the "
-                   "part: " +
-                   std::string(e.structure);
-        return "Something is missing that no known effect explains; as a formula: " +
-               std::string(e.structure);
+        if (e.partly_named && e.offered)
+            return "Known effects explain a part of what is missing; the rest has no name.";
+        return "Something is missing that no known effect explains.";
     }
+}
+
+// Of what has no name.
+std::string formula(const mk_explanation &e)
+{
+    if (!e.structure[0])
+        return "";
+    const char *what = e.cause_count == 0 ? ""
+                       : !e.offered     ? "Fits what was learned from, but not the held-out data: "
+                       : e.partly_named ? "The part: "
+                                        : "As a formula: ";
+    return "<p>" + escaped(what + std::string(e.structure)) + "</p>";
 }
 
 std::string cause_table(const mk_explanation &e)
@@ -445,6 +452,8 @@ std::string advice(const mk_explanation &e)
         return "Look for a mechanism that makes this torque. The formula is in extended.ini and "
                "can be "
                "simulated, but it holds only for motions like those in the data.";
+    if (e.verdict == MK_VERDICT_NONE)
+        return "Go on with the model as it is; extended.ini is the same.";
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 
@@ -462,6 +471,18 @@ const char style[] =
 
 } // namespace
 
+bool mk_explanation_doubts_logs(const mk_explanation *e)
+{
+    constexpr double FAR = 4.0, NOISE = 9.0; // in squares
+    double before = 0.0, refitted = 0.0, floor = 0.0;
+    for (int j = 0; j < mk_model_joints(&e->given); j++) {
+        before += e->before[j] * e->before[j];
+        refitted += e->refitted[j] * e->refitted[j];
+        floor += e->floor[j] * e->floor[j];
+    }
+    return refitted > FAR * before && refitted > NOISE * floor;
+}
+
 enum mk_status mk_explanation_write_html(const mk_explanation *e, const char *path,
                                          const mk_log *log, mk_error *err)
 try {
@@ -469,7 +490,7 @@ try {
                     "<meta name='viewport' content='width=device-width,initial-scale=1'>"
                     "<title>mechkit explain</title><style>";
     s += style;
-    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>";
+    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>" + formula(*e);
     add(s,
         "<p>Rig: %s. Free runs of %g s on held-out data%s; error over the standard deviation of "
         "the "
@@ -480,6 +501,9 @@ try {
     if (e->offered)
         add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",
             100.0 * e->closed);
+    if (mk_explanation_doubts_logs(e))
+        s += "<p>The given model predicts the held-out data better than the refitted one: are all "
+             "logs of the same rig, with the same signs, units and columns?</p>";
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
