@@ -6,6 +6,7 @@
 #include <cstring>
 #include <vector>
 
+#include "ident/fit_log.hpp"
 #include "mechkit/ident.h"
 #include "sim/shoot.hpp"
 
@@ -389,6 +390,67 @@ START_TEST(intervals_of_output_error_hold_the_truth_as_often_as_they_say)
 }
 END_TEST
 
+// A swing of known phase: its amplitude as the weights of the readings make it, error over
+// standard error.
+static double amplitude_error(double jitter, bool rounded)
+{
+    constexpr double AMPLITUDE = 0.4, COUNT = 2.0 * M_PI / 4000.0;
+    constexpr int ROWS = 1000000;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    std::vector<double> t, q, u(ROWS, 0.0);
+    unsigned seed = 5u;
+    for (int k = 0; k < ROWS; k++) {
+        t.push_back(0.005 * k);
+        double x = AMPLITUDE * std::sin(3.0 * t.back()) + jitter * COUNT * normal(seed);
+        q.push_back(rounded ? COUNT * std::round(x / COUNT) : x);
+    }
+    mk_record record = {};
+    record.rows = ROWS;
+    record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+    mk::FitLog log = mk::fit_log(record, model, 0, ROWS);
+    double right = 0.0, square = 0.0, noise = COUNT * std::hypot(jitter, rounded ? 0.289 : 0.0);
+    for (int k = 0; k < ROWS; k++) {
+        double s = std::sin(3.0 * t[(size_t)k]), w = log.weight[0][(size_t)k];
+        right += w * w * s * q[(size_t)k];
+        square += w * w * s * s;
+    }
+    ck_assert_double_gt(square, 0.9 * 0.5 * ROWS);
+    return (right / square - AMPLITUDE) * std::sqrt(square) / noise;
+}
+
+START_TEST(noise_does_not_decide_what_a_reading_weighs)
+{
+    ck_assert_double_lt(std::fabs(amplitude_error(0.4, true)), 3.0);
+    ck_assert_double_lt(std::fabs(amplitude_error(0.3, false)), 3.0);
+}
+END_TEST
+
+START_TEST(a_motion_that_repeats_itself_is_known_by_its_counts)
+{
+    constexpr double COUNT = 2.0 * M_PI / 4000.0;
+    constexpr int ROWS = 10000, PERIOD = 200;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    for (bool repeats : {true, false}) {
+        std::vector<double> t, q, u(ROWS, 0.0);
+        for (int k = 0; k < ROWS; k++) {
+            double turn = (double)k / PERIOD;
+            t.push_back(0.005 * k);
+            turn += repeats ? 0.0 : 2e-3 * turn * turn;
+            q.push_back(COUNT * std::round(std::sin(2.0 * M_PI * turn) / COUNT));
+        }
+        mk_record record = {};
+        record.rows = ROWS;
+        record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+        mk::FitLog log = mk::fit_log(record, model, 0, ROWS);
+        ck_assert_double_eq(log.repeating[0], 1.0);
+        size_t visits = mk::usual_visits({&log});
+        ck_assert_msg(repeats ? visits >= ROWS / PERIOD - 1 : visits <= 2, "%zu visits", visits);
+    }
+}
+END_TEST
+
 START_TEST(a_log_that_says_nothing_is_refused)
 {
     mk_model m;
@@ -427,6 +489,8 @@ Suite *suite_shoot(void)
     tcase_add_loop_test(t, output_error_finds_the_parameters_of_every_plant, 0, MK_PLANT_COUNT);
     tcase_add_test(t, output_error_fits_effects_too);
     tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
+    tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
+    tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);
     tcase_add_test(t, a_log_that_says_nothing_is_refused);
     suite_add_tcase(s, t);
     return s;

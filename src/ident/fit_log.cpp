@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <utility>
 
 #include "ident/period.hpp"
 #include "mechkit/loop.h"
@@ -180,16 +182,59 @@ double last_digit(const std::vector<double> &v)
     return 0.0;
 }
 
+// Two readings on one count.
+constexpr double NEAR = 0.25;
+
+// How readings go from count to count where they hardly change.
+struct Flicker {
+    bool noisy =
+        false; // to and fro within a few rows, which rounding of a smooth motion never does
+    bool rounded = false; // readings come twice
+
+    Flicker(const std::vector<double> &q, double count)
+    {
+        constexpr size_t SOON = 4, FEWEST = 3; // rows; zigzags
+        constexpr double SMALL = 1.5, SHARE = 0.008, SAME = 1e-3;
+        size_t zigzags = 0, repeats = 0, same = 0, row = 0;
+        size_t at[3] = {0, 0, 0}; // rows of the last moves, newest first
+        double move[3] = {0.0, 0.0, 0.0}, previous = MISSING;
+        for (double x : q) {
+            if (std::isnan(x))
+                continue;
+            const double d = (x - previous) / count;
+            previous = x;
+            row++;
+            repeats += std::fabs(d) <= NEAR;
+            same += std::fabs(d) <= SAME;
+            if (!(std::fabs(d) > NEAR))
+                continue;
+            for (int i = 2; i > 0; i--)
+                move[i] = move[i - 1], at[i] = at[i - 1];
+            move[0] = std::fabs(d) < SMALL ? d : 0.0, at[0] = row;
+            zigzags += move[0] * move[1] < 0.0 && move[1] * move[2] < 0.0 &&
+                       at[0] - at[1] <= SOON && at[1] - at[2] <= SOON;
+        }
+        noisy = zigzags >= FEWEST && (double)zigzags > SHARE * (double)repeats;
+        rounded = 2 * same > repeats;
+    }
+};
+
 // Readings that stay on one count without passing through it (rest, a turning point) share one
 // rounding error: together they are worth one. In passing, errors even out, unless that is a rest
-// between two slips: long stays are worth no more than short ones.
+// between two slips: long stays are worth no more than short ones. Where noise decides how long
+// they last, short ones are readings like all others: else those that stick out would weigh most.
 void weigh(FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
     std::vector<double> &w = log.weight[j];
     size_t n = q.size();
     w.assign(n, 0.0);
-    const double near = 0.25 * log.count[j], most = 8.0;
+    const Flicker flicker(q, log.count[j]);
+    const bool noisy = flicker.noisy;
+    // Of noise of a third of a count; less of it leaves more.
+    constexpr double LEFT = 0.02;
+    log.repeating[j] = !noisy ? 1.0 : flicker.rounded ? LEFT : 0.0;
+    const double near = NEAR * log.count[j], most = noisy ? 16.0 : 8.0;
     size_t k = 0;
     double previous = MISSING;
     while (k < n) {
@@ -202,7 +247,7 @@ void weigh(FitLog &log, int j)
             members += !std::isnan(q[stop]);
         double next = stop < n ? q[stop] : MISSING;
         bool passed = (previous < q[k] && q[k] < next) || (previous > q[k] && q[k] > next);
-        double worth = passed ? std::min(most, (double)members) : 1.0;
+        double worth = passed || noisy ? std::min(most, (double)members) : 1.0;
         double value = std::sqrt(worth / std::max((double)members, 1.0));
         for (size_t i = k; i < stop; i++)
             if (!std::isnan(q[i]))
@@ -310,6 +355,37 @@ double fit_log_noise(const FitLog &log, int j)
     // Fourth differences of white noise have 70 times its variance; 0.6745: median of |normal|.
     double fast = median_of(std::move(scatter)) / (0.6745 * std::sqrt(70.0));
     return std::max(fast, 1e-9);
+}
+
+size_t usual_visits(const std::vector<const FitLog *> &logs)
+{
+    constexpr size_t BEFORE = 4;   // rows: what tells speeds apart where there is one joint only
+    constexpr double MOVING = 8.0; // counts in that time
+    using Place = std::pair<int32_t, int32_t>;
+    std::vector<Place> places;
+    for (const FitLog *log : logs) {
+        const size_t other = (size_t)log->joints - 1;
+        for (size_t k = BEFORE; k < log->rows(); k++) {
+            double now[2], before[2];
+            for (size_t j : {(size_t)0, other}) {
+                now[j] = log->q[j][k] / log->count[j];
+                before[j] = log->q[j][k - BEFORE] / log->count[j];
+            }
+            const double second = other ? now[1] : before[0];
+            const double way =
+                std::fabs(now[0] - before[0]) + std::fabs(now[other] - before[other]);
+            if (way > MOVING && std::fabs(now[0]) < 1e9 && std::fabs(second) < 1e9)
+                places.emplace_back((int32_t)std::lround(now[0]), (int32_t)std::lround(second));
+        }
+    }
+    std::sort(places.begin(), places.end());
+    std::vector<double> visits;
+    for (size_t first = 0, k = 1; k <= places.size(); k++)
+        if (k == places.size() || places[k] != places[first]) {
+            visits.insert(visits.end(), k - first, (double)(k - first));
+            first = k;
+        }
+    return (size_t)median_of(std::move(visits));
 }
 
 } // namespace mk

@@ -20,7 +20,10 @@ struct FitLog {
     double count[MK_MAX_JOINTS];               // resolution of the readings, rad; 0: none seen
     double u_step;                             // last digit of the command as logged; 0: none seen
     double v_max[MK_MAX_JOINTS] = {0.0, 0.0};  // largest speed, rad/s
-    double period;                             // median time between rows, s
+    // Share of a reading's variance that comes again with the same place: all of it for rounding
+    // alone, next to none where noise moves readings from count to count.
+    double repeating[MK_MAX_JOINTS] = {1.0, 1.0};
+    double period; // median time between rows, s
     int joints;
 
     size_t rows() const { return t.size(); }
@@ -43,6 +46,11 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
 
 // Noise of the readings as their fast scatter shows it, rad; at least what quantisation makes.
 double fit_log_noise(const FitLog &log, int joint);
+
+// How often the logs were already, or will be, at the counts that they see on their way: the median
+// of readings in motion. Where that is often, what repeats in their errors does not even out.
+// Throws std::bad_alloc.
+size_t usual_visits(const std::vector<const FitLog *> &logs);
 
 } // namespace mk
 #endif

@@ -210,6 +210,25 @@ void warn_of_drift(double drift, mk_ident_result &r)
     warn(r, text);
 }
 
+// Standard errors are those of readings whose errors are independent: not so where a motion comes
+// by the same counts again and again, and rounding with it.
+void warn_of_repetition(const std::vector<const FitLog *> &views, mk_ident_result &r)
+{
+    constexpr double SUSPICIOUS = 2.0;
+    double share = 0.0;
+    for (const FitLog *log : views)
+        share = std::max({share, log->repeating[0], log->repeating[log->joints - 1]});
+    const double more = std::sqrt(1.0 + share * (double)usual_visits(views));
+    if (more < SUSPICIOUS)
+        return;
+    char text[160];
+    snprintf(text, sizeof text,
+             "the motion repeats itself, and with it the encoders' rounding: errors may be some "
+             "%.0f times the standard errors. Vary the command",
+             more);
+    warn(r, text);
+}
+
 size_t unknown(const std::vector<int> &free, const mk_ident_result &r)
 {
     return (size_t)std::count_if(free.begin(), free.end(),
@@ -265,6 +284,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
     warn_of_drift(fit.options.drift[0], r);
+    warn_of_repetition(views, r);
     judge(point, picture, free, r);
     if (fit.options.drift[0] >= HOPELESS_DRIFT && 2 * unknown(free, r) > free.size())
         return mk_error_set(err, MK_ERR_NUMERIC,
