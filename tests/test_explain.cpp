@@ -494,7 +494,7 @@ START_TEST(a_log_that_tells_nothing_is_refused_at_once)
                 {"u", NAN, true, 0, "the command has no values"},
                 {"q1", NAN, true, 0, "q1 has no values"},
                 {"t", 1000.0, true, 0, "is t in seconds?"},
-                {"meta", 0.0, true, 0, "the log is of a pendubot"},
+                {"meta", 0.0, true, 0, "the log is of the rig pendubot"},
                 {"q1", 0.5, true, 0, "nothing moves in this log"}};
     const mk_model model = pendulum(true);
     const auto &row = rows[_i / 2];

@@ -128,7 +128,7 @@ static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
         struct mk_ini_entry *e = find(r, "parameters", p->name);
         if (!e)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
-                               "[parameters] %s is missing: a %s needs p1 .. p%d", p->name,
+                               "[parameters] %s is missing: the %s needs p1 .. p%d", p->name,
                                plant->name, plant->parameter_count);
         enum mk_status st = get_ranged(r, e, p, &m->parameter[i]);
         if (st != MK_OK)
