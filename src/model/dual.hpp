@@ -2,7 +2,7 @@
 #ifndef MECHKIT_MODEL_DUAL_HPP
 #define MECHKIT_MODEL_DUAL_HPP
 
-#include "model/scalar.hpp"
+#include "model/chain.hpp"
 
 namespace mk
 {
@@ -11,6 +11,8 @@ inline namespace MK_KERNEL_NS
 
 template <int N>
 struct Dual {
+    using Number = double;
+
     double v = 0.0;
     double d[N] = {};
 
@@ -74,54 +76,9 @@ struct Dual {
 };
 
 template <int N>
-inline void sincos(const Dual<N> &x, Dual<N> &s, Dual<N> &c)
-{
-    double sv, cv;
-    sincos(x.v, sv, cv);
-    s = x.chain(sv, cv);
-    c = x.chain(cv, -sv);
-}
-template <int N>
-inline Dual<N> sin(const Dual<N> &x)
-{
-    double s, c;
-    sincos(x.v, s, c);
-    return x.chain(s, c);
-}
-template <int N>
-inline Dual<N> cos(const Dual<N> &x)
-{
-    double s, c;
-    sincos(x.v, s, c);
-    return x.chain(c, -s);
-}
-template <int N>
-inline Dual<N> tanh(const Dual<N> &x)
-{
-    double f = tanh(x.v);
-    return x.chain(f, 1.0 - f * f);
-}
-template <int N>
-inline Dual<N> exp(const Dual<N> &x)
-{
-    double f = exp(x.v);
-    return x.chain(f, f);
-}
-template <int N>
-inline Dual<N> sqrt(const Dual<N> &x)
-{
-    double f = sqrt(x.v);
-    return x.chain(f, 0.5 / f);
-}
-template <int N>
 inline Dual<N> fabs(const Dual<N> &x)
 {
     return x.v < 0.0 ? -x : x;
-}
-template <int N>
-inline double value_of(const Dual<N> &x)
-{
-    return x.v;
 }
 template <int N>
 inline Dual<N> if_positive(const Dual<N> &x, const Dual<N> &a, const Dual<N> &b)

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <type_traits>
 
+#include "model/chain.hpp"
 #include "model/simd.hpp"
 
 namespace mk
@@ -22,6 +23,7 @@ inline namespace MK_KERNEL_NS
 
 template <class B>
 struct SparseDual {
+    using Number = B;
     static constexpr int MOST = 32;
 
     B v;
@@ -167,54 +169,9 @@ inline SparseDual<B> operator/(double b, const SparseDual<B> &a)
 }
 
 template <class B>
-inline void sincos(const SparseDual<B> &x, SparseDual<B> &s, SparseDual<B> &c)
-{
-    B sv, cv;
-    sincos(x.v, sv, cv);
-    s = x.chain(sv, cv);
-    c = x.chain(cv, -sv);
-}
-template <class B>
-inline SparseDual<B> sin(const SparseDual<B> &x)
-{
-    B s, c;
-    sincos(x.v, s, c);
-    return x.chain(s, c);
-}
-template <class B>
-inline SparseDual<B> cos(const SparseDual<B> &x)
-{
-    B s, c;
-    sincos(x.v, s, c);
-    return x.chain(c, -s);
-}
-template <class B>
-inline SparseDual<B> tanh(const SparseDual<B> &x)
-{
-    B f = tanh(x.v);
-    return x.chain(f, 1.0 - f * f);
-}
-template <class B>
-inline SparseDual<B> exp(const SparseDual<B> &x)
-{
-    B f = exp(x.v);
-    return x.chain(f, f);
-}
-template <class B>
-inline SparseDual<B> sqrt(const SparseDual<B> &x)
-{
-    B f = sqrt(x.v);
-    return x.chain(f, 0.5 / f);
-}
-template <class B>
 inline SparseDual<B> fabs(const SparseDual<B> &x)
 {
     return x.chain(fabs(x.v), if_positive(-x.v, B(-1.0), B(1.0)));
-}
-template <class B>
-inline double value_of(const SparseDual<B> &x)
-{
-    return value_of(x.v);
 }
 template <class B>
 inline SparseDual<B> if_positive(const SparseDual<B> &x, const SparseDual<B> &a,
