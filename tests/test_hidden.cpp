@@ -194,6 +194,50 @@ START_TEST(what_no_entry_describes_is_unknown_with_a_formula_that_predicts)
 }
 END_TEST
 
+// A case as its seed draws it: rig, effect, sizes.
+static truth::Case drawn(uint64_t seed)
+{
+    truth::Wish wish;
+    wish.seed = seed;
+    return truth::make_case(wish);
+}
+
+START_TEST(late_readings_of_one_joint_are_a_rival_of_a_late_command)
+{
+    truth::Wish wish;
+    wish.rig = "inertia-wheel", wish.effect = "sensor-delay", wish.joint = 1, wish.seed = 52;
+    mk_explanation e = explained(truth::make_case(wish));
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_str_eq(e.cause[0].effect->name, "input-delay");
+    ck_assert_int_gt(e.rival_count, 0);
+    ck_assert_str_eq(e.rival[0].effect->name, "sensor-delay");
+    ck_assert(!e.rival[0].distinguishable);
+}
+END_TEST
+
+START_TEST(rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data)
+{
+    // The wheel turns back once in training, and dozens of times in what is held out.
+    truth::Case c = drawn(730017);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "stribeck");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_str_eq(e.cause[0].effect->name, "stribeck");
+    ck_assert(!e.rival[0].distinguishable);
+}
+END_TEST
+
+START_TEST(laws_that_all_but_cancel_are_no_causes)
+{
+    // A magnet is none of the catalogue; a cable against an imbalance has nearly its shape.
+    truth::Case c = drawn(730046);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "magnet");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
+    ck_assert_int_gt(e.structure[0], 0);
+}
+END_TEST
+
 START_TEST(what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does)
 {
     // To a pendulum that only swings, a tilted base and a wrong zero are one thing; a dead zone and
@@ -239,6 +283,9 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_loop_test(
         t, what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does, 0, 2);
     tcase_add_test(t, what_no_entry_describes_is_unknown_with_a_formula_that_predicts);
+    tcase_add_test(t, late_readings_of_one_joint_are_a_rival_of_a_late_command);
+    tcase_add_test(t, rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data);
+    tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     suite_add_tcase(s, t);
     return s;
 }

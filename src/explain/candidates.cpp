@@ -212,10 +212,9 @@ Starts encoder_offset(const Setting &s)
     bool free = s.wheel() || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
     return free ? Starts{} : Starts{{0.001}};
 }
-Starts sensor_delay(const Setting &s)
+Starts sensor_delay(const Setting &)
 {
-    // On a rig with one joint, all is that one.
-    return s.plant->joints == 1 && s.j >= 0 ? Starts{} : Starts{{0.002}, {0.008}};
+    return {{0.002}, {0.008}};
 }
 Starts base_tilt(const Setting &)
 {

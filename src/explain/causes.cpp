@@ -12,6 +12,7 @@ constexpr size_t MOST = 3;            // causes looked for
 constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
 constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
+constexpr double SLIGHT = 1.0e-2;     // drift at which what is missing may be too rare to show
 constexpr double LOST = 1.0;          // drift at which a stretch says nothing
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
@@ -74,6 +75,16 @@ void CauseSearch::add_causes()
         }
         most_tried = std::max(most_tried, search.tried());
         bool found = choose(round.field, needed);
+        // Trials that leave a model more drift than it needs do not show what is rare and small.
+        if (!found && !how.small && best.drift <= SLIGHT) {
+            ExtendOptions closer = how;
+            closer.small = true;
+            closer.drift = 0.5 * IMMATERIAL;
+            std::vector<Hypothesis> field = search.extend(best, closer);
+            found = choose(field, needed);
+            if (found)
+                round.field = std::move(field);
+        }
         if (how.thorough && !how.small && !(found && search.complete(round.field[0])))
             found = consider_play(round.field, needed) || found;
         if (!found)
@@ -338,13 +349,15 @@ void CauseSearch::lead_home(Hypothesis &rival)
 
 void CauseSearch::polish_rivals()
 {
-    constexpr double NEAR = 50.0;
+    constexpr double NEAR = 50.0, BESIDE = 15.0;
     for (Round &r : rounds) {
         for (size_t i = 1; i < r.field.size() && i <= 3; i++) {
             if (rounds.size() == 1 && follows(best) && r.field[i].score > best.score + NEAR)
                 lead_home(r.field[i]);
-            if (r.field[i].score < r.field[0].score + NEAR)
-                search.polish(r.field[i], false);
+            const double behind = r.field[i].score - r.field[0].score;
+            const bool hides = mk_model_hides_joint(&r.field[i].point.model);
+            if (behind < NEAR)
+                search.polish(r.field[i], behind < BESIDE && !hides);
         }
         std::stable_sort(
             r.field.begin() + 1, r.field.end(),

@@ -66,6 +66,7 @@ class Explainer
             search_causes(refit);
         look_closer(so);
         causes->polish_rivals();
+        ask_held_out();
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
@@ -190,6 +191,35 @@ class Explainer
         search = std::move(closer);
     }
 
+    // Of rivals that the training data cannot tell apart, the one that predicts held-out data
+    // clearly better.
+    void ask_held_out()
+    {
+        if (causes->rounds.size() != 1 || search->cancelled)
+            return;
+        const HeldOut held(data.held, out.window_s);
+        std::vector<Hypothesis> &field = causes->rounds[0].field;
+        HeldOutFigures best;
+        if (is_library(field[0].added.effect) ||
+            held.figures(field[0].point.model, best, nullptr) != MK_OK)
+            return;
+        size_t chosen = 0;
+        for (size_t i = 1; i < field.size(); i++) {
+            HeldOutFigures other;
+            if (is_library(field[i].added.effect) ||
+                field[i].score > field[0].score + INSEPARABLE ||
+                held.figures(field[i].point.model, other, nullptr) != MK_OK ||
+                !clearly_worse(best, other))
+                continue;
+            best = other;
+            chosen = i;
+        }
+        if (chosen == 0)
+            return;
+        std::swap(field[0], field[chosen]);
+        causes->best = field[0];
+    }
+
     // --- verdict -----------------------------------------------------------------------------
 
     void decide()
@@ -209,7 +239,8 @@ class Explainer
         bool faithful = causes->follows(causes->best);
         if (causes->rounds.empty() && faithful && lost.joint == 0)
             out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
-        else if ((lost.joint > 0 || !causes->rounds.empty()) && !library && faithful)
+        else if ((lost.joint > 0 || !causes->rounds.empty()) && !library && faithful &&
+                 established())
             out.verdict = MK_VERDICT_EFFECT;
         else
             out.verdict = MK_VERDICT_UNKNOWN;
@@ -252,6 +283,49 @@ class Explainer
         for (size_t i = 0; i < free.size(); i++)
             error[(size_t)free[i]] = std::sqrt(std::max(cov((long)i, (long)i), 0.0));
         return error;
+    }
+    // Whether each cause by itself is known to be there. Laws that nearly cancel make up a shape
+    // that none of them has.
+    bool established() const
+    {
+        constexpr double SURE = 4.0; // standard errors
+        const mk_model &m = causes->best.point.model;
+        int first = mk_plant(m.plant)->parameter_count;
+        for (int e = 0; e < m.effect_count; e++) {
+            const mk_effect_info &info = *mk_effect(m.effect[e].index);
+            const int cause = e - model.effect_count;
+            if (cause >= 0 && cause < (int)causes->rounds.size()) {
+                const int size = causes->rounds[(size_t)cause].field[0].added.size;
+                const double error = error_of_size(first, info, size);
+                if (std::fabs(m.effect[e].value[size]) < SURE * error)
+                    return false;
+            }
+            first += info.parameter_count;
+        }
+        return true;
+    }
+    // Standard error of an effect's size, other parameters of it as they are unless the law is
+    // linear in them and the size. NaN where it was not fitted.
+    double error_of_size(int first, const mk_effect_info &info, int size) const
+    {
+        const Hypothesis &h = causes->best;
+        const std::vector<int> free = fitted_parameters(h.point.model);
+        std::vector<int> kept, place;
+        long at = -1;
+        for (size_t i = 0; i < free.size(); i++) {
+            const int own = free[i] - first;
+            if (own == size)
+                at = (long)kept.size();
+            else if (own >= 0 && own < info.parameter_count &&
+                     info.parameter[own].fit != MK_FIT_ANGLE &&
+                     info.parameter[own].fit != MK_FIT_CENTRE)
+                continue;
+            kept.push_back(free[i]);
+            place.push_back((int)i);
+        }
+        FitPicture picture;
+        picture.information = h.picture.information(place, place);
+        return at < 0 ? UNKNOWN : std::sqrt(Fit::covariance(h.point.model, picture, kept)(at, at));
     }
     void describe_causes()
     {

@@ -173,8 +173,9 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     tried_count = (int)all.size();
     FitOptions loose = fit_options();
     loose.threads = 1;
+    const double small_drift = how.drift > 0.0 ? how.drift : base.drift;
     for (double &d : loose.drift)
-        d = how.small ? base.drift : std::max(base.drift, 0.01);
+        d = how.small ? small_drift : std::max(base.drift, 0.01);
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
     Hypothesis start = base;
@@ -237,7 +238,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         terms += library;
         finalists.push_back(std::move(t));
     }
-    return compete(base.score, how.beat, how.small ? base.drift : std::max(base.drift, 0.1),
+    return compete(base.score, how.beat, how.small ? small_drift : std::max(base.drift, 0.1),
                    finalists);
 }
 

@@ -42,6 +42,7 @@ struct ExtendOptions {
     // The base follows its data: what it lacks is small, and shows in a few iterations from there.
     // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
     bool small = false;
+    double drift = 0.0; // at which it is looked for then; 0: that of the base
     double least = 0.0;
     double beat = HUGE_VAL; // score of a hypothesis to be compared with
 };

@@ -108,9 +108,10 @@ class Fit
     double update_noise(FitPoint &point);
 
     FitOptions options;
-    int iterations = 0;      // of the last minimise
-    double work_done = 0.0;  // in passes, see FitOptions::max_passes, since the fit was made
-    double start_cost = 0.0; // of the last minimise
+    int iterations = 0;     // of the last minimise
+    double work_done = 0.0; // in passes, see FitOptions::max_passes, since the fit was made
+    // Of the last minimise: where it began, and what its pictures promised beyond where it ended.
+    double start_cost = 0.0, left = 0.0;
     bool converged = false;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
@@ -155,7 +156,7 @@ class Fit
     void carry_apart(FitPoint &point, size_t log);
     void thin(FitNodes &nodes) const;
     bool minimise_finely(FitPoint &point, const std::vector<int> &free);
-    bool refine_step(FitPoint &point);
+    bool refine_step(FitPoint &point, bool pushed);
     double longest_step(const mk_model &model) const;
     using Job = std::pair<size_t, size_t>; // log, node
     void shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,

@@ -196,7 +196,8 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
         return false;
     point.cost = start_cost = p.cost;
     while (iterations < options.max_iterations && !converged && work_done < most_work) {
-        if (promise(point.model, free, p) < 0.1 * options.tolerance) {
+        left = promise(point.model, free, p);
+        if (left < 0.1 * options.tolerance) {
             converged = true;
             break;
         }
@@ -221,6 +222,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             if (possible && trial.cost < point.cost + 1e-9) {
                 accepted = true;
                 double gain = point.cost - trial.cost;
+                left -= gain;
                 creeping = gain < CREEP ? creeping + 1 : 0;
                 converged =
                     creeping >= 3 || (gain < options.tolerance * (1.0 + 1e-6 * point.cost) &&
@@ -271,14 +273,21 @@ bool Fit::minimise_finely(FitPoint &point, const std::vector<int> &free)
         if (!correction || start_cost - point.cost < FAR)
             break;
     }
+    // Slopes of long steps do not lead to the minimum where a law has kinks.
+    if (correction && left > CREEP) {
+        correction.reset();
+        return minimise(point, free) && !cancelled;
+    }
     return true;
 }
 
-// Shortens the step until that changes the cost no more; false when it was short enough.
-bool Fit::refine_step(FitPoint &point)
+// Shortens the step until that changes the cost no more; false when it was short enough. A model
+// that is pushed hard is spared the last of it.
+bool Fit::refine_step(FitPoint &point, bool pushed)
 {
     // Contact changes with every step length a little; its instants are found anyway.
-    const double shortest = mk_model_event_count(&point.model) > 0 ? 5e-4 : 2e-4;
+    const bool contact = mk_model_event_count(&point.model) > 0;
+    const double shortest = pushed ? 2.5e-3 : contact ? 5e-4 : 2e-4, much = pushed ? 10.0 : 1.0;
     if (!(point.step > 0.0))
         point.step = longest_step(point.model);
     double now = point.cost;
@@ -288,14 +297,14 @@ bool Fit::refine_step(FitPoint &point)
         const double kept = point.step;
         point.step *= SHORTER;
         const double finer = cost(point), change = std::fabs(finer - now);
-        if (!(change > 1.0)) {
+        if (!(change > much)) {
             point.step = kept;
             break;
         }
         refined = true;
         now = finer;
         // Where friction bends sharply errors fall by the square of the step, else faster.
-        if (change * SHORTER * SHORTER < 1.0)
+        if (change * SHORTER * SHORTER < much)
             break;
     }
     if (!refined)
@@ -307,11 +316,12 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
 {
     for (double &d : options.drift)
         d = drift;
-    if (drift >= EXACTING)
+    const bool pushed = drift >= EXACTING;
+    if (pushed)
         point.step = longest_step(point.model);
     bool found = minimise_finely(point, free);
     // What the step length changes must not be taken for what the model lacks.
-    if (found && drift < EXACTING && refine_step(point))
+    if (found && refine_step(point, pushed))
         found = minimise_finely(point, free);
     // The noise belongs to the estimate; a second round where it changed.
     if (found && update_noise(point) > 0.02)
