@@ -429,6 +429,20 @@ START_TEST(output_error_warns_of_a_stuck_joint)
 }
 END_TEST
 
+START_TEST(output_error_refuses_a_command_of_the_wrong_sign)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 5, run.rate = 200;
+    Log log = with_noise(*record(m, run), 4.5e-4, 1);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "u")[k] *= -1.0;
+    Fit f(m, log, "output-error");
+    ck_assert_int_ne(f.status, MK_OK);
+    ck_assert_ptr_nonnull(strstr(f.err.message, "signs"));
+}
+END_TEST
+
 START_TEST(output_error_warns_of_swapped_columns_and_of_degrees)
 {
     mk_model m = rig(MK_PLANT_PENDUBOT);
@@ -637,6 +651,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, ten_rows_are_refused_and_forty_do_not_crash);
     tcase_add_test(c, time_in_milliseconds_is_refused);
     tcase_add_test(c, output_error_warns_of_a_stuck_joint);
+    tcase_add_test(c, output_error_refuses_a_command_of_the_wrong_sign);
     tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
     tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
     tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);

@@ -283,10 +283,18 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         r.noise[j] = j < mk_model_joints(&r.model) ? point.noise[j] : UNKNOWN;
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
-    warn_of_drift(fit.options.drift[0], r);
-    warn_of_repetition(views, r);
+    drift = fit.options.drift[0];
+    warn_of_drift(drift, r);
+    if (drift < SUSPICIOUS_DRIFT)
+        warn_of_repetition(views, r);
     judge(point, picture, free, r);
-    if (fit.options.drift[0] >= HOPELESS_DRIFT && 2 * unknown(free, r) > free.size())
+    for (int j = 0; j < mk_model_joints(&r.model); j++)
+        if (drift >= HOPELESS_DRIFT && !problem.moves[j])
+            return mk_error_set(err, MK_ERR_NUMERIC,
+                                "the model does not follow these data, in which q%d does not move: "
+                                "is the joint stuck, or its encoder?",
+                                j + 1);
+    if (drift >= SUSPICIOUS_DRIFT && 2 * unknown(free, r) > free.size())
         return mk_error_set(err, MK_ERR_NUMERIC,
                             "the model does not follow these data, which say little about most of "
                             "its parameters: is it this rig, with these units, signs and columns?");

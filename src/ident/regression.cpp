@@ -24,6 +24,9 @@ constexpr double FEWEST_WINDOWS = 2.0;
 // Residuals over what the readings' noise leaves in the equations; a right model's are near 1.
 constexpr double SUSPICIOUS_LEVEL = 5.0;
 
+// Beyond so many rows of a log standard errors of noise are below what the smoother bends.
+constexpr size_t MANY_ROWS = 1000000;
+
 // Sums over all rows; nothing grows with the data.
 struct Sums {
     Eigen::MatrixXd normal; // X' W X
@@ -254,6 +257,12 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
                  std::sqrt(level2));
         warn(r, text);
     }
+    size_t rows = 0;
+    for (const Track &track : tracks)
+        rows += track.rows();
+    if (rows > MANY_ROWS)
+        warn(r, "standard errors are those of noise: with this much data the smoother bends the "
+                "parameters by more, some 0.1 %");
     r.rows = sums.rows * (size_t)form.equations;
     r.converged = true;
     for (int i = 0; i < r.parameter_count; i++)
