@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/random.h"
+#include "driver/standalone.h"
 #include "driver/wire.h"
 
 static struct mk_random rng;
@@ -212,6 +213,39 @@ START_TEST(a_board_that_never_stops_talking_does_not_hold_the_host)
 }
 END_TEST
 
+/* The answer to a setup: so many gains as the link says. */
+static enum mk_status promise(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns)
+{
+    static uint8_t said[MK_FRAME_MAX];
+    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_SETUP | MK_MSG_ANSWER, 1, 7, link};
+    (void)deadline_ns;
+    *n = mk_frame_encode(&f, said);
+    *bytes = said;
+    return MK_OK;
+}
+
+START_TEST(a_board_cannot_promise_more_gains_than_there_are)
+{
+    static const struct mk_link_ops ops = {take_anything, promise};
+    static const struct {
+        uint8_t gains;
+        enum mk_status st;
+    } boards[] = {{0, MK_OK},
+                  {MK_STANDALONE_GAINS, MK_OK},
+                  {MK_STANDALONE_GAINS + 1, MK_ERR_PROTO},
+                  {255, MK_ERR_PROTO}};
+    for (size_t i = 0; i < sizeof boards / sizeof boards[0]; i++) {
+        uint8_t gains = boards[i].gains;
+        struct mk_wire wire = {.ops = &ops, .link = &gains, .sequence = 6};
+        struct mk_error err = MK_ERROR_INIT;
+        int got = -1;
+        ck_assert_int_eq(mk_wire_setup(&wire, 1, 2000, 1, &got, &err), boards[i].st);
+        ck_assert_int_eq(got, boards[i].st == MK_OK ? gains : -1);
+        ck_assert_int_eq(err.message[0] != '\0', boards[i].st != MK_OK);
+    }
+}
+END_TEST
+
 Suite *suite_frame(void)
 {
     Suite *s = suite_create("frame");
@@ -226,6 +260,7 @@ Suite *suite_frame(void)
     tcase_add_test(t, a_length_beyond_the_limit_is_not_believed);
     tcase_add_test(t, noise_is_never_taken_for_a_frame);
     tcase_add_loop_test(t, a_board_that_never_stops_talking_does_not_hold_the_host, 0, BABBLES);
+    tcase_add_test(t, a_board_cannot_promise_more_gains_than_there_are);
     suite_add_tcase(s, t);
     return s;
 }

@@ -406,9 +406,14 @@ enum mk_status mk_wire_setup(struct mk_wire *w, int controller, uint32_t period_
     struct mk_frame f;
     mk_put32(payload + 4, period_us);
     enum mk_status st = ask(w, MK_MSG_SETUP, payload, sizeof payload, &f, err);
-    if (st == MK_OK)
-        *gains = f.length > 0 ? f.payload[0] : 0;
-    return st;
+    if (st != MK_OK)
+        return st;
+    int n = f.length > 0 ? f.payload[0] : 0;
+    if (n > MK_STANDALONE_GAINS)
+        return mk_error_set(err, MK_ERR_PROTO, "the board claims %d gains, more than %d", n,
+                            MK_STANDALONE_GAINS);
+    *gains = n;
+    return MK_OK;
 }
 
 enum mk_status mk_wire_gains(struct mk_wire *w, int first, const float *value, int n,
