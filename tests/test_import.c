@@ -92,6 +92,7 @@ START_TEST(text_where_a_number_should_be_is_told_with_its_line)
     } files[] = {
         {"t,q1,q2,u\n0,0,abc,0\n0.1,0,0,0\n0.2,0,0,0\n", ":2: 'abc' in column q2 is no number"},
         {"t,q1,q2,u\n0,0,0,0\n0.1,0,0,0\n0.2,1.2.3,0,0\n", ":4: '1.2.3' in column q1"},
+        {"t,q1,q2,u\n0,0,0,0\n0.1,0,0,0\ninf,0,0,0\n", "row 3: time is infinite"},
         {"t,q1,q2,u,phase\n0,0,0,0,swing up\n0.1,NA,nan,0,swing up\n0.2,0,-,0,\n", NULL},
         {"t,q1,q2,u\n[s],rad,,1\n0,0,0,0\n0.1,0,0,0\n0.2,0,0,0\n", NULL}};
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
@@ -229,6 +230,25 @@ START_TEST(a_mat_file_with_lying_signals_and_a_picture_is_read)
 }
 END_TEST
 
+/* The first thing that is left out, and already too long to say. */
+START_TEST(a_name_that_fills_the_line_is_left_out_of_the_list)
+{
+    char out[4096], name[200];
+    memset(name, 'n', sizeof name - 1);
+    name[sizeof name - 1] = '\0';
+    mat_t *mat = Mat_CreateVer(scratch("long.mat"), NULL, MAT_FT_MAT5);
+    ck_assert_ptr_nonnull(mat);
+    put_matrix(mat, name, 50, 1, 1.0);
+    put_matrix(mat, "t", 1, 50, 0.01);
+    put_matrix(mat, "u", 49, 1, 0.0);
+    Mat_Close(mat);
+    int code = run_mechkit(out, sizeof out, "import %s --rig pendubot --force --out %s",
+                           scratch("long.mat"), scratch("long.csv"));
+    ck_assert_msg(code == 3 && strstr(out, "there are: t; left out: ..., u (49 values, not 50)"),
+                  "%d %s", code, out);
+}
+END_TEST
+
 START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
 {
     static const struct {
@@ -239,6 +259,16 @@ START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
          ":5: [t] unit: deg is no unit of t"},
         {"[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = q\nsign = up\n",
          ":7: [q1] sign: expected"},
+        {"[t]\ncolumn = t\nsign = nan\n", ":3: [t] sign: expected"},
+        {"[t]\ncolumn = t\nsign = inf\n", ":3: [t] sign: expected"},
+        {"[q1]\noffset = nan\n", ":2: [q1] offset: expected"},
+        {"[q1]\noffset = -inf\n", ":2: [q1] offset: expected"},
+        {"[rig]\nu_to_torque = inf\n", ":2: [rig] u_to_torque: expected"},
+        {"[rig]\nencoder_cpr = 99999999999\n", ":2: [rig] encoder_cpr: expected"},
+        {"[rig]\nencoder_cpr = 4000 0\n", ":2: [rig] encoder_cpr: expected"},
+        {"[rig]\nencoder_cpr = 4000 many\n", ":2: [rig] encoder_cpr: expected"},
+        {"[rig]\nencoder_cpr = 4000.5\n", ":2: [rig] encoder_cpr: expected"},
+        {"[rig]\nencoder_cpr = 1 2 3\n", ":2: [rig] encoder_cpr: expected"},
         {"[rig]\nkind = pendulum\n[t]\nfrom = t\n", ":4: [t] from: unknown key"},
         {"[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = q\n",
          "[u] (or [tau]) is missing"},
@@ -560,6 +590,7 @@ Suite *suite_import(void)
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);
     tcase_add_test(c, of_several_runs_in_a_mat_file_the_mapping_says_which);
     tcase_add_test(c, a_mat_file_with_lying_signals_and_a_picture_is_read);
+    tcase_add_test(c, a_name_that_fills_the_line_is_left_out_of_the_list);
     tcase_add_test(c, mistakes_in_a_mapping_are_told_with_their_line);
     tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
     suite_add_tcase(s, c);

@@ -220,10 +220,12 @@ static enum mk_status check_time(struct mk_log *log, const char *path, struct mk
 {
     double *t = log->columns[0].data, zero = t[0];
     for (size_t r = 0; r < log->rows; r++) {
-        if (isnan(t[r]) || (r > 0 && !(t[r] - zero > t[r - 1])))
+        if (!isfinite(t[r]) || (r > 0 && !(t[r] - zero > t[r - 1])))
             return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                                "row %zu: time %s: is this the right column?", r + 1,
-                               isnan(t[r]) ? "is missing" : "does not increase");
+                               isnan(t[r])   ? "is missing"
+                               : isinf(t[r]) ? "is infinite"
+                                             : "does not increase");
         t[r] -= zero;
     }
     return MK_OK;

@@ -2,7 +2,9 @@
 #include <ctype.h>
 #include <errno.h>
 #include <ini.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/out_file.h"
@@ -46,6 +48,33 @@ static int refuse(struct reader *r, const char *what, const char *section, const
     return 0;
 }
 
+static bool finite_number(const char *text, double *out)
+{
+    double value;
+    if (!mk_parse_double_z(text, &value) || !isfinite(value))
+        return false;
+    *out = value;
+    return true;
+}
+
+/* Of one joint or two; a second one that is not there is 0. */
+static bool counts_per_turn(const char *text, int out[2])
+{
+    int n = 0;
+    for (out[1] = 0; n < 2; n++) {
+        char *end;
+        errno = 0;
+        long count = strtol(text, &end, 10);
+        if (end == text)
+            break;
+        if (errno || count < 1 || count > 100000000)
+            return false;
+        out[n] = (int)count;
+        text = end;
+    }
+    return n > 0 && text[strspn(text, " \t,")] == '\0';
+}
+
 static int on_source(struct reader *r, const char *key, const char *value)
 {
     if (strcmp(key, "separator") == 0) {
@@ -82,13 +111,11 @@ static int on_rig(struct reader *r, const char *key, const char *value)
         return 1;
     }
     if (strcmp(key, "u_to_torque") == 0)
-        return (mk_parse_double_z(value, &r->map.u_to_torque) && r->map.u_to_torque > 0.0) ||
+        return (finite_number(value, &r->map.u_to_torque) && r->map.u_to_torque > 0.0) ||
                refuse(r, "expected N m per unit of command, above 0", "rig", key);
-    if (strcmp(key, "encoder_cpr") == 0) {
-        int n = sscanf(value, "%d %d", &r->map.encoder_cpr[0], &r->map.encoder_cpr[1]);
-        return (n >= 1 && r->map.encoder_cpr[0] > 0 && (n < 2 || r->map.encoder_cpr[1] > 0)) ||
-               refuse(r, "expected counts per revolution of each joint", "rig", key);
-    }
+    if (strcmp(key, "encoder_cpr") == 0)
+        return counts_per_turn(value, r->map.encoder_cpr) ||
+               refuse(r, "expected counts per revolution of each joint, 1 .. 1e8", "rig", key);
     return refuse(r, "unknown key: kind, u_to_torque, encoder_cpr", "rig", key);
 }
 
@@ -121,10 +148,10 @@ static int on_column(struct reader *r, const char *section, const char *key, con
         return 1;
     }
     if (strcmp(key, "sign") == 0)
-        return (mk_parse_double_z(value, &c->sign) && c->sign != 0.0) ||
+        return (finite_number(value, &c->sign) && c->sign != 0.0) ||
                refuse(r, "expected 1, -1 or another factor", section, key);
     if (strcmp(key, "offset") == 0)
-        return mk_parse_double_z(value, &c->offset) || refuse(r, "expected a number", section, key);
+        return finite_number(value, &c->offset) || refuse(r, "expected a number", section, key);
     return refuse(r, "unknown key: column, unit, sign, offset", section, key);
 }
 

@@ -35,6 +35,8 @@ static void leave_out(struct collector *c, const char *name, const char *why)
     snprintf(more, sizeof more, "%s%s (%s)", n ? ", " : "", name, why);
     if (strlen(more) + sizeof rest <= room)
         strcpy(c->left_out + n, more);
+    else if (n == 0)
+        strcpy(c->left_out, "...");
     else if (room >= sizeof rest && strncmp(c->left_out + n - 3, "...", 3) != 0)
         strcpy(c->left_out + n, rest);
 }
