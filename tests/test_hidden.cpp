@@ -227,6 +227,33 @@ START_TEST(rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_ou
 }
 END_TEST
 
+START_TEST(a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times)
+{
+    truth::Wish wish;
+    wish.rig = "inertia-wheel", wish.effect = "quadratic-drag", wish.seed = 43;
+    wish.rate = 200.0, wish.runs = 2;
+    truth::Case c = truth::make_case(wish);
+    for (truth::OwnedLog &log : c.train) {
+        const size_t rows = log->rows;
+        mk_log *shaken = nullptr;
+        ck_assert_int_eq(mk_log_create(rows, &shaken), MK_OK);
+        double *t = mk_log_add_column(shaken, "t");
+        memcpy(t, mk_log_get(log.get(), "t"), rows * sizeof(double));
+        for (const char *name : {"q1", "u"})
+            memcpy(mk_log_add_column(shaken, name), mk_log_get(log.get(), name),
+                   rows * sizeof(double));
+        const double some = 0.3 * (t[1] - t[0]);
+        for (size_t k = 1; k + 1 < rows; k++)
+            t[k] += some * std::sin(2.4 * (double)k * (double)k);
+        log = truth::OwnedLog(shaken);
+    }
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
 START_TEST(laws_that_all_but_cancel_are_no_causes)
 {
     // A magnet is none of the catalogue; a cable against an imbalance has nearly its shape.
@@ -285,6 +312,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, what_no_entry_describes_is_unknown_with_a_formula_that_predicts);
     tcase_add_test(t, late_readings_of_one_joint_are_a_rival_of_a_late_command);
     tcase_add_test(t, rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data);
+    tcase_add_test(
+        t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     suite_add_tcase(s, t);
     return s;

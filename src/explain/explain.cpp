@@ -402,11 +402,18 @@ class Explainer
         }
         std::stable_sort(all.begin(), all.end(),
                          [](const Entry &a, const Entry &b) { return a.behind < b.behind; });
-        for (const Entry &e : all)
-            if (out.rival_count < MK_MAX_RIVALS) {
-                rival_fit[out.rival_count] = e.fit;
-                out.rival[out.rival_count++] = e.rival;
-            }
+        for (const Entry &e : all) {
+            // Terms of the library have one name: the best at a joint speaks for the others.
+            const bool listed =
+                std::any_of(out.rival, out.rival + out.rival_count, [&](const mk_rival &r) {
+                    return r.effect == e.rival.effect && r.joint == e.rival.joint &&
+                           r.instead_of == e.rival.instead_of;
+                });
+            if (listed || out.rival_count == MK_MAX_RIVALS)
+                continue;
+            rival_fit[out.rival_count] = e.fit;
+            out.rival[out.rival_count++] = e.rival;
+        }
     }
     const Hypothesis *rival_fit[MK_MAX_RIVALS] = {};
 
@@ -431,18 +438,24 @@ class Explainer
         out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
         out.cause_count = out.rival_count = 0;
     }
-    // Contact and play are hard to follow to the last digit of the training data; held-out data
-    // that the named causes alone predict confirm them all the same.
-    void confirm_contact()
+    // Training data with bad times, or contact and play, are hard to follow to the last digit;
+    // held-out data that the named causes alone predict confirm them all the same.
+    void confirm(const HeldOut &held, const HeldOutFigures &after)
     {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
-        bool named = std::none_of(causes->rounds.begin(), causes->rounds.end(), [](const Round &r) {
-            return is_library(r.field[0].added.effect);
-        });
+        constexpr double NEARLY = 1.5;    // of the noise
+        const std::vector<Round> &rounds = causes->rounds;
+        bool named =
+            !rounds.empty() && std::none_of(rounds.begin(), rounds.end(), [](const Round &r) {
+                return is_library(r.field[0].added.effect);
+            });
         bool touches =
             mk_model_event_count(&causes->best.point.model) > mk_model_event_count(&model);
-        if (out.verdict != MK_VERDICT_UNKNOWN || !named || !touches || !out.offered ||
-            !(out.closed > CONFIRMED))
+        bool as_read = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
+        if (out.verdict != MK_VERDICT_UNKNOWN || !named || !out.offered || !established() ||
+            !(out.closed > CONFIRMED) || !(touches || as_read))
             return;
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
@@ -551,7 +564,7 @@ class Explainer
         const double floor = floor_of(held);
         double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
-        confirm_contact();
+        confirm(held, after);
         return MK_OK;
     }
 };
