@@ -231,7 +231,7 @@ START_TEST(a_cause_that_predicts_held_out_data_is_named_though_the_training_logs
 {
     truth::Wish wish;
     wish.rig = "inertia-wheel", wish.effect = "quadratic-drag", wish.seed = 43;
-    wish.rate = 200.0, wish.runs = 2;
+    wish.rate = 400.0, wish.runs = 2;
     truth::Case c = truth::make_case(wish);
     for (truth::OwnedLog &log : c.train) {
         const size_t rows = log->rows;
@@ -242,7 +242,7 @@ START_TEST(a_cause_that_predicts_held_out_data_is_named_though_the_training_logs
         for (const char *name : {"q1", "u"})
             memcpy(mk_log_add_column(shaken, name), mk_log_get(log.get(), name),
                    rows * sizeof(double));
-        const double some = 0.3 * (t[1] - t[0]);
+        const double some = 0.2 * (t[1] - t[0]);
         for (size_t k = 1; k + 1 < rows; k++)
             t[k] += some * std::sin(2.4 * (double)k * (double)k);
         log = truth::OwnedLog(shaken);
