@@ -254,6 +254,18 @@ START_TEST(a_cause_that_predicts_held_out_data_is_named_though_the_training_logs
 }
 END_TEST
 
+START_TEST(a_wrong_zero_is_no_noise)
+{
+    // Less than three counts of a coarse encoder: nothing in how a row follows from the last.
+    truth::Case c = drawn(730013);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "encoder-offset");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert(right(c.right[0], e.cause[0].effect, e.cause[0].joint));
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
 START_TEST(laws_that_all_but_cancel_are_no_causes)
 {
     // A magnet is none of the catalogue; a cable against an imbalance has nearly its shape.
@@ -314,6 +326,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data);
     tcase_add_test(
         t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
+    tcase_add_test(t, a_wrong_zero_is_no_noise);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     suite_add_tcase(s, t);
     return s;
