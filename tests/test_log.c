@@ -205,6 +205,26 @@ static char *round_trip(const char *text)
     return slurp_file(path);
 }
 
+START_TEST(names_that_are_quotes_and_blanks_survive_a_round_trip)
+{
+    static const char *const names[] = {"t", "\"\"", " b", "\"x\"", "\"", "c "};
+    struct mk_log *log =
+        read_text("t,\"\"\"\",\" b\",\"\"x\"\",\",\"c \"\n0,1,2,3,4,5\n1,2,3,4,5,6\n");
+    for (int again = 0; again < 3; again++) {
+        struct mk_error err = MK_ERROR_INIT;
+        ck_assert_uint_eq(log->column_count, 6);
+        for (size_t i = 0; i < 6; i++) {
+            ck_assert_str_eq(log->columns[i].name, names[i]);
+            ck_assert(mk_log_get(log, names[i])[0] == (double)i);
+        }
+        ck_assert_int_eq(mk_log_write(scratch("names.csv"), log, &err), MK_OK);
+        mk_log_free(log);
+        ck_assert_msg(mk_log_read(scratch("names.csv"), &log, &err) == MK_OK, "%s", err.message);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(unknown_text_survives_to_the_letter)
 {
     static const char *const texts[] = {
@@ -544,6 +564,7 @@ Suite *suite_log(void)
     tcase_add_test(t, a_crash_while_writing_costs_the_last_line_only);
     tcase_add_test(t, unknown_columns_survive_a_round_trip);
     tcase_add_test(t, an_unknown_column_of_large_numbers_stays_one_of_numbers);
+    tcase_add_test(t, names_that_are_quotes_and_blanks_survive_a_round_trip);
     tcase_add_test(t, unknown_text_survives_to_the_letter);
     tcase_add_test(t, a_pipe_is_read_like_a_file);
     tcase_add_test(t, metadata_can_be_set_and_found);

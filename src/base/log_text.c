@@ -62,16 +62,32 @@ void mk_lines_preamble(struct mk_lines *lines, const struct mk_log_meta *meta, s
         mk_lines_meta(lines, meta[i].key, meta[i].value);
 }
 
+/* A reader takes blanks off a name, and one pair of quotes. */
+static bool needs_quotes(const char *name, size_t length)
+{
+    if (length == 0)
+        return false;
+    char first = name[0], last = name[length - 1];
+    return first == ' ' || first == '\t' || last == ' ' || last == '\t' ||
+           (length >= 2 && first == '"' && last == '"');
+}
+
 void mk_lines_names(struct mk_lines *lines, const char *const *names, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         size_t length = strlen(names[i]);
-        char *at = mk_lines_reserve(lines, length + 1);
+        char *at = mk_lines_reserve(lines, length + 3);
         if (!at)
             return;
+        bool quoted = needs_quotes(names[i], length);
+        if (quoted)
+            *at++ = '"';
         memcpy(at, names[i], length);
-        at[length] = i + 1 < count ? ',' : '\n';
-        lines->used += length + 1;
+        at += length;
+        if (quoted)
+            *at++ = '"';
+        *at++ = i + 1 < count ? ',' : '\n';
+        lines->used = (size_t)(at - lines->text);
     }
 }
 
