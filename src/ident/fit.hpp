@@ -145,6 +145,7 @@ class Fit
     std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
     std::shared_ptr<const Corrections> correction;
+    double settled_by = HUGE_VAL; // work_done at which settle() shall have an end
 
     double correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
                    Corrections &out) const;

@@ -190,7 +190,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     double damping = 1e-4;
     converged = false;
     iterations = 0;
-    const double most_work = work_done + options.max_passes;
+    const double most_work = std::min(work_done + options.max_passes, settled_by);
     FitPicture p = picture(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
@@ -316,6 +316,9 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
 {
     for (double &d : options.drift)
         d = drift;
+    // All ways to the minimum together.
+    constexpr double SHARE = 1.5; // of what one may cost
+    settled_by = work_done + SHARE * options.max_passes;
     const bool pushed = drift >= EXACTING;
     if (pushed)
         point.step = longest_step(point.model);
@@ -329,6 +332,7 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
     if (found)
         result = picture(point, free);
     correction.reset();
+    settled_by = HUGE_VAL;
     return found && result.finite;
 }
 
