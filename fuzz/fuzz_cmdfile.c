@@ -1,5 +1,6 @@
-/* libFuzzer: command files, as `mechkit run --check` reads them. Files that `source` names are not
- * there. */
+/* libFuzzer: command files, as `mechkit run --check` reads them. In a folder of its own: the only
+ * file there that `source` can name is the file itself. */
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "console/cmdfile.h"
@@ -19,7 +20,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct cmdfile *file = NULL;
     struct mk_error err = MK_ERROR_INIT;
     int errors = 0;
-    enum mk_status st = cmdfile_read(fuzz_file(0, data, size), count_error, &errors, &file, &err);
+    const char *path = fuzz_scratch("commands");
+    FILE *f = fopen(path, "wb");
+    if (!f || fwrite(data, 1, size, f) != size || fclose(f) != 0)
+        abort();
+    enum mk_status st = cmdfile_read(path, count_error, &errors, &file, &err);
     if ((st == MK_OK) != (errors == 0))
         abort();
     if (st == MK_OK) {
