@@ -463,6 +463,19 @@ START_TEST(output_error_warns_of_swapped_columns_and_of_degrees)
 }
 END_TEST
 
+START_TEST(output_error_does_not_take_a_wrong_zero_for_noise)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.seconds = 5, run.rate = 200;
+    Log log = with_noise(*record(m, run), 4.5e-4, 1);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "q1")[k] += 0.02;
+    Fit f(m, log, "output-error");
+    ck_assert(f.warns("follow"));
+}
+END_TEST
+
 /* Rows first to last - 1 are not in the log, or without values, or without angles. */
 enum class Hole { rows, values, angles };
 Log with_hole(const mk_log &whole, size_t first, size_t last, Hole hole)
@@ -653,6 +666,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, output_error_warns_of_a_stuck_joint);
     tcase_add_test(c, output_error_refuses_a_command_of_the_wrong_sign);
     tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
+    tcase_add_test(c, output_error_does_not_take_a_wrong_zero_for_noise);
     tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
     tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
     tcase_add_test(c, equations_that_miss_the_data_are_told);

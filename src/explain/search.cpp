@@ -245,22 +245,11 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
 bool Search::complete(const Hypothesis &h) const
 {
     constexpr double FLOOR = 1.5 * TIGHTEST;
-    return h.drift <= FLOOR && leaves_white_noise(logs, h) && leaves_scatter(h);
-}
-
-// Whether what readings are off by is as small as their scatter from row to row: what stays the
-// same, as a wrong zero, does not show in how one row follows from another.
-bool Search::leaves_scatter(const Hypothesis &h) const
-{
+    // What stays the same from row to row, as a wrong zero, does not show in how one row follows
+    // from another.
     constexpr double MORE = 1.5;
-    for (int j = 0; j < mk_model_joints(&h.point.model); j++) {
-        double scatter = 0.0;
-        for (const FitLog *log : logs)
-            scatter = std::max({scatter, fit_log_noise(*log, j), log->count[j] / std::sqrt(12.0)});
-        if (h.point.noise[j] > MORE * scatter)
-            return false;
-    }
-    return true;
+    return h.drift <= FLOOR && leaves_white_noise(logs, h) &&
+           beyond_scatter(logs, h.point.noise) < MORE;
 }
 
 bool Search::discredited(const Hypothesis &h)

@@ -110,7 +110,6 @@ class Search
                                     std::vector<Trial> &finalists);
     FitOptions fit_options() const;
     void finish(Fit &fit, Hypothesis &h) const;
-    bool leaves_scatter(const Hypothesis &h) const;
     bool tick(double done, const char *what);
 };
 

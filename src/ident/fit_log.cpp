@@ -357,6 +357,18 @@ double fit_log_noise(const FitLog &log, int j)
     return std::max(fast, 1e-9);
 }
 
+double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise)
+{
+    double most = 0.0;
+    for (int j = 0; !logs.empty() && j < logs[0]->joints; j++) {
+        double scatter = 0.0;
+        for (const FitLog *log : logs)
+            scatter = std::max({scatter, fit_log_noise(*log, j), log->count[j] / std::sqrt(12.0)});
+        most = std::max(most, noise[j] / scatter);
+    }
+    return most;
+}
+
 size_t usual_visits(const std::vector<const FitLog *> &logs)
 {
     constexpr size_t BEFORE = 4;   // rows: what tells speeds apart where there is one joint only

@@ -47,6 +47,10 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
 // Noise of the readings as their fast scatter shows it, rad; at least what quantisation makes.
 double fit_log_noise(const FitLog &log, int joint);
 
+// How many times that a fit's noise is, at the joint where it is most: far more than 1 where the
+// model is off by what does not change from row to row, as a wrong zero.
+double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise);
+
 // How often the logs were already, or will be, at the counts that they see on their way: the median
 // of readings in motion. Where that is often, what repeats in their errors does not even out.
 // Throws std::bad_alloc.

@@ -340,6 +340,7 @@ bool Fit::plunge(FitPoint &point, const std::vector<int> &free, double first, do
                  FitPicture &result)
 {
     constexpr double MORE = 1.5; // drift, to see whether the data ask for it
+    constexpr double NOISY = 3.0;
     constexpr int ITERATIONS = 12;
     const int usual = std::exchange(options.max_iterations, ITERATIONS);
     FitPicture above;
@@ -347,7 +348,8 @@ bool Fit::plunge(FitPoint &point, const std::vector<int> &free, double first, do
     bool found = (first < MORE * last || settle(point, free, first, above)) &&
                  settle(point, free, last, result) && converged && result.evidence < above.evidence;
     options.max_iterations = usual;
-    if (!found)
+    // What a model is off by may pass for noise where there is no drift to take it.
+    if (!found || beyond_scatter(logs, point.noise) > NOISY)
         return false;
     // States and parameters are where the cost does not change with them: it tells at once how the
     // evidence goes with the drift.

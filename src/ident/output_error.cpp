@@ -210,6 +210,20 @@ void warn_of_drift(double drift, mk_ident_result &r)
     warn(r, text);
 }
 
+void warn_of_noise(const std::vector<const FitLog *> &views, mk_ident_result &r)
+{
+    constexpr double SUSPICIOUS = 3.0;
+    const double times = beyond_scatter(views, r.noise);
+    if (times < SUSPICIOUS)
+        return;
+    char text[160];
+    snprintf(text, sizeof text,
+             "the model does not follow these data: it is off by %.1f times what the readings "
+             "scatter: mechkit explain looks for what it lacks",
+             times);
+    warn(r, text);
+}
+
 // Standard errors are those of readings whose errors are independent: not so where a motion comes
 // by the same counts again and again, and rounding with it.
 void warn_of_repetition(const std::vector<const FitLog *> &views, mk_ident_result &r)
@@ -285,6 +299,8 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         r.parameter[i].value = mk_model_parameter(&r.model, i);
     drift = fit.options.drift[0];
     warn_of_drift(drift, r);
+    if (drift < SUSPICIOUS_DRIFT)
+        warn_of_noise(views, r);
     if (drift < SUSPICIOUS_DRIFT)
         warn_of_repetition(views, r);
     judge(point, picture, free, r);
