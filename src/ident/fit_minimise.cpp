@@ -187,6 +187,7 @@ double promise(const mk_model &model, const std::vector<int> &free, const FitPic
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
     int creeping = 0;
+    left = 0.0;
     double damping = 1e-4;
     converged = false;
     iterations = 0;

@@ -153,8 +153,9 @@ bool go_down(Fit &fit, const std::vector<int> &free, double first, FitPoint &poi
         point = std::move(straight);
         return true;
     }
-    return !fit.cancelled &&
-           fit.descend(point, free, std::min(10.0 * first, 1.0), LEAST_DRIFT, picture);
+    // What the scouts' logs followed without drift these do not: from the top.
+    const double top = first < LEAST ? 1.0 : std::min(10.0 * first, 1.0);
+    return !fit.cancelled && fit.descend(point, free, top, LEAST_DRIFT, picture);
 }
 
 // What the first logs say: where the model's parameters, the noise and the step ended, and the
