@@ -33,7 +33,7 @@ static void print_rivals(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 r->distinguishable ? ", BIC %.0f worse\n"
                                    : ", BIC %.1f apart: the data cannot tell them apart\n",
-                r->delta_bic);
+                r->distinguishable ? r->delta_bic : fabs(r->delta_bic));
         shown++;
     }
 }

@@ -206,7 +206,9 @@ class Explainer
         size_t chosen = 0;
         for (size_t i = 1; i < field.size(); i++) {
             HeldOutFigures other;
+            // A field may be from when there was another cause beside.
             if (is_library(field[i].added.effect) ||
+                field[i].point.model.effect_count != field[0].point.model.effect_count ||
                 field[i].score > field[0].score + INSEPARABLE ||
                 held.figures(field[i].point.model, other, nullptr) != MK_OK ||
                 !clearly_worse(best, other))
@@ -577,6 +579,18 @@ const char *mk_verdict_name(enum mk_verdict verdict)
 {
     static const char *const names[] = {"none", "parameters", "effect", "unknown"};
     return names[verdict];
+}
+
+bool mk_explanation_doubts_logs(const mk_explanation *e)
+{
+    constexpr double FAR = 4.0, NOISE = 9.0; // in squares
+    double before = 0.0, refitted = 0.0, floor = 0.0;
+    for (int j = 0; j < mk_model_joints(&e->given); j++) {
+        before += e->before[j] * e->before[j];
+        refitted += e->refitted[j] * e->refitted[j];
+        floor += e->floor[j] * e->floor[j];
+    }
+    return refitted > FAR * before && refitted > NOISE * floor;
 }
 
 enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,

@@ -471,18 +471,6 @@ const char style[] =
 
 } // namespace
 
-bool mk_explanation_doubts_logs(const mk_explanation *e)
-{
-    constexpr double FAR = 4.0, NOISE = 9.0; // in squares
-    double before = 0.0, refitted = 0.0, floor = 0.0;
-    for (int j = 0; j < mk_model_joints(&e->given); j++) {
-        before += e->before[j] * e->before[j];
-        refitted += e->refitted[j] * e->refitted[j];
-        floor += e->floor[j] * e->floor[j];
-    }
-    return refitted > FAR * before && refitted > NOISE * floor;
-}
-
 enum mk_status mk_explanation_write_html(const mk_explanation *e, const char *path,
                                          const mk_log *log, mk_error *err)
 try {
