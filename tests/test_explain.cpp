@@ -545,15 +545,78 @@ START_TEST(a_report_that_could_not_be_written_is_not_made)
         return run_mechkit(out, sizeof out, "explain --model %s --out %s%s --holdout %s %s %s",
                            model, to, below, log, log, log);
     };
-    ck_assert_int_eq(explain(log, ""), 3);
+    ck_assert_int_eq(explain(log, ""), 1);
     ck_assert_msg(strstr(out, "still.csv: this is no folder") != nullptr, "%s", out);
-    ck_assert_int_eq(explain(folder, "/a/b"), 3);
+    ck_assert_int_eq(explain(folder, "/a/b"), 1);
     ck_assert_msg(strstr(out, "cannot make the folder") != nullptr, "%s", out);
     ck_assert_int_eq(explain(folder, ""), 3);
     ck_assert_msg(strstr(out, "which is learned from") != nullptr, "%s", out);
     ck_assert_msg(strstr(out, "they count twice") != nullptr, "%s", out);
     ck_assert_msg(strstr(out, "nothing moves") != nullptr, "%s", out);
     ck_assert_int_eq(count_files("explained"), 0);
+}
+END_TEST
+
+START_TEST(a_report_is_written_whole_or_not_at_all)
+{
+    mk_explanation e = {};
+    mk_error err = MK_ERROR_INIT;
+    e.given = e.refit = e.extended = pendulum(true);
+    mk_log *log = record({}, 1, 1.0);
+    const char *held = "held.csv", *folder = scratch("reports"), *other = scratch("full");
+    snprintf(e.next.input, sizeof e.next.input, "sin(t)");
+    ck_assert_int_eq(explanation_write(folder, "m.ini", &e, &held, 1, log, &err), MK_OK);
+    ck_assert_int_eq(count_files("reports/*"), 4);
+    char *before = slurp_file(scratch("reports/extended.ini"));
+    e.extended.parameter[0] *= 2.0;
+    e.next.input[0] = 0;
+    limit_file_size(1500); // report.html is longer, others are not
+    const enum mk_status again = explanation_write(folder, "m.ini", &e, &held, 1, log, &err);
+    const enum mk_status first = explanation_write(other, "m.ini", &e, &held, 1, log, nullptr);
+    limit_file_size(0);
+    ck_assert_int_eq(again, MK_ERR_NOSPACE);
+    ck_assert_int_eq(first, MK_ERR_NOSPACE);
+    ck_assert_str_eq(err.file, scratch("reports/report.html"));
+    ck_assert_int_eq(count_files("full"), 0);
+    ck_assert_int_eq(count_files("reports/*"), 4);
+    ck_assert_int_eq(count_files("reports/.report*"), 0);
+    char *after = slurp_file(scratch("reports/extended.ini"));
+    ck_assert_str_eq(after, before);
+    free(after);
+    // What the earlier report proposed is not of this one.
+    ck_assert_int_eq(explanation_write(folder, "m.ini", &e, &held, 1, log, &err), MK_OK);
+    ck_assert_int_eq(count_files("reports/*"), 3);
+    after = slurp_file(scratch("reports/extended.ini"));
+    ck_assert_str_ne(after, before);
+    free(after);
+    free(before);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_search_that_is_ended_leaves_no_folder)
+{
+    char model[512], log[512], out[1024];
+    mk_error err = MK_ERROR_INIT;
+    const mk_model rig = pendulum(false);
+    Hidden h;
+    h.cubic = 2e-3;
+    mk_log *data = record(h, 0, 12.0);
+    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    snprintf(log, sizeof log, "%s", scratch("long.csv"));
+    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
+    ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
+    mk_log_free(data);
+    for (bool there : {false, true}) {
+        const char *folder = scratch("ended");
+        if (there)
+            ck_assert_int_eq(run_command(nullptr, 0, "mkdir %s", folder), 0);
+        int code =
+            run_command(out, sizeof out, "timeout -s INT 0.5 %s explain --model %s --out %s %s",
+                        MK_TEST_APP, model, folder, log);
+        ck_assert_msg(code == 124, "%d %s", code, out);
+        ck_assert_int_eq(count_files("ended"), there);
+    }
 }
 END_TEST
 
@@ -581,6 +644,8 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_log_without_motion_is_refused);
     tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 14);
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
+    tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
+    tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

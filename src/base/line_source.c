@@ -66,9 +66,14 @@ static enum mk_status input_failure(struct mk_line_source *s)
         return mk_error_errno(s->err, errno ? errno : EIO, s->path, "cannot read");
     if (code == Z_MEM_ERROR)
         return no_memory(s);
+    /* zlib begins with the name of the file, which it does not know: "<fd:3>: ". */
+    const char *name_end = *text == '<' ? strstr(text, ">: ") : NULL;
+    const char *why = code == Z_BUF_ERROR ? "it ends too early" : name_end ? name_end + 3 : text;
+    if (s->line == 0)
+        return mk_error_at(s->err, MK_ERR_IO, s->path, 0, 0,
+                           "the compressed file is damaged: %s; no line could be read", why);
     return mk_error_at(s->err, MK_ERR_IO, s->path, 0, 0,
-                       "the compressed file is damaged after line %d: %s", s->line,
-                       code == Z_BUF_ERROR ? "it ends too early" : text);
+                       "the compressed file is damaged after line %d: %s", s->line, why);
 }
 
 /* More of the file behind the line that has begun. */

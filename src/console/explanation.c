@@ -1,7 +1,11 @@
 #include "console/explanation.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -183,30 +187,96 @@ enum mk_status explanation_make_folder(const char *path, bool *made, struct mk_e
     return MK_OK;
 }
 
+/* --- the files ---------------------------------------------------------------------------- */
+
+#define PATH_BYTES 4096
+
+/* report.json comes last: where it is, the report is whole. */
+enum { EXTENDED, NEXT, HTML, JSON, FILES };
+static const char *const names[FILES] = {"extended.ini", "next.cmd", "report.html", "report.json"};
+
+static const char *in(char path[PATH_BYTES], const char *folder, const char *name)
+{
+    snprintf(path, PATH_BYTES, "%s/%s", folder, name);
+    return path;
+}
+
+struct parts {
+    const char *model; /* where it came from */
+    const struct mk_explanation *e;
+    const char *const *holdouts;
+    size_t holdout_count;
+    const struct mk_log *shown;
+};
+
+static enum mk_status write_part(const struct parts *p, int file, const char *path,
+                                 struct mk_error *err)
+{
+    char comment[256];
+    switch (file) {
+    case EXTENDED:
+        snprintf(comment, sizeof comment, "mechkit explain: verdict %s, from %s",
+                 mk_verdict_name(p->e->verdict), p->model);
+        return mk_model_write(path, &p->e->extended, comment, err);
+    case NEXT:
+        return mk_explanation_write_next(p->e, path, names[EXTENDED], err);
+    case HTML:
+        return mk_explanation_write_html(p->e, path, p->shown, err);
+    default:
+        return mk_explanation_write_json(p->e, path, p->holdouts, p->holdout_count, err);
+    }
+}
+
+/* All of a report or nothing, and of two that are written to one folder at a time one or the other;
+ * where the file system cannot lock, the last file of each. */
+static enum mk_status move_parts(const char *from, const char *folder, bool has_next,
+                                 struct mk_error *err)
+{
+    char old[PATH_BYTES], new[PATH_BYTES];
+    enum mk_status st = MK_OK;
+    int lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (lock >= 0)
+        (void)!flock(lock, LOCK_EX);
+    /* Files of an earlier report would not belong to this one. */
+    for (int file = JSON; file >= NEXT && st == MK_OK; file--)
+        if ((file == JSON || (file == NEXT && !has_next)) &&
+            unlink(in(new, folder, names[file])) != 0 && errno != ENOENT)
+            st = mk_error_errno(err, errno, new, "cannot remove the earlier report");
+    for (int file = 0; file < FILES && st == MK_OK; file++)
+        if ((file != NEXT || has_next) &&
+            rename(in(old, from, names[file]), in(new, folder, names[file])) != 0)
+            st = mk_error_errno(err, errno, new, "cannot write");
+    if (lock >= 0)
+        close(lock);
+    return st;
+}
+
 enum mk_status explanation_write(const char *folder, const char *model,
                                  const struct mk_explanation *e, const char *const *holdouts,
                                  size_t holdout_count, const struct mk_log *shown,
                                  struct mk_error *err)
 {
-    char path[4096], comment[256];
+    const struct parts parts = {model, e, holdouts, holdout_count, shown};
+    char aside[PATH_BYTES], path[PATH_BYTES];
     bool made;
     enum mk_status st = explanation_make_folder(folder, &made, err);
-    snprintf(comment, sizeof comment, "mechkit explain: verdict %s, from %s",
-             mk_verdict_name(e->verdict), model);
-    snprintf(path, sizeof path, "%s/extended.ini", folder);
+    if (st != MK_OK)
+        return st;
+    in(aside, folder, ".report-XXXXXX");
+    errno = ENAMETOOLONG;
+    if (strlen(aside) + sizeof "/extended.ini.1234567-1000.tmp" > PATH_BYTES || !mkdtemp(aside))
+        return mk_error_errno(err, errno, folder, "cannot write to the folder");
+    for (int file = 0; file < FILES && st == MK_OK; file++) {
+        st = write_part(&parts, file, in(path, aside, names[file]), err);
+        if (st != MK_OK && err)
+            snprintf(err->file, sizeof err->file, "%.255s", in(path, folder, names[file]));
+    }
     if (st == MK_OK)
-        st = mk_model_write(path, &e->extended, comment, err);
-    snprintf(path, sizeof path, "%s/report.json", folder);
-    if (st == MK_OK)
-        st = mk_explanation_write_json(e, path, holdouts, holdout_count, err);
-    snprintf(path, sizeof path, "%s/next.cmd", folder);
-    /* One of an earlier report would not belong to this one. */
-    if (st == MK_OK && !e->next.input[0] && unlink(path) != 0 && errno != ENOENT)
-        st = mk_error_errno(err, errno, path, "cannot remove the earlier proposal");
-    if (st == MK_OK)
-        st = mk_explanation_write_next(e, path, "extended.ini", err);
-    snprintf(path, sizeof path, "%s/report.html", folder);
-    if (st == MK_OK)
-        st = mk_explanation_write_html(e, path, shown, err);
+        st = move_parts(aside, folder, e->next.input[0] != '\0', err);
+    for (int file = 0; file < FILES; file++)
+        (void)unlink(in(path, aside, names[file]));
+    (void)rmdir(aside);
+    if (st != MK_OK && made)
+        (void)rmdir(folder);
     return st;
 }

@@ -12,12 +12,23 @@ static void drop_controls(char *text)
             *c = '?';
 }
 
-int report_error(const struct mk_error *err)
+static void print(const struct mk_error *err)
 {
     char text[1024];
     mk_error_format(err, text, sizeof text);
     drop_controls(text);
     fprintf(stderr, "mechkit: %s\n", text);
+}
+
+int report_output_error(const struct mk_error *err)
+{
+    print(err);
+    return err->status == MK_ERR_USAGE ? EXIT_WRONG_USAGE : EXIT_RUN_FAILED;
+}
+
+int report_error(const struct mk_error *err)
+{
+    print(err);
     switch (err->status) {
     case MK_ERR_PARSE:
     case MK_ERR_RANGE:

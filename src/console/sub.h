@@ -33,6 +33,8 @@ extern const struct subcommand sub_boards, sub_console, sub_design, sub_doctor, 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */
 int report_error(const struct mk_error *err);
+/* The same where the file is one to be written: no bad input. */
+int report_output_error(const struct mk_error *err);
 /* Prints "mechkit: message (see mechkit NAME --help)"; returns 2. */
 int report_usage(const char *name, const char *fmt, ...) MK_PRINTF(2, 3);
 

@@ -1,5 +1,7 @@
 /* mechkit explain: what the simulation gets wrong, and why. */
 #include <math.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +10,7 @@
 #include "console/control_gain.h"
 #include "console/explanation.h"
 #include "console/options.h"
+#include "console/signals.h"
 #include "mechkit/explain.h"
 #include "mechkit/number.h"
 
@@ -115,58 +118,127 @@ static void warn_of_repeats(struct mk_log *const *logs, size_t count,
                         holdouts[h]->path, logs[i]->path);
 }
 
+/* --- the folder ----------------------------------------------------------------------------- */
+
+static const char *made_folder; /* by us, and nothing is in it yet */
+
+static void on_ending(int number)
+{
+    if (made_folder)
+        (void)rmdir(made_folder);
+    signal(number, SIG_DFL);
+    raise(number);
+}
+
+/* The folder is there from now on; a search that is ended leaves none behind. */
+static enum mk_status make_folder(const char *path, struct mk_error *err)
+{
+    bool made = false;
+    enum mk_status st = explanation_make_folder(path, &made, err);
+    const struct ending_signal *s;
+    struct sigaction before, action = {.sa_handler = on_ending};
+    sigemptyset(&action.sa_mask);
+    if (!made)
+        return st;
+    made_folder = path;
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        if (sigaction(s->number, NULL, &before) == 0 && before.sa_handler != SIG_IGN)
+            sigaction(s->number, &action, NULL);
+    return st;
+}
+
+static void remove_folder(void)
+{
+    if (made_folder)
+        (void)rmdir(made_folder);
+    made_folder = NULL;
+}
+
+/* Takes a moment only, so that a signal can wait for all files to be there. */
 static enum mk_status write_reports(const struct options *o, const struct mk_explanation *e,
                                     const struct mk_log *shown, struct mk_error *err)
 {
     const char *last = o->input.text[o->input.count - 1];
     bool given = o->holdout.count > 0;
-    return explanation_write(o->out, o->model, e, given ? o->holdout.text : &last,
-                             given ? o->holdout.count : 1, shown, err);
+    sigset_t enders, before;
+    const struct ending_signal *s;
+    sigemptyset(&enders);
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        sigaddset(&enders, s->number);
+    pthread_sigmask(SIG_BLOCK, &enders, &before);
+    enum mk_status st = explanation_write(o->out, o->model, e, given ? o->holdout.text : &last,
+                                          given ? o->holdout.count : 1, shown, err);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return st;
+}
+
+/* --- the command ---------------------------------------------------------------------------- */
+
+struct job {
+    struct options o;
+    struct mk_model model;
+    struct mk_log *logs[MAX_FILES], *holdouts[MAX_FILES];
+    struct mk_explanation e;
+};
+
+static enum mk_status read_input(struct job *j, struct mk_error *err)
+{
+    enum mk_status st = mk_model_read(j->o.model, &j->model, err);
+    if (st == MK_OK)
+        st = read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs, err);
+    return st == MK_OK ? read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err) : st;
+}
+
+static enum mk_status search(struct job *j, struct mk_error *err)
+{
+    size_t count = (size_t)j->o.input.count;
+    int percent = -1;
+    if (isatty(STDERR_FILENO)) {
+        j->o.explain.progress = show_progress;
+        j->o.explain.progress_context = &percent;
+    }
+    warn_of_repeats(j->logs, count, j->holdouts, j->o.holdout.count);
+    enum mk_status st = mk_explain(&j->model, (const struct mk_log *const *)j->logs, count,
+                                   (const struct mk_log *const *)j->holdouts, j->o.holdout.count,
+                                   &j->o.explain, &j->e, err);
+    if (st == MK_OK)
+        st = control_gain_measure(&j->e, err);
+    if (percent >= 0)
+        fprintf(stderr, "\r%30s\r", "");
+    return st;
+}
+
+/* Returns an exit code. */
+static int explain(struct job *j)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    if (read_input(j, &err) != MK_OK)
+        return report_error(&err);
+    if (make_folder(j->o.out, &err) != MK_OK)
+        return report_output_error(&err);
+    if (search(j, &err) != MK_OK) {
+        remove_folder();
+        return report_error(&err);
+    }
+    const struct mk_log *shown =
+        j->o.holdout.count ? j->holdouts[0] : j->logs[j->o.input.count - 1];
+    if (write_reports(&j->o, &j->e, shown, &err) != MK_OK) {
+        remove_folder();
+        return report_output_error(&err);
+    }
+    explanation_print(stdout, &j->e);
+    return EXIT_OK;
 }
 
 static int run(int argc, char **argv)
 {
-    struct options o = {0};
-    int rc = options_parse(&sub_explain, argc, argv, &o, &o.input);
-    if (rc != EXIT_OK)
-        return rc;
-    struct mk_error err = MK_ERROR_INIT;
-    struct mk_model model;
-    struct mk_log *logs[MAX_FILES] = {NULL}, *holdouts[MAX_FILES] = {NULL};
-    static struct mk_explanation e;
-    size_t count = (size_t)o.input.count;
-    int percent = -1;
-    if (isatty(STDERR_FILENO)) {
-        o.explain.progress = show_progress;
-        o.explain.progress_context = &percent;
-    }
-    bool made = false;
-    enum mk_status st = mk_model_read(o.model, &model, &err);
-    if (st == MK_OK)
-        st = read_all((const char *const *)o.input.text, count, logs, &err);
-    if (st == MK_OK)
-        st = read_all(o.holdout.text, o.holdout.count, holdouts, &err);
-    if (st == MK_OK)
-        st = explanation_make_folder(o.out, &made, &err);
-    if (st == MK_OK)
-        warn_of_repeats(logs, count, holdouts, o.holdout.count);
-    if (st == MK_OK)
-        st = mk_explain(&model, (const struct mk_log *const *)logs, count,
-                        (const struct mk_log *const *)holdouts, o.holdout.count, &o.explain, &e,
-                        &err);
-    if (st == MK_OK)
-        st = control_gain_measure(&e, &err);
-    if (percent >= 0)
-        fprintf(stderr, "\r%30s\r", "");
-    if (st == MK_OK)
-        st = write_reports(&o, &e, o.holdout.count ? holdouts[0] : logs[count - 1], &err);
-    if (st == MK_OK)
-        explanation_print(stdout, &e);
-    if (st != MK_OK && made)
-        (void)rmdir(o.out); /* nothing is in it */
+    static struct job j;
+    int rc = options_parse(&sub_explain, argc, argv, &j.o, &j.o.input);
+    if (rc == EXIT_OK)
+        rc = explain(&j);
     for (size_t i = 0; i < MAX_FILES; i++) {
-        mk_log_free(logs[i]);
-        mk_log_free(holdouts[i]);
+        mk_log_free(j.logs[i]);
+        mk_log_free(j.holdouts[i]);
     }
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    return rc;
 }
