@@ -126,6 +126,52 @@ START_TEST(of_two_columns_of_one_name_the_mapping_says_which)
 }
 END_TEST
 
+START_TEST(a_name_that_no_mapping_can_have_goes_by_its_number)
+{
+    char out[4096], map[512];
+    const char *file = scratch_text("odd.csv", "t,\"Theta 1 \",q\x01"
+                                               "2,u\n0,1,2,0\n0.1,1,2,0\n0.2,1,2,0\n");
+    snprintf(map, sizeof map, "%s", scratch("odd.map"));
+    int code =
+        run_mechkit(out, sizeof out, "import --rig pendubot --force --write-map %s %s", map, file);
+    ck_assert_msg(code == 0, "%d: %s", code, out);
+    char *text = slurp_file(map);
+    ck_assert_msg(strstr(text, "[q1]\ncolumn = 2\n") && strstr(text, "[q2]\ncolumn = 3\n"), "%s",
+                  text);
+    free(text);
+    code = run_mechkit(out, sizeof out, "import --map %s --force --out %s %s", map,
+                       scratch("odd_log.csv"), file);
+    ck_assert_msg(code == 0, "%d: %s", code, out);
+}
+END_TEST
+
+/* A variable of a million million numbers in a file of 200 bytes; and one whose numbers are cut
+ * off.
+ */
+START_TEST(a_mat_file_that_claims_what_it_does_not_hold_is_refused)
+{
+    uint8_t file[200] = "MATLAB 5.0 MAT-file";
+    const uint32_t variable[] = {14, 64, 6, 8, 6, 0, 5, 8, 1000000, 1000000, 0x10001, 't', 9, 0};
+    file[125] = 1;
+    memcpy(file + 126, "IM", 2);
+    memcpy(file + 128, variable, sizeof variable);
+    for (int k = 0; k < 2; k++) {
+        char out[4096];
+        const char *path = scratch("claims.mat");
+        FILE *f = fopen(path, "wb");
+        ck_assert_ptr_nonnull(f);
+        fwrite(file, 1, sizeof file, f);
+        fclose(f);
+        int code = run_command(
+            out, sizeof out, "ulimit -v 4000000; " MK_TEST_APP " import --rig pendulum --out %s %s",
+            scratch("claims.csv"), path);
+        ck_assert_msg(code == 3 && strstr(out, "no vectors of numbers"), "%d: %s", code, out);
+        const uint32_t smaller = 1;
+        memcpy(file + 128 + 4 * 9, &smaller, 4);
+    }
+}
+END_TEST
+
 START_TEST(a_mat_file_of_our_own_comes_back)
 {
     char out[2048];
@@ -587,6 +633,8 @@ Suite *suite_import(void)
     tcase_add_test(c, a_file_without_names_goes_by_numbers_of_columns);
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
+    tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
+    tcase_add_test(c, a_mat_file_that_claims_what_it_does_not_hold_is_refused);
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);
     tcase_add_test(c, of_several_runs_in_a_mat_file_the_mapping_says_which);
     tcase_add_test(c, a_mat_file_with_lying_signals_and_a_picture_is_read);

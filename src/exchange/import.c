@@ -101,14 +101,29 @@ static const char *meaning(const char *name, int joints)
     return to;
 }
 
-static void add_guess(struct mk_import_map *map, const struct mk_table_column *c, const char *to)
+static const struct mk_table_column *column_of(const struct mk_table *table, const char *from);
+
+/* A column goes by its number where a mapping cannot have its name, unless that means another. */
+static void call_column(const struct mk_table *table, const struct mk_table_column *c, char *from,
+                        size_t size)
+{
+    if (!map_can_name(c->name)) {
+        snprintf(from, size, "%zu", (size_t)(c - table->column) + 1);
+        if (column_of(table, from) == c)
+            return;
+    }
+    snprintf(from, size, "%s", c->name);
+}
+
+static void add_guess(struct mk_import_map *map, const struct mk_table *table,
+                      const struct mk_table_column *c, const char *to)
 {
     if (map->count == MK_IMPORT_COLUMNS || mk_import_map_find(map, to))
         return;
     struct mk_import_column *out = &map->column[map->count++];
     *out = (struct mk_import_column){.sign = 1.0};
     snprintf(out->to, sizeof out->to, "%s", to);
-    snprintf(out->from, sizeof out->from, "%s", c->name);
+    call_column(table, c, out->from, sizeof out->from);
     const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
     enum quantity quantity = quantity_of_column(to);
     if (unit && unit_size(unit, quantity, 1.0) > 0.0 &&
@@ -139,7 +154,7 @@ enum mk_status mk_import_guess(const struct mk_table *table, const char *path,
         const char *to = meaning(name, joints);
         bool second = to && strchr(to, '2');
         if (to && (joints == 2 || !second))
-            add_guess(map, &table->column[i], to);
+            add_guess(map, table, &table->column[i], to);
     }
     static const char *const commands[] = {"u", "u1", "tau", "tau1"};
     bool has_command = false;

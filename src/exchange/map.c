@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/out_file.h"
+#include "exchange/source.h"
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
@@ -18,6 +19,18 @@ struct mk_import_column *mk_import_map_find(struct mk_import_map *map, const cha
         if (strcmp(map->column[i].to, to) == 0)
             return &map->column[i];
     return NULL;
+}
+
+bool map_can_name(const char *column)
+{
+    size_t n = strlen(column);
+    if (n == 0 || column[0] == ';' || column[0] == ' ' || column[n - 1] == ' ' ||
+        strstr(column, " ;"))
+        return false;
+    for (const char *at = column; *at; at++)
+        if (iscntrl((unsigned char)*at))
+            return false;
+    return true;
 }
 
 /* --- reading ----------------------------------------------------------------------------- */
@@ -271,6 +284,12 @@ enum mk_status mk_import_map_write(const char *path, const struct mk_import_map 
                                    const char *comment, struct mk_error *err)
 {
     struct mk_out_text out;
+    for (int i = 0; i < map->count; i++)
+        if (!map_can_name(map->column[i].from))
+            return mk_error_at(err, MK_ERR_USAGE, path, 0, 0,
+                               "the name of the column for %s cannot stand in a mapping: rename "
+                               "the column",
+                               map->column[i].to);
     enum mk_status st = mk_out_text_open(&out, path, err);
     if (st != MK_OK)
         return st;

@@ -1,6 +1,7 @@
 /* MAT files of other people as tables: whatever numbers they hold, by name. */
 #include <errno.h>
 #include <matio.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +11,7 @@
 
 #define MAX_DEPTH 8
 #define PATH_SIZE 160
+#define ELEMENTS_A_BYTE 1100 /* zlib makes no more than 1032 bytes of one */
 #define MAX_SIGNALS                                                                                \
     64 /* of one matrix; more than that is a picture or a table of something else                  \
         */
@@ -67,10 +69,22 @@ static double element(const matvar_t *v, size_t i)
     }
 }
 
+/* Saturates: what a damaged file claims may be beyond any number. */
+static size_t elements_of(const matvar_t *v)
+{
+    size_t n = v->rank > 0 && v->dims;
+    for (int i = 0; n && i < v->rank; i++)
+        if (__builtin_mul_overflow(n, v->dims[i], &n))
+            return SIZE_MAX;
+    return n;
+}
+
+/* One with numbers for all that its dimensions promise. */
 static bool is_numeric(const matvar_t *v)
 {
     return v->class_type >= MAT_C_DOUBLE && v->class_type <= MAT_C_UINT64 && !v->isComplex &&
-           v->rank == 2 && v->data;
+           v->rank == 2 && v->data &&
+           v->nbytes / Mat_SizeOfClass((int)v->class_type) >= elements_of(v);
 }
 
 static bool make_room(struct collector *c)
@@ -133,14 +147,6 @@ static void add_matrix(struct collector *c, const char *name, const matvar_t *v)
     }
 }
 
-static size_t elements_of(const matvar_t *v)
-{
-    size_t n = v->rank > 0;
-    for (int i = 0; i < v->rank; i++)
-        n *= v->dims[i];
-    return n;
-}
-
 /* "run.q1"; of a struct array "run(1).q1", "run(2).q1", ...; of cells "run{1}.q1". */
 static void walk(struct collector *c, const char *name, matvar_t *v, int depth)
 {
@@ -159,7 +165,7 @@ static void walk(struct collector *c, const char *name, matvar_t *v, int depth)
     if (v->class_type != MAT_C_STRUCT)
         return;
     char *const *fields = Mat_VarGetStructFieldnames(v);
-    unsigned count = Mat_VarGetNumberOfFields(v);
+    unsigned count = fields ? Mat_VarGetNumberOfFields(v) : 0; /* a damaged file has none */
     for (size_t i = 0; i < elements_of(v); i++)
         for (unsigned k = 0; k < count; k++) {
             if (elements_of(v) == 1)
@@ -233,19 +239,48 @@ static enum mk_status as_table(struct collector *c, const char *path, const char
     return MK_OK;
 }
 
+/* Whether a file of this size can hold what it claims: matio makes room before it reads. */
+static bool can_hold(matvar_t *v, size_t *left, int depth)
+{
+    size_t n = elements_of(v);
+    if (n > *left)
+        return false;
+    *left -= n;
+    size_t children = 0;
+    if (v->class_type == MAT_C_CELL)
+        children = n;
+    else if (v->class_type == MAT_C_STRUCT &&
+             __builtin_mul_overflow(n, Mat_VarGetNumberOfFields(v), &children))
+        return false;
+    if (children == 0 || depth > MAX_DEPTH || !v->data)
+        return true;
+    for (size_t i = 0; i < children; i++) {
+        matvar_t *child = ((matvar_t **)v->data)[i];
+        if (child && !can_hold(child, left, depth + 1))
+            return false;
+    }
+    return true;
+}
+
 enum mk_status source_read_mat(const char *path, const char *like, struct mk_table **out,
                                struct mk_error *err)
 {
     struct stat kind;
-    if (stat(path, &kind) == 0 && S_ISDIR(kind.st_mode))
-        return mk_error_errno(err, EISDIR, path, "cannot read");
+    *out = NULL;
+    if (stat(path, &kind) != 0)
+        return mk_error_errno(err, errno, path, "cannot read");
+    if (!S_ISREG(kind.st_mode))
+        return mk_error_errno(err, S_ISDIR(kind.st_mode) ? EISDIR : ESPIPE, path, "cannot read");
     struct collector c = {0};
     mat_t *mat = Mat_Open(path, MAT_ACC_RDONLY);
-    *out = NULL;
     if (!mat)
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "no MAT file, or none of this kind");
-    for (matvar_t *v; (v = Mat_VarReadNext(mat)) != NULL; Mat_VarFree(v))
-        walk(&c, v->name ? v->name : "", v, 0);
+    size_t left = ((size_t)kind.st_size + 1) * ELEMENTS_A_BYTE;
+    for (matvar_t *v; (v = Mat_VarReadNextInfo(mat)) != NULL; Mat_VarFree(v))
+        if (!can_hold(v, &left, 0) || Mat_VarReadDataAll(mat, v) != 0)
+            leave_out(&c, v->name ? v->name : "", "cannot be read");
+        else
+            walk(&c, v->name ? v->name : "", v, 0);
     Mat_Close(mat);
     enum mk_status st = as_table(&c, path, like, out, err);
     for (size_t i = 0; i < c.count; i++)
