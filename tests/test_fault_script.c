@@ -58,6 +58,13 @@ START_TEST(a_rule_holds_for_its_samples_and_no_other)
 }
 END_TEST
 
+START_TEST(a_count_may_be_as_large_as_it_is_said_to_be)
+{
+    read_ok("at 1000000000000 drop 1000000000000");
+    ck_assert(at(1000000000000).drop && at(1999999999999).drop && !at(2000000000000).drop);
+}
+END_TEST
+
 START_TEST(lasting_faults_last)
 {
     read_ok("at 7 stuck 2; at 7 disconnect; at 7 noise 2; at 7 alarm; at 7 saturate 3");
@@ -149,6 +156,14 @@ START_TEST(mistakes_are_named_with_line_and_column)
         {"at 5 noise -1", MK_ERR_RANGE, 1, 12, "from 0 on"},
         {"at 5 drop 3 times", MK_ERR_PARSE, 1, 13, "usage: drop"},
         {"at 5 stuck 1 for 0", MK_ERR_RANGE, 1, 18, "starts at 1"},
+        {"at 5 drop 0", MK_ERR_RANGE, 1, 11, "starts at 1"},
+        {"at 1 mute;\nat 5 mute 0", MK_ERR_RANGE, 2, 11, "starts at 1"},
+        {"at 5 drop 1000000000001", MK_ERR_RANGE, 1, 11, "ends at 1000000000000"},
+        {"at 5 drop 18446744073709551615", MK_ERR_RANGE, 1, 11, "ends at 1000000000000"},
+        {"at 5 alarm for 18446744073709551612", MK_ERR_RANGE, 1, 16, "ends at 1000000000000"},
+        {"at 18446744073709551615 drop", MK_ERR_RANGE, 1, 4, "from 0 to 1000000000000"},
+        {"from 1 to 18446744073709551615 drop", MK_ERR_RANGE, 1, 11, "from 0 to 1000000000000"},
+        {"from 1 to 5 drop 2", MK_ERR_PARSE, 1, 18, "expected no more"},
         {"from 9 to 9 drop", MK_ERR_RANGE, 1, 11, "after the first"},
         {"from 9 until 12 drop", MK_ERR_PARSE, 1, 8, "'to'"},
         {"from 1 to 5 stuck 1 for 2", MK_ERR_PARSE, 1, 21, "expected no more"},
@@ -191,6 +206,7 @@ Suite *suite_fault_script(void)
     tcase_add_checked_fixture(t, setup, NULL);
     tcase_add_test(t, no_script_asks_for_nothing);
     tcase_add_test(t, a_rule_holds_for_its_samples_and_no_other);
+    tcase_add_test(t, a_count_may_be_as_large_as_it_is_said_to_be);
     tcase_add_test(t, lasting_faults_last);
     tcase_add_test(t, times_have_units);
     tcase_add_test(t, rules_of_one_sample_add_up);

@@ -16,6 +16,9 @@
 
 #define SCRIPT_MAX_BYTES 65536
 #define WORDS_MAX 12
+#define SAMPLES_MAX 1000000000000 /* years; sums stay far from wrapping */
+#define TEXT_OF(x) TEXT_OF_(x)
+#define TEXT_OF_(x) #x
 
 enum argument { ARG_NONE, ARG_COUNT, ARG_TIME, ARG_JOINT, ARG_JOINT_BY, ARG_VALUE };
 enum extent { EXTENT_ONE, EXTENT_REST }; /* how long `at N` lasts without `for` */
@@ -84,6 +87,26 @@ static enum mk_status whole_number(struct line *l, const char *what, uint64_t *o
     *out = n;
     l->next++;
     return MK_OK;
+}
+
+static enum mk_status sample_number(struct line *l, uint64_t *out)
+{
+    int at = l->next;
+    enum mk_status st = whole_number(l, "expected the number of a sample", out);
+    if (st != MK_OK || *out <= SAMPLES_MAX)
+        return st;
+    l->next = at;
+    return complain(l, MK_ERR_RANGE, "samples go from 0 to " TEXT_OF(SAMPLES_MAX));
+}
+
+static enum mk_status count_of_samples(struct line *l, uint64_t *out)
+{
+    int at = l->next;
+    enum mk_status st = whole_number(l, "expected how many samples", out);
+    if (st != MK_OK || (*out >= 1 && *out <= SAMPLES_MAX))
+        return st;
+    l->next = at;
+    return complain(l, MK_ERR_RANGE, "a count starts at 1 and ends at " TEXT_OF(SAMPLES_MAX));
 }
 
 static enum mk_status number(struct line *l, double min, double max, const char *what, double *out)
@@ -160,7 +183,7 @@ static enum mk_status arguments(struct line *l, struct mk_fault_rule *rule, uint
         return MK_OK;
     case ARG_COUNT:
         if (l->next < l->count && strcmp(l->word[l->next], "for") != 0)
-            st = whole_number(l, "expected how many samples", extent);
+            st = count_of_samples(l, extent);
         return st;
     case ARG_TIME:
         return duration(l, &rule->value);
@@ -183,31 +206,30 @@ static enum mk_status parse_rule(struct line *l, struct mk_fault_rule *rule)
     bool range = accept(l, "from");
     if (!range && (st = expect(l, "at")) != MK_OK)
         return st;
-    if ((st = whole_number(l, "expected the number of a sample", &rule->first)) != MK_OK)
+    if ((st = sample_number(l, &rule->first)) != MK_OK)
         return st;
     if (range) {
         if ((st = expect(l, "to")) != MK_OK)
             return st;
         int at = l->next;
-        if ((st = whole_number(l, "expected the number of a sample", &end)) != MK_OK)
+        if ((st = sample_number(l, &end)) != MK_OK)
             return st;
         if (end <= rule->first) {
             l->next = at;
             return complain(l, MK_ERR_RANGE, "the last sample must come after the first");
         }
     }
-    if ((st = find_action(l, &rule->action)) != MK_OK ||
-        (st = arguments(l, rule, &extent)) != MK_OK)
+    if ((st = find_action(l, &rule->action)) != MK_OK)
         return st;
-    if (!range && extent == 0 && accept(l, "for")) {
-        int at = l->next;
-        if ((st = whole_number(l, "expected how many samples", &extent)) != MK_OK)
-            return st;
-        if (extent == 0) {
-            l->next = at;
-            return complain(l, MK_ERR_RANGE, "a count starts at 1");
-        }
+    int argument = l->next;
+    if ((st = arguments(l, rule, &extent)) != MK_OK)
+        return st;
+    if (range && extent != 0) {
+        l->next = argument;
+        return complain(l, MK_ERR_PARSE, "'from' and 'to' say how many samples; expected no more");
     }
+    if (!range && extent == 0 && accept(l, "for") && (st = count_of_samples(l, &extent)) != MK_OK)
+        return st;
     if (l->next < l->count) {
         char what[80];
         snprintf(what, sizeof what, "usage: %s; expected no more", actions[rule->action].usage);
