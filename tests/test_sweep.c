@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -186,6 +187,68 @@ START_TEST(a_journal_of_another_sweep_is_refused)
 }
 END_TEST
 
+/* Whatever somebody else has under the name that the journal would have. */
+START_TEST(a_file_that_is_no_journal_is_left_alone)
+{
+    static const char *const foreign[] = {"Dear diary,\ntoday nothing fell over.\n",
+                                          "no line",
+                                          "\n",
+                                          "# mechkit",
+                                          "# mechkit-sweep-journal: 1 0123456789abcdef 24\n",
+                                          "\n# mechkit-sweep-journal: 1"};
+    char out[4096], spec[512], csv[512], journal[600];
+    snprintf(spec, sizeof spec, "%s", scratch_text("s.ini", small));
+    snprintf(csv, sizeof csv, "%s", scratch("theirs.csv"));
+    snprintf(journal, sizeof journal, "%s.journal", csv);
+    for (size_t i = 0; i < sizeof foreign / sizeof foreign[0]; i++) {
+        scratch_text("theirs.csv.journal", foreign[i]);
+        int code = run_mechkit(out, sizeof out, "sweep %s --out %s", spec, csv);
+        bool prefix = strcmp(foreign[i], "# mechkit") == 0; /* as a kill would leave of ours */
+        ck_assert_msg(code == (prefix ? 0 : 1), "%s: %d: %s", foreign[i], code, out);
+        if (prefix)
+            continue;
+        ck_assert_msg(strstr(out, "theirs.csv.journal:1: ") &&
+                          strstr(out, i == 4 ? "another sweep" : "is no journal"),
+                      "%s", out);
+        char *left = slurp_file(journal);
+        ck_assert_str_eq(left, foreign[i]);
+        free(left);
+    }
+    ck_assert_int_eq(unlink(journal), 0);
+    ck_assert_int_eq(mkfifo(journal, 0600), 0);
+    int code = run_mechkit(out, sizeof out, "sweep %s --out %s", spec, csv);
+    ck_assert_msg(code == 1 && strstr(out, "no file that a sweep"), "%d: %s", code, out);
+    ck_assert_int_eq(unlink(journal), 0);
+}
+END_TEST
+
+/* Zeros, as a crash of the machine may leave where a line was being written, and lines after them.
+ */
+START_TEST(a_journal_with_a_hole_is_refused_and_one_that_ends_in_zeros_goes_on)
+{
+    struct sweep s;
+    struct sweep_journal j;
+    struct mk_error err = MK_ERROR_INIT;
+    static const char zeros[20];
+    ck_assert_int_eq(sweep_read(scratch_text("s.ini", small), &s, &err), MK_OK);
+    ck_assert_int_eq(sweep_journal_open(&j, &s, scratch("hole.csv"), &err), MK_OK);
+    ck_assert_int_eq(sweep_journal_add(&j, 3, 0, "1,2,3,4,5", &err), MK_OK);
+    size_t size = j.size;
+    ck_assert_int_eq(pwrite(j.fd, zeros, sizeof zeros, 0), sizeof zeros); /* at the end: O_APPEND */
+    sweep_journal_close(&j, false);
+    ck_assert_int_eq(sweep_journal_open(&j, &s, scratch("hole.csv"), &err), MK_OK);
+    ck_assert_uint_eq(j.done, 1);
+    ck_assert_uint_eq(j.size, size);
+    ck_assert_int_eq(pwrite(j.fd, zeros, sizeof zeros, 0), sizeof zeros);
+    ck_assert_int_eq(sweep_journal_add(&j, 4, 0, "1,2,3,4,5", &err), MK_OK);
+    sweep_journal_close(&j, false);
+    ck_assert_int_eq(sweep_journal_open(&j, &s, scratch("hole.csv"), &err), MK_ERR_PARSE);
+    ck_assert_int_eq(err.line, 3);
+    sweep_journal_close(&j, false);
+    sweep_free(&s);
+}
+END_TEST
+
 START_TEST(every_combination_has_its_runs_and_points_share_their_draws)
 {
     struct sweep s;
@@ -352,6 +415,8 @@ Suite *suite_sweep(void)
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, two_processes_do_not_write_one_journal);
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);
+    tcase_add_test(t, a_file_that_is_no_journal_is_left_alone);
+    tcase_add_test(t, a_journal_with_a_hole_is_refused_and_one_that_ends_in_zeros_goes_on);
     tcase_add_test(t, every_combination_has_its_runs_and_points_share_their_draws);
     tcase_add_loop_test(t, what_is_wrong_in_a_spec_is_told_with_its_line, 0,
                         (int)(sizeof bad / sizeof bad[0]));

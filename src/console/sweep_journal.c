@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/out_file.h"
@@ -67,31 +68,62 @@ static enum mk_status append(struct sweep_journal *j, const char *text, size_t s
     return mk_error_errno(err, failed, j->path, "cannot write down a result");
 }
 
+/* The first line says whose the file is. What a kill left of ours may be there, of another's not a
+ * byte. */
+static enum mk_status check_heading(struct sweep_journal *j, FILE *f, struct mk_error *err)
+{
+    static const char kind[] = "# mechkit-sweep-journal:";
+    char first[100], line[sizeof first];
+    size_t size = (size_t)heading(j->sweep, first, sizeof first);
+    size_t length = fread(line, 1, sizeof line, f);
+    const char *end = memchr(line, '\n', length);
+    if (end)
+        length = (size_t)(end - line) + 1;
+    rewind(f);
+    if (length <= size && memcmp(line, first, length) == 0)
+        return MK_OK;
+    if (length >= sizeof kind - 1 && memcmp(line, kind, sizeof kind - 1) == 0)
+        return mk_error_at(err, MK_ERR_STATE, j->path, 1, 0,
+                           "belongs to another sweep, or the spec, a model or the program has "
+                           "changed since: take the spec back, or remove this file");
+    return mk_error_at(
+        err, MK_ERR_STATE, j->path, 1, 0,
+        "is no journal of a sweep, and this sweep wants to write its own there: move "
+        "the file, or give another --out");
+}
+
+static enum mk_status take_line(struct sweep_journal *j, int n, char *line, size_t length,
+                                struct mk_error *err)
+{
+    size_t index;
+    int outcome;
+    const char *text;
+    line[length - 1] = '\0';
+    if (memchr(line, '\0', length - 1) || !sweep_split(j->sweep, line, &index, &outcome, &text))
+        return mk_error_at(err, MK_ERR_PARSE, j->path, n, 0,
+                           "is no line of this sweep's journal: remove the file");
+    if (!keep(j, index, outcome, text))
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the results of a sweep");
+    return MK_OK;
+}
+
 static enum mk_status read_lines(struct sweep_journal *j, FILE *f, struct mk_error *err)
 {
-    char line[LINE_MAX_BYTES], first[100];
-    heading(j->sweep, first, sizeof first);
-    for (int n = 1; fgets(line, sizeof line, f); n++) {
-        size_t length = strlen(line), index;
-        int outcome;
-        const char *text;
-        if (length == 0 || line[length - 1] != '\n')
-            break; /* killed while it wrote */
-        if (n == 1 && strcmp(line, first) != 0)
-            return mk_error_at(err, MK_ERR_STATE, j->path, 1, 0,
-                               "belongs to another sweep, or the spec, a model or the program has "
-                               "changed since: take the spec back, or remove this file");
-        j->size += length;
-        line[length - 1] = '\0';
-        if (n == 1)
-            continue;
-        if (!sweep_split(j->sweep, line, &index, &outcome, &text))
-            return mk_error_at(err, MK_ERR_PARSE, j->path, n, 0,
-                               "is no line of this sweep's journal: remove the file");
-        if (!keep(j, index, outcome, text))
-            return mk_error_set(err, MK_ERR_NOMEM, "no memory for the results of a sweep");
+    char *line = NULL;
+    size_t room = 0;
+    ssize_t length;
+    enum mk_status st = check_heading(j, f, err);
+    for (int n = 1; st == MK_OK && (length = getline(&line, &room, f)) > 0; n++) {
+        bool whole = line[length - 1] == '\n'; /* else killed while it wrote */
+        if (n > 1 && whole)
+            st = take_line(j, n, line, (size_t)length, err);
+        if (whole)
+            j->size += (size_t)length;
     }
-    return MK_OK;
+    if (st == MK_OK && ferror(f))
+        st = mk_error_errno(err, errno, j->path, "cannot read the journal");
+    free(line);
+    return st;
 }
 
 /* Reads the file and leaves it at the end of its last whole line. */
@@ -120,9 +152,14 @@ enum mk_status sweep_journal_open(struct sweep_journal *j, const struct sweep *s
     j->result = calloc(s->total, sizeof *j->result);
     if (!j->result)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %zu runs", s->total);
-    j->fd = open(j->path, O_RDWR | O_CREAT | O_CLOEXEC | O_APPEND, 0666);
-    if (j->fd < 0)
+    struct stat info;
+    j->fd = open(j->path, O_RDWR | O_CREAT | O_CLOEXEC | O_APPEND | O_NONBLOCK, 0666);
+    if (j->fd < 0 || fstat(j->fd, &info) != 0)
         return mk_error_errno(err, errno, j->path, "cannot write the journal");
+    if (!S_ISREG(info.st_mode))
+        return mk_error_at(err, MK_ERR_STATE, j->path, 0, 0,
+                           "is no file that a sweep could write its journal to: move it, or give "
+                           "another --out");
     if (flock(j->fd, LOCK_EX | LOCK_NB) != 0)
         return mk_error_at(err, MK_ERR_BUSY, j->path, 0, 0,
                            "another process is at this sweep: wait for it, or give another --out");
