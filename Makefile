@@ -302,13 +302,15 @@ demo: ## run every setup on the virtual board, with logs and plots in build/demo
 # Whatever comes in from outside, from any bytes whatever; needs clang. What reads it is built with the
 # fuzzer's eyes in it, the rest is the library as it is.
 .PHONY: fuzz
-FUZZ_TARGETS := frame device log model cmdfile json map sweep
+FUZZ_TARGETS := frame device wire log model cmdfile script json map table sweep journal
 FUZZ_FLAGS := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
 FUZZ_BOARD := $(addprefix src/driver/,frame.c device.c standalone.c standalone_laws.c)
 FUZZ_FILES := $(wildcard src/base/*.c) src/base/number.cpp src/model/model_file.c \
-              $(addprefix src/exchange/,map.c unit.c) \
+              $(addprefix src/exchange/,import.c map.c read_mat.c read_text.c table.c unit.c) \
+              $(addprefix src/exchange/,consistency.cpp plausible.cpp) src/driver/fault_script.c \
               $(addprefix src/console/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c \
-                sweep_explain.c sweep_robustness.c sweep_spec.c) fuzz/fuzz_file.c
+                sweep_explain.c sweep_journal.c sweep_robustness.c sweep_spec.c) \
+              $(addprefix fuzz/,fuzz_file.c fuzz_mat.c fuzz_seen.c)
 FUZZ_OBJ := $(FUZZ_FILES:%=$(BUILD)/fuzz/%.o)
 FUZZ_CHOSEN := $(or $(TARGETS),$(FUZZ_TARGETS))
 fuzz: $(FUZZ_CHOSEN:%=$(BUILD)/fuzz/%) ## libFuzzer on what is read from outside (SECONDS=60 each, TARGETS="frame device")
@@ -331,6 +333,7 @@ $(BUILD)/fuzz/console.a: $(filter-out %/main.o,$(APP_OBJ))
 	$(call say,AR)$(AR) rcs $@ $^
 $(BUILD)/fuzz/%: $(BUILD)/fuzz/fuzz/fuzz_%.c.o $(FUZZ_OBJ) $(BUILD)/fuzz/console.a $(LIB)
 	$(call say,FUZZ)$(CLANG)++ $(FUZZ_FLAGS) -fsanitize=fuzzer -pthread -o $@ $^ $(APP_LIBS)
+.SECONDARY: $(FUZZ_OBJ)
 -include $(FUZZ_OBJ:.o=.d)
 
 .PHONY: table31
