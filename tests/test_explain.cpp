@@ -620,6 +620,66 @@ START_TEST(a_search_that_is_ended_leaves_no_folder)
 }
 END_TEST
 
+// Before a search or a fit: what cannot be is refused, what is likely and what the metadata
+// contradict is said.
+START_TEST(what_is_wrong_with_a_log_is_said_first)
+{
+    constexpr double TURN = 2.0 * M_PI;
+    static const struct {
+        double slope, turn, factor, u; // of q1: rad/s put on top, wrapped to, times; of u: times
+        const char *key, *value;
+        bool refused;
+        const char *says;
+    } rows[] = {
+        {0, 0, 1, 1, nullptr, nullptr, false, nullptr},
+        {2, TURN, 1, 1, nullptr, nullptr, true, "it is wrapped to one turn; unwrap it"},
+        {2, TURN, 360 / TURN, 1, nullptr, nullptr, true, "turn, and in degrees"},
+        {0, 0, 360 / TURN, 1, nullptr, nullptr, true, "with [q1] unit = deg converts them"},
+        {0, 0, 4000 / TURN, 1, nullptr, nullptr, true, "in raw counts, but angles are in rad"},
+        {0, 0, 1, -1, nullptr, nullptr, false, "pushes the wrong way; if so, mechkit import"},
+        {0, 0, 1, 1, "u_to_torque", "0.0057", false, "u_to_torque is 0.0057 here, 0.00494 in"},
+        {0, 0, 1, 1, "u_to_torque", "many", false, "u_to_torque: 'many' is no number above 0"},
+        {0, 0, 1, 1, "encoder_cpr", "2048", false, "encoder_cpr of joint 1 is 2048 here, 4000 in"},
+        {0, 0, 1, 1, "sample_rate_hz", "500", false, "but the rows are 0.004 s apart (250 Hz)"},
+    };
+    const auto &row = rows[_i];
+    char out[2048], model[512], log[512], folder[512];
+    mk_error err = MK_ERROR_INIT;
+    const mk_model rig = pendulum(false);
+    mk_log *data = record({}, 0, 6.0);
+    for (size_t c = 0; c < data->column_count; c++)
+        for (size_t k = 0; k < data->rows; k++) {
+            double &x = data->columns[c].data[k];
+            if (strcmp(data->columns[c].name, "q1") == 0) {
+                x += row.slope * TURN / 4000.0 * (double)k;
+                x = row.factor * (row.turn > 0.0 ? std::remainder(x, row.turn) : x);
+            } else if (strcmp(data->columns[c].name, "u") == 0) {
+                x *= row.u;
+            }
+        }
+    if (row.key)
+        ck_assert_int_eq(mk_log_set_meta(data, row.key, row.value), MK_OK);
+    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    snprintf(log, sizeof log, "%s", scratch("run.csv"));
+    snprintf(folder, sizeof folder, "%s", scratch("doubts"));
+    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
+    ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
+    mk_log_free(data);
+    int code = run_mechkit(out, sizeof out, "identify --method olsen --model %s --json %s %s",
+                           model, scratch("doubts.json"), log);
+    ck_assert_msg((code == 1) == row.refused || row.u < 0.0, "%d %s", code, out);
+    if (row.says)
+        ck_assert_msg(strstr(out, row.says) && strstr(out, log), "%s", out);
+    else
+        ck_assert_msg(strncmp(out, "mechkit", 7) != 0, "%s", out);
+    if (!row.refused)
+        return;
+    code = run_mechkit(out, sizeof out, "explain --model %s --out %s %s", model, folder, log);
+    ck_assert_msg(code == 1 && strstr(out, row.says), "%d %s", code, out);
+    ck_assert_int_eq(count_files("doubts"), 0);
+}
+END_TEST
+
 Suite *suite_explain(void)
 {
     Suite *s = suite_create("explain");
@@ -646,6 +706,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
+    tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 10);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

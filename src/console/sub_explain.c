@@ -9,6 +9,7 @@
 
 #include "console/control_gain.h"
 #include "console/explanation.h"
+#include "console/log_doubts.h"
 #include "console/options.h"
 #include "console/signals.h"
 #include "mechkit/explain.h"
@@ -186,7 +187,14 @@ static enum mk_status read_input(struct job *j, struct mk_error *err)
     enum mk_status st = mk_model_read(j->o.model, &j->model, err);
     if (st == MK_OK)
         st = read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs, err);
-    return st == MK_OK ? read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err) : st;
+    if (st == MK_OK)
+        st = read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err);
+    if (st == MK_OK)
+        st = log_doubts((const struct mk_log *const *)j->logs, (size_t)j->o.input.count, &j->model,
+                        err);
+    return st == MK_OK ? log_doubts((const struct mk_log *const *)j->holdouts, j->o.holdout.count,
+                                    &j->model, err)
+                       : st;
 }
 
 static enum mk_status search(struct job *j, struct mk_error *err)

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "console/fix.h"
+#include "console/log_doubts.h"
 #include "console/options.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
@@ -227,6 +228,10 @@ static int run(int argc, char **argv)
         st = mk_log_read(o.input.text[i], &logs[i], &err);
     for (size_t i = 0; i < o.validate.count && st == MK_OK; i++)
         st = mk_log_read(o.validate.text[i], &validation[i], &err);
+    if (st == MK_OK)
+        st = log_doubts((const struct mk_log *const *)logs, (size_t)o.input.count, &model, &err);
+    if (st == MK_OK)
+        st = log_doubts((const struct mk_log *const *)validation, o.validate.count, &model, &err);
     if (isatty(STDERR_FILENO)) {
         o.ident.progress = show_progress;
         o.ident.progress_context = &turn;
