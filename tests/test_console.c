@@ -18,6 +18,7 @@
 #include "mechkit/json.h"
 #include "mechkit/log.h"
 #include "support/files.h"
+#include "support/program.h"
 
 /* --- conditions -------------------------------------------------------------------------- */
 
@@ -183,6 +184,46 @@ START_TEST(files_that_source_each_other_come_to_an_end)
     parse("source f0.cmd\n", &c);
     ck_assert_int_eq(c.count, 1);
     ck_assert_msg(strstr(c.first, "too deeply") != NULL, "%s", c.first);
+}
+END_TEST
+
+/* They may never end, or never begin. */
+START_TEST(what_is_sourced_is_a_file)
+{
+    static const struct {
+        const char *name, *says;
+    } rows[] = {{"pipe", "it is a pipe"},
+                {"/dev/zero", "it is a device"},
+                {"/tmp", "it is a folder"},
+                {"-", "cannot read"}};
+    struct complaints c;
+    char text[64];
+    unlink(scratch("pipe"));
+    ck_assert_int_eq(mkfifo(scratch("pipe"), 0600), 0);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(text, sizeof text, "wait 1\nsource %s\n", rows[i].name);
+        parse(text, &c);
+        ck_assert_int_eq(c.count, 1);
+        ck_assert_int_eq(c.line[0], 2);
+        ck_assert_msg(strstr(c.first, rows[i].says) != NULL, "%s", c.first);
+    }
+    ck_assert_int_eq(unlink(scratch("pipe")), 0);
+}
+END_TEST
+
+START_TEST(a_script_may_come_from_a_pipe_but_not_for_ever)
+{
+    char out[4096];
+    int code =
+        run_command(out, sizeof out, "echo 'setup pi-speed' | " MK_TEST_APP " run --check -");
+    ck_assert_msg(code == 0, "%d: %s", code, out);
+    code = run_command(out, sizeof out,
+                       "mkfifo %s && (echo 'setup pi-speed' >%s & " MK_TEST_APP " run --check %s)",
+                       scratch("script"), scratch("script"), scratch("script"));
+    ck_assert_msg(code == 0, "%d: %s", code, out);
+    code = run_command(out, sizeof out, "yes '' | " MK_TEST_APP " run --check -");
+    ck_assert_msg(code == 3 && strstr(out, "standard input:1000001: more than 1000000 lines"),
+                  "%d: %s", code, out);
 }
 END_TEST
 
@@ -495,6 +536,8 @@ Suite *suite_console(void)
     tcase_add_test(t, a_good_file_is_understood);
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
     tcase_add_test(t, files_that_source_each_other_come_to_an_end);
+    tcase_add_test(t, what_is_sourced_is_a_file);
+    tcase_add_test(t, a_script_may_come_from_a_pipe_but_not_for_ever);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);

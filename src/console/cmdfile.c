@@ -1,17 +1,20 @@
 #include "console/cmdfile.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "console/cmd.h"
 
-#define MAX_SOURCES 16 /* nested files */
-#define MAX_FILES 1000 /* in all: files that source others twice multiply */
-#define MAX_BLOCKS 16  /* nested repeats */
+#define MAX_SOURCES 16    /* nested files */
+#define MAX_FILES 1000    /* in all: files that source others twice multiply */
+#define MAX_LINES 1000000 /* in all: a pipe may never end */
+#define MAX_BLOCKS 16     /* nested repeats */
 #define MAX_LINE 1024
 #define MAX_COUNT 1000000
 
@@ -38,6 +41,7 @@ struct reader {
     struct mk_error *err;
     enum mk_status first; /* first error */
     int depth, files;
+    long lines;
     struct {
         dev_t device;
         ino_t number;
@@ -196,6 +200,11 @@ static void read_lines(struct reader *r, FILE *in, const char *path)
     bool has_zeros;
     while (next_line(line, in, &has_zeros)) {
         number++;
+        if (++r->lines > MAX_LINES) {
+            if (r->lines == MAX_LINES + 1)
+                complain_at(r, path, number, "more than 1000000 lines in all");
+            return;
+        }
         if (has_zeros) {
             complain_at(r, path, number, "a zero byte: this is no text file");
             return;
@@ -236,6 +245,37 @@ static bool enter(struct reader *r, FILE *in)
     return true;
 }
 
+/* What is sourced must be a file: it is read again wherever the script is, and a pipe may keep
+ * whoever reads it waiting for good. The script itself may come from one. */
+static FILE *open_file(struct reader *r, const char *path, const char *from, int from_line)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct stat info;
+    if (!from && strcmp(path, "-") == 0)
+        return stdin;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | (from ? O_NONBLOCK : 0));
+    FILE *in = fd < 0 ? NULL : fdopen(fd, "r");
+    if (!in) {
+        mk_error_errno(&err, errno, from ? from : path, "cannot read %s", path);
+        err.line = from_line;
+        complain(r, &err);
+        if (fd >= 0)
+            close(fd);
+        return NULL;
+    }
+    if (from && fstat(fd, &info) == 0 && !S_ISREG(info.st_mode)) {
+        mk_error_at(&err, MK_ERR_PARSE, from, from_line, 0, "cannot source %s: %s, not a file",
+                    path,
+                    S_ISDIR(info.st_mode)    ? "it is a folder"
+                    : S_ISFIFO(info.st_mode) ? "it is a pipe"
+                                             : "it is a device");
+        complain(r, &err);
+        fclose(in);
+        return NULL;
+    }
+    return in;
+}
+
 static void read_file(struct reader *r, const char *path, const char *from, int from_line)
 {
     if (r->depth == MAX_SOURCES) {
@@ -247,19 +287,14 @@ static void read_file(struct reader *r, const char *path, const char *from, int 
             complain_at(r, from, from_line, "more than 1000 files are sourced in all");
         return;
     }
-    FILE *in = strcmp(path, "-") == 0 ? stdin : fopen(path, "r");
-    if (!in) {
-        struct mk_error err = MK_ERROR_INIT;
-        mk_error_errno(&err, errno, from ? from : path, "cannot read %s", path);
-        err.line = from_line;
-        complain(r, &err);
+    FILE *in = open_file(r, path, from, from_line);
+    if (!in)
         return;
-    }
     if (enter(r, in)) {
         r->depth++;
         errno = 0;
-        read_lines(r, in, strcmp(path, "-") == 0 ? "standard input" : path);
-        if (ferror(in)) { /* a directory, a broken disk */
+        read_lines(r, in, in == stdin ? "standard input" : path);
+        if (ferror(in)) { /* a folder, a broken disk */
             struct mk_error err = MK_ERROR_INIT;
             mk_error_errno(&err, errno ? errno : EIO, path, "cannot read");
             complain(r, &err);
