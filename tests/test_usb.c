@@ -99,6 +99,30 @@ START_TEST(a_board_that_is_not_there_is_not_found)
 }
 END_TEST
 
+/* What a terminal would obey is shown, not sent to it; and goes by what is shown. */
+START_TEST(control_characters_in_a_serial_number_are_shown)
+{
+    struct mk_emulated other;
+    struct emu_usb port;
+    struct mk_board_found found[4];
+    struct mk_board_identity id;
+    const char *shown = "A\\x1b[2J\\x07B";
+    emu_usb_unplug(&bench.usb);
+    ck_assert_int_eq(mk_emulated_init(&other, &config, "emulated", "MK-0003", &err), MK_OK);
+    emu_usb_init(&port, 2, "A\x1b[2J\aB", emu_board_of(&other));
+    emu_usb_plug(&port);
+    ck_assert_int_eq(mk_usb_find(NULL, found, 4, &err), 1);
+    ck_assert_str_eq(found[0].device, shown);
+    must_open(shown);
+    ck_assert_int_eq(board->ops->identify(board, &id, &err), MK_OK);
+    ck_assert_str_eq(id.serial, "MK-0003");
+    mk_board_close(board);
+    board = NULL;
+    emu_usb_free(&port);
+    mk_emulated_free(&other);
+}
+END_TEST
+
 /* --- who may ------------------------------------------------------------------------------------
  */
 
@@ -241,6 +265,7 @@ Suite *suite_usb(void)
     TCase *t = tcase_create("usb");
     tcase_add_checked_fixture(t, setup, teardown);
     tcase_add_test(t, a_board_is_found_by_serial_number_among_several);
+    tcase_add_test(t, control_characters_in_a_serial_number_are_shown);
     tcase_add_test(t, a_board_that_is_not_there_is_not_found);
     tcase_add_test(t, without_permission_the_message_names_the_udev_rule);
     tcase_add_test(t, a_board_in_use_elsewhere_is_busy);

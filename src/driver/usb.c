@@ -85,11 +85,23 @@ static bool is_wanted(libusb_device *device, const struct wanted *w,
            d->idProduct == w->product;
 }
 
-static void read_string(libusb_device_handle *handle, uint8_t index, char *out, int size)
+/* As it may be shown: what a terminal would take for a command is written \x1b. Whole characters
+ * only. */
+static void read_string(libusb_device_handle *handle, uint8_t index, char *out, size_t size)
 {
-    int n =
-        index ? libusb_get_string_descriptor_ascii(handle, index, (unsigned char *)out, size) : 0;
-    out[n > 0 ? n : 0] = '\0';
+    unsigned char text[128]; /* no descriptor is longer */
+    int n = index ? libusb_get_string_descriptor_ascii(handle, index, text, sizeof text) : 0;
+    size_t used = 0;
+    for (int i = 0; i < n && text[i]; i++) {
+        bool plain = text[i] >= ' ' && text[i] < 0x7f;
+        if (used + (plain ? 1 : 4) >= size)
+            break;
+        if (plain)
+            out[used++] = (char)text[i];
+        else
+            used += (size_t)snprintf(out + used, size - used, "\\x%02x", text[i]);
+    }
+    out[used] = '\0';
 }
 
 static void port_of(libusb_device *device, char *out, size_t size)
