@@ -207,6 +207,12 @@ START_TEST(what_is_sourced_is_a_file)
         ck_assert_int_eq(c.line[0], 2);
         ck_assert_msg(strstr(c.first, rows[i].says) != NULL, "%s", c.first);
     }
+    struct cmdfile *file;
+    memset(&c, 0, sizeof c);
+    ck_assert_int_eq(cmdfile_source(scratch("pipe"), collect, &c, &file, NULL), MK_ERR_PARSE);
+    ck_assert_int_eq(cmdfile_source("-", collect, &c, &file, NULL), MK_ERR_NOTFOUND);
+    ck_assert_int_eq(c.count, 2);
+    ck_assert_msg(strstr(c.first, "it is a pipe") != NULL, "%s", c.first);
     ck_assert_int_eq(unlink(scratch("pipe")), 0);
 }
 END_TEST

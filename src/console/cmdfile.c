@@ -40,6 +40,7 @@ struct reader {
     void *user;
     struct mk_error *err;
     enum mk_status first; /* first error */
+    bool sourced;         /* the first file as well */
     int depth, files;
     long lines;
     struct {
@@ -251,29 +252,28 @@ static FILE *open_file(struct reader *r, const char *path, const char *from, int
 {
     struct mk_error err = MK_ERROR_INIT;
     struct stat info;
-    if (!from && strcmp(path, "-") == 0)
+    bool sourced = from || r->sourced;
+    if (!sourced && strcmp(path, "-") == 0)
         return stdin;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | (from ? O_NONBLOCK : 0));
+    int fd = open(path, O_RDONLY | O_CLOEXEC | (sourced ? O_NONBLOCK : 0));
     FILE *in = fd < 0 ? NULL : fdopen(fd, "r");
-    if (!in) {
+    if (in && (!sourced || fstat(fd, &info) != 0 || S_ISREG(info.st_mode)))
+        return in;
+    if (!in)
         mk_error_errno(&err, errno, from ? from : path, "cannot read %s", path);
-        err.line = from_line;
-        complain(r, &err);
-        if (fd >= 0)
-            close(fd);
-        return NULL;
-    }
-    if (from && fstat(fd, &info) == 0 && !S_ISREG(info.st_mode)) {
-        mk_error_at(&err, MK_ERR_PARSE, from, from_line, 0, "cannot source %s: %s, not a file",
-                    path,
+    else
+        mk_error_at(&err, MK_ERR_PARSE, from ? from : path, from_line, 0,
+                    "cannot source %s: %s, not a file", path,
                     S_ISDIR(info.st_mode)    ? "it is a folder"
                     : S_ISFIFO(info.st_mode) ? "it is a pipe"
                                              : "it is a device");
-        complain(r, &err);
+    err.line = from_line;
+    complain(r, &err);
+    if (in)
         fclose(in);
-        return NULL;
-    }
-    return in;
+    else if (fd >= 0)
+        close(fd);
+    return NULL;
 }
 
 static void read_file(struct reader *r, const char *path, const char *from, int from_line)
@@ -307,11 +307,15 @@ static void read_file(struct reader *r, const char *path, const char *from, int 
         fclose(in);
 }
 
-enum mk_status cmdfile_read(const char *path, void (*report)(void *, const struct mk_error *),
-                            void *user, struct cmdfile **out, struct mk_error *err)
+static enum mk_status read_all(const char *path, bool sourced,
+                               void (*report)(void *, const struct mk_error *), void *user,
+                               struct cmdfile **out, struct mk_error *err)
 {
-    struct reader r = {
-        .report = report, .user = user, .err = err, .file = calloc(1, sizeof *r.file)};
+    struct reader r = {.report = report,
+                       .user = user,
+                       .err = err,
+                       .sourced = sourced,
+                       .file = calloc(1, sizeof *r.file)};
     *out = NULL;
     if (!r.file)
         return mk_error_set(err, MK_ERR_NOMEM, "out of memory");
@@ -321,6 +325,18 @@ enum mk_status cmdfile_read(const char *path, void (*report)(void *, const struc
     else
         *out = r.file;
     return r.first;
+}
+
+enum mk_status cmdfile_read(const char *path, void (*report)(void *, const struct mk_error *),
+                            void *user, struct cmdfile **out, struct mk_error *err)
+{
+    return read_all(path, false, report, user, out, err);
+}
+
+enum mk_status cmdfile_source(const char *path, void (*report)(void *, const struct mk_error *),
+                              void *user, struct cmdfile **out, struct mk_error *err)
+{
+    return read_all(path, true, report, user, out, err);
 }
 
 void cmdfile_free(struct cmdfile *file)

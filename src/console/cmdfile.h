@@ -19,6 +19,11 @@ struct cmdfile;
 MK_NODISCARD enum mk_status cmdfile_read(const char *path,
                                          void (*report)(void *user, const struct mk_error *err),
                                          void *user, struct cmdfile **out, struct mk_error *err);
+/* The same as `source` does: a file only, no pipe and no standard input, which may keep whoever
+ * reads them waiting. */
+MK_NODISCARD enum mk_status cmdfile_source(const char *path,
+                                           void (*report)(void *user, const struct mk_error *err),
+                                           void *user, struct cmdfile **out, struct mk_error *err);
 void cmdfile_free(struct cmdfile *file);
 size_t cmdfile_command_count(const struct cmdfile *file);
 

@@ -298,7 +298,7 @@ static int execute_file(struct host *h, const char *path, struct mk_error *err)
 {
     struct cmdfile *file;
     /* Each error is reported with its line, so nothing is left to say. */
-    if (cmdfile_read(path, on_file_error, h, &file, NULL) != MK_OK)
+    if (cmdfile_source(path, on_file_error, h, &file, NULL) != MK_OK)
         return MK_OK;
     int st = (int)cmdfile_execute(file, &h->session, err);
     cmdfile_free(file);
