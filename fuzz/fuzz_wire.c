@@ -95,6 +95,7 @@ static void check_identity(const struct mk_board_identity *id)
     must_be_text(id->firmware, sizeof id->firmware);
     must_be_text(id->serial, sizeof id->serial);
     must(id->counter_bits >= 8 && id->counter_bits <= 32);
+    must(id->encoder_cpr[0] >= 0 && id->encoder_cpr[1] >= 0);
 }
 
 static enum mk_status exchange(struct mk_board *b)

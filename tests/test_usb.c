@@ -123,6 +123,19 @@ START_TEST(control_characters_in_a_serial_number_are_shown)
 }
 END_TEST
 
+START_TEST(a_board_that_claims_what_no_encoder_has_is_refused)
+{
+    static const int32_t wrong[] = {-4000, INT32_MIN, 100000001, INT32_MAX};
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        bench.board.device.info.cpr[0] = wrong[i];
+        ck_assert_int_eq(try_open(NULL), MK_ERR_PROTO);
+        ck_assert_ptr_nonnull(strstr(err.message, "counts a turn"));
+    }
+    bench.board.device.info.cpr[0] = 0;
+    must_open(NULL);
+}
+END_TEST
+
 /* --- who may ------------------------------------------------------------------------------------
  */
 
@@ -266,6 +279,7 @@ Suite *suite_usb(void)
     tcase_add_checked_fixture(t, setup, teardown);
     tcase_add_test(t, a_board_is_found_by_serial_number_among_several);
     tcase_add_test(t, control_characters_in_a_serial_number_are_shown);
+    tcase_add_test(t, a_board_that_claims_what_no_encoder_has_is_refused);
     tcase_add_test(t, a_board_that_is_not_there_is_not_found);
     tcase_add_test(t, without_permission_the_message_names_the_udev_rule);
     tcase_add_test(t, a_board_in_use_elsewhere_is_busy);

@@ -102,9 +102,9 @@ static void set_origin(struct mk_loop *loop, const struct mk_board_sample *b)
         int32_t cpr = loop->identity.encoder_cpr[j];
         bool anywhere =
             loop->plant->joint_is_wheel[j] || isinf(loop->config.limits.rest_tolerance[j]);
-        int32_t turns = (int32_t)lround((double)b->count[j] / cpr);
+        int64_t turns = lround((double)b->count[j] / cpr); /* of wide counters beyond their range */
         r->raw[j] = b->count[j];
-        r->total[j] = anywhere ? 0 : b->count[j] - turns * cpr;
+        r->total[j] = anywhere ? 0 : (int32_t)(b->count[j] - turns * cpr);
         mk_velocity_reset(&r->speed[j]);
         mk_velocity_step(&r->speed[j], loop->plant->rest[j] + r->total[j] * loop->rad_per_count[j]);
     }

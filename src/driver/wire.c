@@ -15,6 +15,7 @@
 /* What is there already is looked at even past a deadline, for it may be us who were late; but a
  * board that never stops talking must not hold its host. */
 #define LATE_LOOKS 4
+#define CPR_MAX 100000000 /* as in model files and mappings */
 
 static int64_t monotonic_ns(void)
 {
@@ -236,6 +237,12 @@ enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, vo
     if (id->counter_bits < 8 || id->counter_bits > 32)
         return mk_error_set(err, MK_ERR_PROTO, "the board claims counters of %d bits",
                             id->counter_bits);
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        if (id->encoder_cpr[j] < 0 || id->encoder_cpr[j] > CPR_MAX)
+            return mk_error_set(err, MK_ERR_PROTO,
+                                "the board claims %d counts a turn for encoder %d: 1 to %d, or 0 "
+                                "when it does not know",
+                                id->encoder_cpr[j], j + 1, CPR_MAX);
     return MK_OK;
 }
 
