@@ -384,6 +384,66 @@ START_TEST(the_reports_say_what_was_found)
 }
 END_TEST
 
+// Nothing is uncertain about how many cycles a turn: consumers want a number.
+START_TEST(whole_numbers_have_no_standard_error)
+{
+    mk_explanation e = {};
+    mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("whole.json");
+    e.given = e.refit = e.extended = pendulum(true);
+    e.verdict = MK_VERDICT_EFFECT;
+    e.cause_count = 1;
+    e.cause[0].effect = mk_effect_by_name("cogging");
+    e.cause[0].joint = 1;
+    for (int k = 0; k < e.cause[0].effect->parameter_count; k++) {
+        const bool whole = e.cause[0].effect->parameter[k].fit == MK_FIT_INTEGER;
+        e.cause[0].std_error[k] = whole ? (double)NAN : 0.5;
+        e.cause[0].value[k] = 7.0;
+    }
+    ck_assert_int_eq(mk_explanation_write_json(&e, path, nullptr, 0, &err), MK_OK);
+    cJSON *o = nullptr;
+    ck_assert_int_eq(mk_json_read(path, &o, &err), MK_OK);
+    cJSON *cause = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "causes"), 0), *p = nullptr;
+    int wholes = 0;
+    cJSON_ArrayForEach(p, cJSON_GetObjectItem(cause, "parameters"))
+    {
+        const bool whole = cJSON_IsTrue(cJSON_GetObjectItem(p, "integer"));
+        ck_assert_double_eq(cJSON_GetObjectItem(p, "stderr")->valuedouble, whole ? 0.0 : 0.5);
+        ck_assert(cJSON_IsNumber(cJSON_GetObjectItem(p, "stderr")));
+        wholes += whole;
+    }
+    ck_assert_int_eq(wholes, 1);
+    cJSON_Delete(o);
+}
+END_TEST
+
+// Nothing is to be measured on a rest.
+START_TEST(of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back)
+{
+    for (bool long_rest : {true, false}) {
+        mk_log *data = record({}, 0, 6.0);
+        mk_log *log = nullptr;
+        const size_t rest = long_rest ? 3000 : 100, rows = data->rows + rest;
+        ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
+        for (const char *name : {"t", "q1", "u"}) {
+            const double *from = mk_log_get(data, name);
+            double *to = mk_log_add_column(log, name);
+            for (size_t k = 0; k < rows; k++)
+                to[k] = *name == 't'
+                            ? (double)k / 250.0
+                            : from[std::min(k, data->rows - 1)] * (k < data->rows || *name == 'q');
+        }
+        mk_log_free(data);
+        // The rest itself is not physical, nor looked at.
+        mk_explanation e = explained(pendulum(true), log, nullptr);
+        ck_assert(e.held_back);
+        ck_assert_double_eq_tol(e.held_to, long_rest ? 6.0 : 6.4, 0.02);
+        ck_assert_double_eq_tol(e.held_from, long_rest ? 4.5 : 4.8, 0.02);
+        ck_assert_double_gt(e.floor[0], 0.0);
+    }
+}
+END_TEST
+
 START_TEST(a_formula_that_is_not_offered_is_not_said_to_explain_a_part)
 {
     mk_explanation e = {};
@@ -491,6 +551,8 @@ START_TEST(a_log_that_tells_nothing_is_refused_at_once)
         const char *says;
     } rows[] = {{"u", HUGE_VAL, false, 107, "the command is infinite; a missing value is"},
                 {"q1", -HUGE_VAL, false, 107, "q1 is infinite"},
+                {"u", 1e300, false, 107, "the command is 1e+300: no rig goes beyond 100000, ten"},
+                {"q1", -1e30, false, 107, "q1 is -1e+30: no rig goes beyond 1e+06 rad"},
                 {"u", NAN, true, 0, "the command has no values"},
                 {"q1", NAN, true, 0, "q1 has no values"},
                 {"t", 1000.0, true, 0, "is t in seconds?"},
@@ -523,6 +585,13 @@ START_TEST(a_log_that_tells_nothing_is_refused_at_once)
     ck_assert(!searched);
     ck_assert_msg(strstr(err.message, row.says) != nullptr, "%s", err.message);
     ck_assert_int_eq(err.line, row.line);
+    if (row.line > 0) {
+        mk_ident_result fit;
+        err = MK_ERROR_INIT;
+        ck_assert_int_eq(mk_identify(&model, &bad, 1, nullptr, &fit, &err), MK_ERR_RANGE);
+        ck_assert_msg(strstr(err.message, row.says) != nullptr, "%s", err.message);
+        ck_assert_int_eq(err.line, row.line);
+    }
     mk_log_free(good);
     mk_log_free(bad);
 }
@@ -698,11 +767,13 @@ Suite *suite_explain(void)
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
+    tcase_add_test(t, whole_numbers_have_no_standard_error);
+    tcase_add_test(t, of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back);
     tcase_add_test(t, a_formula_that_is_not_offered_is_not_said_to_explain_a_part);
     tcase_add_test(t, logs_that_do_not_go_with_the_held_out_ones_are_doubted);
     tcase_add_test(t, values_that_were_wrong_are_listed_with_those_of_given_effects);
     tcase_add_test(t, a_log_without_motion_is_refused);
-    tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 14);
+    tcase_add_loop_test(t, a_log_that_tells_nothing_is_refused_at_once, 0, 18);
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);

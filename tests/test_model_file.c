@@ -115,6 +115,12 @@ START_TEST(bad_models_are_refused_with_their_line)
                  MK_ERR_PARSE, 4, "a finite number");
     expect_error("[rig]\nkind = inertia-wheel\ng = 0\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
                  MK_ERR_RANGE, 3, "positive");
+    expect_error("[rig]\nkind = inertia-wheel\n[parameters]\np1 = 1\np2 = 1e30\np3 = 0\n",
+                 MK_ERR_RANGE, 5, "p2 = 1e30: no rig has more than 1e+09");
+    expect_error(WHEEL "[effect.viscous]\njoint = 1\ncoefficient = 1e30\n", MK_ERR_RANGE, 9,
+                 "no rig has more than");
+    expect_error("[rig]\nkind = inertia-wheel\ng = 1e30\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
+                 MK_ERR_RANGE, 3, "no rig has more than");
     expect_error(
         "[rig]\nkind = inertia-wheel\nencoder_cpr = 0\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
         MK_ERR_RANGE, 3, "counts");

@@ -132,8 +132,9 @@ struct mk_explanation {
 
     double given_s, searched_s; /* data to learn from, and what of it was searched in */
     double window_s;
-    bool held_back;   /* no hold-out logs were given: the end of the last log was held back */
-    double held_from; /* s from its start, where that begins */
+    bool held_back; /* no hold-out logs were given: the end of the last log was held back, of one
+                       that ends at rest the end of its motion */
+    double held_from, held_to; /* s from its start, where that begins and ends */
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
     double floor[MK_MAX_JOINTS];    /* nrmse on the hold-out; floor: of the readings' own noise */
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */

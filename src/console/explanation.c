@@ -146,8 +146,10 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
-    fprintf(out, "Free runs of %g s on held-out data, error over standard deviation:\n",
-            e->window_s);
+    fprintf(out, "Free runs of %g s on held-out data", e->window_s);
+    if (e->held_back)
+        fprintf(out, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
+    fprintf(out, ", error over standard deviation:\n");
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
                 e->before[j], e->refitted[j], e->after[j], e->floor[j]);

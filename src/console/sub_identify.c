@@ -151,9 +151,14 @@ static cJSON *result_json(const struct mk_ident_result *r)
     cJSON *o = cJSON_CreateObject(), *all = cJSON_AddObjectToObject(o, "parameters");
     for (int i = 0; i < r->parameter_count; i++) {
         const struct mk_ident_parameter *p = &r->parameter[i];
+        const struct mk_parameter_info *info = mk_model_parameter_info(&r->model, i, NULL, 0);
         cJSON *one = cJSON_AddObjectToObject(all, p->name);
         cJSON_AddItemToObject(one, "value", mk_json_number(p->value));
-        cJSON_AddItemToObject(one, "stderr", mk_json_number(p->std_error));
+        /* A whole number that the model says is held, and known. */
+        bool whole = info->fit == MK_FIT_INTEGER;
+        cJSON_AddItemToObject(one, "stderr", mk_json_number(whole ? 0.0 : p->std_error));
+        if (whole)
+            cJSON_AddTrueToObject(one, "integer");
         cJSON_AddItemToObject(one, "initial", mk_json_number(p->initial));
         cJSON_AddItemToObject(one, "crb", mk_json_number(p->crb));
         cJSON_AddBoolToObject(one, "fixed", p->fixed);

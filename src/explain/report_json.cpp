@@ -14,7 +14,11 @@ cJSON *parameters_of(const mk_model &model, const mk_cause &c)
     for (int k = 0; k < c.effect->parameter_count; k++) {
         cJSON *p = cJSON_AddObjectToObject(all, c.effect->parameter[k].name);
         cJSON_AddItemToObject(p, "value", mk_json_number(c.value[k]));
-        cJSON_AddItemToObject(p, "stderr", mk_json_number(c.std_error[k]));
+        // Whole numbers were tried one by one: no other is near.
+        const bool whole = c.effect->parameter[k].fit == MK_FIT_INTEGER;
+        cJSON_AddItemToObject(p, "stderr", mk_json_number(whole ? 0.0 : c.std_error[k]));
+        if (whole)
+            cJSON_AddTrueToObject(p, "integer");
         cJSON_AddStringToObject(p, "unit", mk_model_unit(&model, c.effect->parameter[k].unit));
     }
     return all;
@@ -76,8 +80,10 @@ cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t co
     cJSON *files = cJSON_AddArrayToObject(o, "files");
     for (size_t i = 0; i < count; i++)
         cJSON_AddItemToArray(files, cJSON_CreateString(names[i]));
-    if (e.held_back)
+    if (e.held_back) {
         cJSON_AddItemToObject(o, "held_back_from_s", mk_json_number(e.held_from));
+        cJSON_AddItemToObject(o, "held_back_to_s", mk_json_number(e.held_to));
+    }
     size_t n = (size_t)mk_model_joints(&e.given);
     cJSON_AddItemToObject(o, "window_s", mk_json_number(e.window_s));
     cJSON_AddItemToObject(o, "nrmse_before", mk_json_numbers(e.before, n));

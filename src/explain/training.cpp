@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <new>
 
 #include "ident/period.hpp"
+#include "ident/sizes.hpp"
 
 namespace mk
 {
@@ -13,6 +15,7 @@ namespace
 {
 
 constexpr size_t FEWEST = 40;          // rows of a log
+constexpr double MOTION = 5.0;         // counts: less is rest
 constexpr double A_RUN = 15.0;         // s of a log that are worth having
 constexpr double LONGEST_PERIOD = 0.2; // s; no rig here can be followed with readings farther apart
 
@@ -50,16 +53,12 @@ Piece longest_piece(const mk_record &record, size_t rows)
 }
 
 // A column that is to be learned from, or measured on.
-enum mk_status check_column(const double *x, const char *name, const mk_log &log, mk_error *err)
+enum mk_status check_values(const double *x, const char *name, const mk_log &log, mk_error *err)
 {
-    bool any = false;
-    for (size_t k = 0; k < log.rows; k++) {
-        if (std::isinf(x[k]))
-            return mk_error_at(err, MK_ERR_RANGE, log.path, log.first_row_line + (int)k, 0,
-                               "%s is infinite; a missing value is an empty field or nan", name);
-        any = any || !std::isnan(x[k]);
-    }
-    return any ? MK_OK : mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0, "%s has no values", name);
+    for (size_t k = 0; k < log.rows; k++)
+        if (!std::isnan(x[k]))
+            return MK_OK;
+    return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0, "%s has no values", name);
 }
 
 enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
@@ -77,12 +76,39 @@ enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &re
         return mk_error_at(
             err, MK_ERR_RANGE, log.path, 0, 0,
             "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++)
-        st = check_column(record.q[j], angles[j], log, err);
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
+    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
+        st = check_angles(record.q[j], angles[j], log, err);
+        if (st == MK_OK)
+            st = check_values(record.q[j], angles[j], log, err);
+    }
+    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++) {
+        const char *name = i ? "the second command" : "the command";
         if (record.u[i])
-            st = check_column(record.u[i], i ? "the second command" : "the command", log, err);
+            st = check_commands(record.u[i], name, model, log, err);
+        if (record.u[i] && st == MK_OK)
+            st = check_values(record.u[i], name, log, err);
+    }
     return st;
+}
+
+// The row behind the last one where a joint is not yet where it stays to the end.
+size_t end_of_motion(const mk_record &record, const mk_model &model)
+{
+    size_t end = 0;
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        const double *q = record.q[j];
+        const double enough = MOTION * 2.0 * M_PI / model.encoder_cpr[j];
+        double last = std::numeric_limits<double>::quiet_NaN();
+        for (size_t k = record.rows; k-- > end;) {
+            if (std::isnan(last))
+                last = q[k];
+            if (std::fabs(q[k] - last) >= enough) {
+                end = k + 1;
+                break;
+            }
+        }
+    }
+    return end;
 }
 
 enum mk_status check_motion(const FitLog &log, const mk_log *source, const char *what,
@@ -93,7 +119,7 @@ enum mk_status check_motion(const FitLog &log, const mk_log *source, const char 
         for (double q : log.q[j])
             if (!std::isnan(q))
                 low = std::min(low, q), high = std::max(high, q);
-        if (high - low >= 5.0 * log.count[j])
+        if (high - low >= MOTION * log.count[j])
             return MK_OK;
     }
     return mk_error_at(err, MK_ERR_RANGE, source->path, 0, 0,
@@ -125,11 +151,9 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
             return st;
         size_t last = record.rows;
         if (holdout_count == 0 && i + 1 == count) {
-            last = record.rows - record.rows / 4;
-            out.held_back = true;
-            out.held_from = record.t[last] - record.t[0];
-            made.push_back(slice(*given[i], last, record.rows));
-            held.push_back(made.back().get());
+            st = hold_back(*given[i], record, model, last, out, err);
+            if (st != MK_OK)
+                return st;
         }
         used.push_back(longest_piece(record, last));
         if (used[i].last - used[i].first < FEWEST)
@@ -148,6 +172,34 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
     for (const FitLog &log : logs)
         out.searched_s += log.duration();
     return st;
+}
+
+// The last quarter of a log, [last, rows); of one that ends at rest, the last quarter of its
+// motion.
+enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &record,
+                                       const mk_model &model, size_t &last, mk_explanation &out,
+                                       mk_error *err)
+{
+    enum mk_status st = check_motion(fit_log(record, model, 0, record.rows), &log, "explain", err);
+    if (st != MK_OK)
+        return st;
+    size_t end = record.rows;
+    const size_t moved = end_of_motion(record, model);
+    if (moved < end - end / 4)
+        end = moved;
+    last = end - end / 4;
+    const FitLog part = fit_log(record, model, last, std::max(end, last + 2));
+    st = end - last < 2 ? MK_ERR_RANGE : check_motion(part, &log, "measure on", nullptr);
+    if (st != MK_OK)
+        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
+                           "too little moves in this log to hold a part of it back and measure "
+                           "on it: give another log with --holdout");
+    out.held_back = true;
+    out.held_from = record.t[last] - record.t[0];
+    out.held_to = record.t[end - 1] - record.t[0];
+    made.push_back(slice(log, last, end));
+    held.push_back(made.back().get());
+    return MK_OK;
 }
 
 // Of logs evenly over all the beginnings: effects may depend on the time since the start.

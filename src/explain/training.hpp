@@ -25,6 +25,8 @@ struct TrainingData {
   private:
     std::vector<Piece> used; // of the logs as given: between holes
 
+    enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
+                             size_t &last, mk_explanation &out, mk_error *err);
     enum mk_status take_part(const mk_model &model, double most_s, const mk_log *const *given,
                              mk_error *err);
 };

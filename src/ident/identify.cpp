@@ -9,6 +9,7 @@
 
 #include "ident/method.hpp"
 #include "ident/period.hpp"
+#include "ident/sizes.hpp"
 
 namespace
 {
@@ -52,8 +53,6 @@ enum mk_status check_values(const mk_record &record, const double *x, const char
         return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
                            "%zu values of %s are too few to fit anything: %zu at least",
                            range.values, what, FEWEST_ROWS);
-    if (!std::isfinite(range.low) || !std::isfinite(range.high))
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0, "a value of %s is infinite", what);
     return MK_OK;
 }
 
@@ -73,8 +72,14 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
             err, MK_ERR_RANGE, log->path, 0, 0,
             "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
     enum mk_status st = check_values(record, record.u[0], "the command", log, err);
+    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
+        if (record.u[i])
+            st = mk::check_commands(record.u[i], i ? "the second command" : "the command",
+                                    problem.model, *log, err);
     for (int j = 0; j < mk_model_joints(&problem.model) && st == MK_OK; j++) {
         st = check_values(record, record.q[j], angles[j], log, err);
+        if (st == MK_OK)
+            st = mk::check_angles(record.q[j], angles[j], *log, err);
         Range range(record.q[j], record.rows);
         if (range.high - range.low >= 3.0 * 6.283185307179586 / problem.model.encoder_cpr[j])
             problem.moves[j] = moves = true;

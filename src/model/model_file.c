@@ -32,6 +32,16 @@ static enum mk_status get_number(struct reader *r, struct mk_ini_entry *e, doubl
     return MK_OK;
 }
 
+/* Far beyond what any rig has in any unit; arithmetic with more than that ends in nonsense. */
+#define MOST 1e9
+
+static enum mk_status too_large(struct reader *r, const struct mk_ini_entry *e, const char *help)
+{
+    return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                       "%s = %s: no rig has more than %g%s%s%s", e->key, e->value, MOST,
+                       help[0] ? " (" : "", help, help[0] ? ")" : "");
+}
+
 static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
                                  const struct mk_parameter_info *p, double *out)
 {
@@ -39,7 +49,7 @@ static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
     if (st != MK_OK)
         return st;
     if (*out >= p->min && *out <= p->max)
-        return MK_OK;
+        return fabs(*out) > MOST ? too_large(r, e, p->help) : MK_OK;
     if (p->max > 1e300)
         return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
                            "%s = %s: must be at least %g (%s)", e->key, e->value, p->min, p->help);
@@ -50,7 +60,7 @@ static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
 
 /* A positive number that may be left out. */
 static enum mk_status get_positive(struct reader *r, const char *section, const char *key,
-                                   double *out)
+                                   double most, double *out)
 {
     struct mk_ini_entry *e = find(r, section, key);
     if (!e)
@@ -59,6 +69,8 @@ static enum mk_status get_positive(struct reader *r, const char *section, const 
     if (st == MK_OK && !(*out > 0.0))
         return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0, "%s = %s: must be positive",
                            key, e->value);
+    if (st == MK_OK && *out > most)
+        return too_large(r, e, "");
     return st;
 }
 
@@ -106,17 +118,17 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
                            "reaction-wheel or furuta",
                            kind->value);
     mk_model_default(plant->kind, m);
-    enum mk_status st = get_positive(r, "rig", "g", &m->g);
+    enum mk_status st = get_positive(r, "rig", "g", MOST, &m->g);
     if (st == MK_OK)
-        st = get_positive(r, "rig", "u_max", &m->u_max);
+        st = get_positive(r, "rig", "u_max", HUGE_VAL, &m->u_max);
     if (st == MK_OK)
-        st = get_positive(r, "rig", "u_to_torque", &m->u_to_torque);
+        st = get_positive(r, "rig", "u_to_torque", MOST, &m->u_to_torque);
     if (st == MK_OK)
         st = get_counts(r, m);
     if (st == MK_OK)
-        st = get_positive(r, "simulation", "rtol", &m->rtol);
+        st = get_positive(r, "simulation", "rtol", HUGE_VAL, &m->rtol);
     if (st == MK_OK)
-        st = get_positive(r, "simulation", "atol", &m->atol);
+        st = get_positive(r, "simulation", "atol", HUGE_VAL, &m->atol);
     return st;
 }
 
