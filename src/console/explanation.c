@@ -128,6 +128,16 @@ static const char *sentence(const struct mk_explanation *e)
                            : sentences[e->verdict];
 }
 
+/* Noise on which any model is as good as any other. */
+static bool drowns(const struct mk_explanation *e)
+{
+    const double most = 0.3;
+    bool all = true;
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        all = all && e->floor[j] > most;
+    return all;
+}
+
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
     fprintf(out, "%s\n", sentence(e));
@@ -153,6 +163,9 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
                 e->before[j], e->refitted[j], e->after[j], e->floor[j]);
+    if (drowns(e))
+        fprintf(out, "  The readings scatter nearly as much as they move: little can be seen in "
+                     "such data.\n");
     if (mk_explanation_doubts_logs(e))
         fprintf(out,
                 "  The given model predicts them better than the refitted one: are all logs of "

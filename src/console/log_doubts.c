@@ -349,6 +349,56 @@ static void compare_rate(const struct mk_log *log, const struct mk_record *r)
                 log->path, rate, period, 1.0 / period);
 }
 
+/* --- what is there ------------------------------------------------------------------------------
+ */
+
+#define MANY 0.1 /* of the rows */
+
+static double missing_share(const double *x, size_t rows)
+{
+    size_t missing = 0;
+    for (size_t k = 0; k < rows; k++)
+        missing += isnan(x[k]);
+    return (double)missing / (double)rows;
+}
+
+static void say_what_is_missing(const struct mk_log *log, const struct mk_model *model,
+                                const struct mk_record *r)
+{
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        double share = missing_share(r->q[j], r->rows);
+        if (share > MANY && share < 1.0)
+            fprintf(stderr, "mechkit: %s: %.0f %% of the readings of %s are missing\n", log->path,
+                    100.0 * share, angles[j]);
+    }
+    double share = missing_share(r->u[0], r->rows);
+    if (share > MANY && share < 1.0)
+        fprintf(stderr,
+                "mechkit: %s: %.0f %% of the commands are missing, and made up from those before "
+                "and after\n",
+                log->path, 100.0 * share);
+}
+
+/* A command may overshoot where it is clipped for real; by so much, or so often, it is another unit
+ * or garbage. */
+static void say_what_is_clipped(const struct mk_log *log, const struct mk_model *model,
+                                const struct mk_record *r)
+{
+    size_t beyond = 0, far = 0;
+    double most = 0.0;
+    for (size_t k = 0; k < r->rows; k++) {
+        double u = fabs(r->u[0][k]);
+        beyond += u > model->u_max * (1.0 + 1e-9);
+        far += u > 10.0 * model->u_max;
+        most = fmax(most, u);
+    }
+    if (far > 0 || (double)beyond > 0.01 * (double)r->rows)
+        fprintf(stderr,
+                "mechkit: %s: the command reaches %.3g and is beyond the model's u_max = %g in %zu "
+                "of %zu rows, where it is taken as clipped: are the units right?\n",
+                log->path, most, model->u_max, beyond, r->rows);
+}
+
 /* --- the whole -------------------------------------------------------------------------------- */
 
 enum mk_status log_doubts(const struct mk_log *const *logs, size_t count,
@@ -368,6 +418,8 @@ enum mk_status log_doubts(const struct mk_log *const *logs, size_t count,
         compare_torque(logs[i], model, &r);
         compare_counts(logs[i], model);
         compare_rate(logs[i], &r);
+        say_what_is_missing(logs[i], model, &r);
+        say_what_is_clipped(logs[i], model, &r);
         say_what_is_likely(logs[i], model);
     }
     return st;

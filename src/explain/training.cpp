@@ -188,6 +188,11 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     if (moved < end - end / 4)
         end = moved;
     last = end - end / 4;
+    if (end == record.rows && last < FEWEST)
+        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
+                           "%zu rows are too few to explain anything and hold a quarter of them "
+                           "back: %zu without those, or give another log with --holdout",
+                           record.rows, FEWEST);
     const FitLog part = fit_log(record, model, last, std::max(end, last + 2));
     st = end - last < 2 ? MK_ERR_RANGE : check_motion(part, &log, "measure on", nullptr);
     if (st != MK_OK)
