@@ -343,6 +343,28 @@ START_TEST(small_steps_of_a_fast_reading_are_lost_pulses)
 }
 END_TEST
 
+// A light wheel whose torque steps: no parabola goes on beyond that.
+START_TEST(steps_of_a_wheel_s_acceleration_are_no_lost_pulses)
+{
+    constexpr double COUNT = 2.0 * M_PI / 8192.0, DT = 0.005;
+    mk::FitLog log = {};
+    log.joints = 1;
+    log.count[0] = COUNT;
+    double q = 0.0, v = -80.0;
+    for (size_t k = 0; k < 2400; k++) {
+        constexpr int FINE = 50;
+        log.t.push_back(DT * (double)k);
+        log.q[0].push_back(std::round(q / COUNT) * COUNT);
+        for (int i = 0; i < FINE; i++) {
+            double t = DT * ((double)k + (double)i / FINE);
+            double a = std::sin(2.0 * M_PI * 1.43 * t) > 0.0 ? 900.0 : -900.0;
+            q += DT / FINE * v, v += DT / FINE * a;
+        }
+    }
+    ck_assert_uint_eq(mk::find_slips({&log}, 0).size(), 0);
+}
+END_TEST
+
 START_TEST(a_cause_that_no_entry_names_is_unknown_and_gets_a_formula)
 {
     Hidden h;
@@ -787,6 +809,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
+    tcase_add_test(t, steps_of_a_wheel_s_acceleration_are_no_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, whole_numbers_have_no_standard_error);

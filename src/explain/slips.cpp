@@ -91,9 +91,11 @@ std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
                 d[k].significance > limit && std::fabs(d[k].size) > COUNTS * logs[l]->count[j];
             for (size_t i = k - SIDE; i <= k + SIDE && peak; i++)
                 peak = d[i].significance <= d[k].significance;
-            // The step sits between two readings, not over several.
-            double motion = (q[k - 1] - q[k - 4] + q[k + 3] - q[k]) / 6.0;
-            if (peak && std::fabs(q[k] - q[k - 1] - motion) > 0.6 * std::fabs(d[k].size))
+            // The step sits between two readings, not over several, and is all that differs there:
+            // a turn that no parabola follows has another.
+            const double motion = (q[k - 1] - q[k - 4] + q[k + 3] - q[k]) / 6.0;
+            const double step = q[k] - q[k - 1] - motion;
+            if (peak && std::fabs(step - d[k].size) < 0.4 * std::fabs(d[k].size))
                 found.push_back({l, k, d[k].size});
         }
     }
