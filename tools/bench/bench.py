@@ -53,7 +53,7 @@ class Context:
                 "bench_held": [ctypes.c_int, ctypes.c_double, address],
                 "bench_fast_held": [ctypes.c_double, address],
                 "bench_angles": [address, ctypes.c_int, address],
-                "bench_identify": [address, ctypes.c_int, ctypes.c_int, address],
+                "bench_identify": [address, ctypes.c_int, ctypes.c_int, ctypes.c_int, address],
                 "bench_derivatives": [ctypes.c_double, address], "bench_shoot": [ctypes.c_int],
                 "bench_numbers": [ctypes.c_int, ctypes.c_int, address],
                 "bench_log_write": [ctypes.c_char_p, ctypes.c_int, ctypes.c_int, address],

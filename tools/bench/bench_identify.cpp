@@ -55,8 +55,8 @@ EXPORT int bench_angles(const double *parameters, int rows, double *out)
 }
 
 // Fits `runs` runs of `rows` noisy angles (runs x rows x 2) from the parameters given, which the
-// estimate replaces. One thread.
-EXPORT int bench_identify(const double *angles, int runs, int rows, double *parameters)
+// estimate replaces. 0 threads: as many as there are processors.
+EXPORT int bench_identify(const double *angles, int runs, int rows, int threads, double *parameters)
 {
     std::vector<Log> logs;
     std::vector<const mk_log *> views;
@@ -68,7 +68,7 @@ EXPORT int bench_identify(const double *angles, int runs, int rows, double *para
     }
     mk_model m = pendubot(parameters);
     mk_ident_options options = {};
-    options.threads = 1;
+    options.threads = threads;
     auto r = std::make_unique<mk_ident_result>();
     if (mk_identify(&m, views.data(), views.size(), &options, r.get(), nullptr) != MK_OK)
         return 0;

@@ -82,39 +82,48 @@ def scipy_fit(truth, random):
     return fit.x[:n] * truth, time.thread_time() - begin, fit.nfev
 
 
-def mechkit_fit(lib, truth, random, rounds):
-    """Parameters and the median of the thread's seconds for all runs."""
+def mechkit_data(lib, truth, random):
+    """Noisy angles of all runs."""
     clean = np.empty((ROWS, 2))
     p = np.ascontiguousarray(truth)
     if not lib.bench_angles(p.ctypes.data, ROWS, clean.ctypes.data):
         raise RuntimeError("simulation failed")
-    data = np.ascontiguousarray(clean + NOISE * random.standard_normal((RUNS, ROWS, 2)))
+    return np.ascontiguousarray(clean + NOISE * random.standard_normal((RUNS, ROWS, 2)))
+
+
+def mechkit_fit(lib, truth, data, threads, rounds):
+    """Parameters and the median of the seconds for all runs: the thread's own if it is but one."""
+    clock = time.thread_time if threads == 1 else time.perf_counter
     seconds = []
     for _ in range(rounds):
         p = np.ascontiguousarray(off(truth))
-        begin = time.thread_time()
-        if not lib.bench_identify(data.ctypes.data, RUNS, ROWS, p.ctypes.data):
+        begin = clock()
+        if not lib.bench_identify(data.ctypes.data, RUNS, ROWS, threads, p.ctypes.data):
             raise RuntimeError("identification failed")
-        seconds.append(time.thread_time() - begin)
+        seconds.append(clock() - begin)
     return p, sorted(seconds)[rounds // 2]
 
 
 def rows(context):
     truth, random = np.array(P), np.random.default_rng(1)
-    ours, seconds = mechkit_fit(context.lib, truth, random, 3)
+    data = mechkit_data(context.lib, truth, random)
+    alone, seconds = mechkit_fit(context.lib, truth, data, 1, 3)
+    ours, wall = mechkit_fit(context.lib, truth, data, 0, 3)
     theirs, part, evaluations = scipy_fit(truth, random)
     scaled = part * RUNS / SCIPY_RUNS
-    result = {"mechkit_s": seconds, "scipy_s": scaled, "scipy_runs": SCIPY_RUNS,
-              "ratio": scaled / seconds, "target_ratio": TARGET_RATIO}
+    result = {"mechkit_s": wall, "mechkit_one_thread_s": seconds, "scipy_s": scaled,
+              "scipy_runs": SCIPY_RUNS, "ratio": scaled / wall,
+              "ratio_one_thread": scaled / seconds, "target_ratio": TARGET_RATIO}
 
     def worst(p):
         return 100.0 * float(np.max(np.abs(p / truth - 1.0)))
 
     print(f"\nOutput error, {RUNS} runs of 10 s at 200 Hz from 20 % off, start states unknown")
     print(f"  {'':44s} {'s':>10s} {'off by':>9s} {'times ours':>11s}")
-    for name, s, p in (("mechkit identify, one thread", seconds, ours),
+    for name, s, p in (("mechkit identify, as installed (all processors)", wall, ours),
+                       ("mechkit identify, one thread", seconds, alone),
                        ("least_squares, LSODA + numba", scaled, theirs)):
-        print(f"  {name:44s} {s:10.3f} {worst(p):8.4f}% {s / seconds:11.1f}")
+        print(f"  {name:44s} {s:10.3f} {worst(p):8.4f}% {s / wall:11.1f}")
     print(f"  (least_squares took {part:.1f} s for {SCIPY_RUNS} runs and {evaluations} evaluations: "
           f"scaled to {RUNS})")
     print(f"  target {TARGET_RATIO} times: {'met' if result['ratio'] >= TARGET_RATIO else 'missed'}")
