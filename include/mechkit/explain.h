@@ -79,7 +79,8 @@ struct mk_next_experiment {
 
 /* What a controller makes of it: medians over runs on a virtual rig that is the extended model. */
 struct mk_control_figures {
-    double held;     /* share of the runs that were caught and held, or had no fault */
+    double held;     /* share of the runs that were caught and held, or had no fault; 0 as well
+                        where the first two were not, and the others not made */
     double caught_s; /* NAN: never, or nothing to catch */
     double error;    /* rms: sway of the upright link about its mean, rad; speed control: rad/s */
     double off;      /* rms of joint 1 from where the setup holds it, rad; NAN: nowhere */

@@ -105,6 +105,10 @@ static void print_control(FILE *out, const struct mk_explanation *e)
 
 static void print_declined(FILE *out, const struct mk_explanation *e)
 {
+    if (!isfinite(e->declined[0])) {
+        fprintf(out, "  The extension found is not offered: its free runs run away.\n");
+        return;
+    }
     fprintf(out, "  The extension found is not offered: it would leave");
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         fprintf(out, "%s %.4g", j ? "," : "", e->declined[j]);
