@@ -277,6 +277,31 @@ START_TEST(laws_that_all_but_cancel_are_no_causes)
 }
 END_TEST
 
+START_TEST(a_shake_is_found_at_the_joint_and_the_frequency_where_it_is)
+{
+    // No grid of frequencies has this one, and what it leaves in the other equation is like it.
+    truth::Case c = drawn(800039);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "floor-shake");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
+    ck_assert_int_eq(e.cause_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "custom-wave");
+    ck_assert_int_eq(e.cause[0].joint, 1);
+    ck_assert_double_gt(e.closed, 0.99);
+}
+END_TEST
+
+START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
+{
+    truth::Case c = drawn(800037);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "backlash");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_str_eq(e.cause[0].effect->name, "backlash");
+    ck_assert_double_gt(e.closed, 0.9);
+}
+END_TEST
+
 START_TEST(what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does)
 {
     // To a pendulum that only swings, a tilted base and a wrong zero are one thing; a dead zone and
@@ -328,6 +353,8 @@ extern "C" Suite *suite_hidden(void)
         t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
     tcase_add_test(t, a_wrong_zero_is_no_noise);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
+    tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
+    tcase_add_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray);
     suite_add_tcase(s, t);
     return s;
 }

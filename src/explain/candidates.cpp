@@ -256,8 +256,10 @@ Starts custom_wave(const Setting &s)
     for (int n = 1; n <= 7; n++)
         if (s.plant->joints == 2 || (n != 3 && n != 7))
             all.push_back({0.1 * small(s), 0.3, (double)n, 1.0});
-    // A record of ten seconds tells frequencies a tenth of a hertz apart.
-    for (double hz = 0.5; hz < 8.0; hz += 0.15)
+    // A record of ten seconds tells frequencies a tenth of a hertz apart, and a fit that starts
+    // further off ends elsewhere.
+    const double apart = std::min(std::max(1.0 / s.range->seconds, 0.04), 0.15);
+    for (double hz = 0.5; hz < 8.0; hz += apart)
         all.push_back({0.1 * small(s), 0.3, 8.0, hz});
     return all;
 }
@@ -311,6 +313,7 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         r.q_min[j] = HUGE_VAL, r.q_max[j] = -HUGE_VAL;
     for (const FitLog *log : logs) {
+        r.seconds = std::max(r.seconds, log->duration());
         for (int j = 0; j < log->joints; j++) {
             const std::vector<double> &q = log->q[j];
             r.v_max[j] = std::max(r.v_max[j], log->v_max[j]);

@@ -1,6 +1,7 @@
 #include "explain/causes.hpp"
 
 #include <algorithm>
+#include <cstring>
 
 namespace mk
 {
@@ -89,6 +90,7 @@ void CauseSearch::add_causes()
             found = consider_play(round.field, needed) || found;
         if (!found)
             return;
+        consider_other_joint(round.field);
         before = best;
         best = round.field[0];
         forget_lacks();
@@ -174,18 +176,27 @@ void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
         Hypothesis without;
-        if (!search.refit_at(removed(i), best, best.drift, without) ||
-            without.score > best.score + ENOUGH)
+        if (!fit_without(i, without) || without.score > best.score + ENOUGH)
             continue;
-        best = without;
-        search.polish(best, true);
-        forget_lacks();
-        rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
-        Round &last = rounds.back();
-        const Candidate cause = last.field[0].added;
-        last.field = led_by(cause, std::move(last.field));
+        search.polish(without, true);
+        shed(i, std::move(without));
         i--;
     }
+}
+
+bool CauseSearch::fit_without(size_t cause, Hypothesis &without)
+{
+    return search.refit_at(removed(cause), best, best.drift, without);
+}
+
+void CauseSearch::shed(size_t cause, Hypothesis without)
+{
+    best = std::move(without);
+    forget_lacks();
+    rounds.erase(rounds.begin() + (std::ptrdiff_t)cause);
+    Round &last = rounds.back();
+    const Candidate latest = last.field[0].added;
+    last.field = led_by(latest, std::move(last.field));
 }
 
 // What a model that follows its data leaves does not matter within a second of free run.
@@ -231,6 +242,29 @@ bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
             field.begin() + 1, field.end(),
             [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
     return better;
+}
+
+// A shake was looked for at each joint with frequencies some way apart: once one is found, it may
+// be the other equation's.
+void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
+{
+    if (field.empty() || std::strcmp(field[0].added.effect->name, "custom-wave") != 0 ||
+        mk_model_joints(&model) != 2)
+        return;
+    const mk_model &found = field[0].point.model;
+    Candidate other = field[0].added;
+    std::copy_n(found.effect[found.effect_count - 1].value, other.effect->parameter_count,
+                other.value);
+    other.joint = 3 - other.joint;
+    const std::vector<Candidate> only = {other};
+    ExtendOptions how;
+    how.only = &only;
+    std::vector<Hypothesis> again = search.extend(best, how);
+    if (again.empty())
+        return;
+    search.polish(again[0], true);
+    if (!Search::discredited(again[0]) && again[0].score < field[0].score)
+        field.insert(field.begin(), again[0]);
 }
 
 void CauseSearch::forget_lacks()

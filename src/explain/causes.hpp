@@ -34,6 +34,9 @@ class CauseSearch
     void polish_rivals();
     // `best` without one of its causes.
     Lack without(size_t cause);
+    // `best` without one of its causes, fitted from there; and that taken for the best.
+    bool fit_without(size_t cause, Hypothesis &without);
+    void shed(size_t cause, Hypothesis without);
     // What a model that follows its data leaves does not matter within a second of free run.
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
@@ -58,6 +61,7 @@ class CauseSearch
     void drop_idle();
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
+    void consider_other_joint(std::vector<Hypothesis> &field);
     void forget_lacks();
     void lead_home(Hypothesis &rival);
     bool stands_alone(const Round &round) const;

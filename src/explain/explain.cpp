@@ -67,6 +67,7 @@ class Explainer
         look_closer(so);
         causes->polish_rivals();
         ask_held_out();
+        shed_what_misleads();
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
@@ -222,6 +223,36 @@ class Explainer
         causes->best = field[0];
     }
 
+    // Where not all is explained, a term that helps the training data alone may spoil for held-out
+    // data what the others gain.
+    void shed_what_misleads()
+    {
+        const HeldOut held(data.held, out.window_s);
+        HeldOutFigures refitted, all;
+        if (causes->rounds.size() < 2 || search->cancelled || explained() ||
+            held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)
+            return;
+        const bool runs = held.figures(causes->best.point.model, all, nullptr) == MK_OK;
+        if (runs && all.total() <= refitted.total() && !clearly_worse(all, refitted))
+            return;
+        HeldOutFigures least = refitted;
+        Hypothesis better;
+        size_t at = causes->rounds.size();
+        for (size_t i = 0; i < causes->rounds.size(); i++) {
+            Hypothesis less;
+            HeldOutFigures left;
+            if (!causes->fit_without(i, less) ||
+                held.figures(less.point.model, left, nullptr) != MK_OK ||
+                left.total() >= least.total() || clearly_worse(left, refitted))
+                continue;
+            least = left;
+            better = std::move(less);
+            at = i;
+        }
+        if (at < causes->rounds.size())
+            causes->shed(at, std::move(better));
+    }
+
     // --- verdict -----------------------------------------------------------------------------
 
     void decide()
@@ -235,14 +266,9 @@ class Explainer
         out.gain_extended = causes->refit.picture.evidence - causes->best.picture.evidence;
         for (int j = 0; j < MK_MAX_JOINTS; j++)
             out.noise[j] = causes->best.point.noise[j];
-        bool library = false;
-        for (const Round &r : causes->rounds)
-            library = library || is_library(r.field[0].added.effect);
-        bool faithful = causes->follows(causes->best);
-        if (causes->rounds.empty() && faithful && lost.joint == 0)
+        if (causes->rounds.empty() && explained() && lost.joint == 0)
             out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
-        else if ((lost.joint > 0 || !causes->rounds.empty()) && !library && faithful &&
-                 established())
+        else if ((lost.joint > 0 || !causes->rounds.empty()) && explained() && established())
             out.verdict = MK_VERDICT_EFFECT;
         else
             out.verdict = MK_VERDICT_UNKNOWN;
@@ -252,6 +278,13 @@ class Explainer
         if (out.verdict == MK_VERDICT_UNKNOWN)
             set_structure();
     }
+    bool all_named() const
+    {
+        const std::vector<Round> &rounds = causes->rounds;
+        return std::none_of(rounds.begin(), rounds.end(),
+                            [](const Round &r) { return is_library(r.field[0].added.effect); });
+    }
+    bool explained() const { return causes->follows(causes->best) && all_named(); }
     void set_structure()
     {
         snprintf(out.structure, sizeof out.structure, "%s",
@@ -446,11 +479,7 @@ class Explainer
     {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
-        const std::vector<Round> &rounds = causes->rounds;
-        bool named =
-            !rounds.empty() && std::none_of(rounds.begin(), rounds.end(), [](const Round &r) {
-                return is_library(r.field[0].added.effect);
-            });
+        const bool named = !causes->rounds.empty() && all_named();
         bool touches =
             mk_model_event_count(&causes->best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
@@ -471,8 +500,11 @@ class Explainer
             const HeldOut held(data.held, out.window_s);
             before = refitted = after = {};
             enum mk_status st = held.figures(causes->refit.point.model, refitted, err);
-            if (st == MK_OK)
-                st = held.figures(out.extended, after, err);
+            // An extension that runs away everywhere is a bad one, not an error.
+            if (st == MK_OK && (st = held.figures(out.extended, after, err)) == MK_ERR_NUMERIC) {
+                after.square[0] = HUGE_VAL;
+                st = MK_OK;
+            }
             bool lost_track = false;
             for (int j = 0; j < mk_model_joints(&model); j++)
                 lost_track = lost_track || (after.nrmse(j) > 1.0 && refitted.nrmse(j) > 1.0);

@@ -10,18 +10,13 @@ enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *
     for (const mk_log *log : logs) {
         mk_predict_options o = {};
         o.window_s = window_s;
-        mk_predict_figures figures = {};
         mk_log *prediction = nullptr;
-        enum mk_status st = mk_predict(&m, log, &o, &prediction, &figures, nullptr, err);
+        enum mk_status st = mk_predict(&m, log, &o, &prediction, nullptr, nullptr, err);
         if (st == MK_OK)
             add_windows(m, *log, *prediction, f);
         mk_log_free(prediction);
         if (st != MK_OK)
             return st;
-        for (int j = 0; j < mk_model_joints(&m); j++)
-            if (std::isfinite(figures.nrmse[j]))
-                f.square[j] += figures.nrmse[j] * figures.nrmse[j] * (double)figures.rows;
-        f.rows += (double)figures.rows;
     }
     return MK_OK;
 }
@@ -33,17 +28,22 @@ void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &pr
     const double *window = mk_log_get(&prediction, "window");
     if (!window || mk_record_from_log(&log, &m, &record, nullptr) != MK_OK)
         return;
+    // A run that goes off to infinity is no better than one that only goes far.
+    constexpr double LOST = 3.0; // standard deviations
     const size_t first = f.window.size();
     for (int j = 0; j < mk_model_joints(&m); j++) {
         const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
         double sd = deviation(m, j);
         for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
-            double off = (q[k] - record.q[j][k]) / sd;
-            size_t place = first + (size_t)window[k];
+            const size_t place = first + (size_t)window[k];
             if (place >= f.window.size())
                 f.window.resize(place + 1, 0.0);
-            if (std::isfinite(off))
-                f.window[place] += off * off;
+            if (std::isnan(record.q[j][k]))
+                continue;
+            const double off = std::isfinite(q[k]) ? (q[k] - record.q[j][k]) / sd : LOST;
+            f.window[place] += off * off;
+            f.square[j] += off * off;
+            f.rows[j] += 1.0;
         }
     }
 }

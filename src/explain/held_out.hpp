@@ -15,11 +15,11 @@ namespace mk
 
 // Errors of free runs over windows of the held-out logs.
 struct HeldOutFigures {
-    double square[MK_MAX_JOINTS] = {0.0, 0.0};
-    double rows = 0.0;
+    double square[MK_MAX_JOINTS] = {0.0, 0.0}; // over the variance of the readings
+    double rows[MK_MAX_JOINTS] = {0.0, 0.0};
     std::vector<double> window; // squared error by window, over the variance of the readings
-    double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows, 1.0)); }
-    double total() const { return (square[0] + square[1]) / std::max(rows, 1.0); }
+    double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows[j], 1.0)); }
+    double total() const { return nrmse(0) * nrmse(0) + nrmse(1) * nrmse(1); }
 };
 
 class HeldOut

@@ -18,7 +18,7 @@ constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
 constexpr double ROUGHEST = 0.05;                 // drift that a play may need
-constexpr double LOST_SHARE = 0.1; // log likelihood a reading that no fit makes up for
+constexpr double LOST_SHARE = 0.3; // log likelihood a reading that no fit makes up for
 
 } // namespace
 
