@@ -93,6 +93,7 @@ START_TEST(text_where_a_number_should_be_is_told_with_its_line)
         {"t,q1,q2,u\n0,0,abc,0\n0.1,0,0,0\n0.2,0,0,0\n", ":2: 'abc' in column q2 is no number"},
         {"t,q1,q2,u\n0,0,0,0\n0.1,0,0,0\n0.2,1.2.3,0,0\n", ":4: '1.2.3' in column q1"},
         {"t,q1,q2,u\n0,0,0,0\n0.1,0,0,0\ninf,0,0,0\n", "row 3: time is infinite"},
+        {"t,q1,q2,u\n-1e308,0,0,0\n0,0,0,0\n1.5e308,0,0,0\n", "row 3: time is infinite"},
         {"t,q1,q2,u,phase\n0,0,0,0,swing up\n0.1,NA,nan,0,swing up\n0.2,0,-,0,\n", NULL},
         {"t,q1,q2,u\n[s],rad,,1\n0,0,0,0\n0.1,0,0,0\n0.2,0,0,0\n", NULL}};
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {

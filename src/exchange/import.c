@@ -235,13 +235,14 @@ static enum mk_status check_time(struct mk_log *log, const char *path, struct mk
 {
     double *t = log->columns[0].data, zero = t[0];
     for (size_t r = 0; r < log->rows; r++) {
-        if (!isfinite(t[r]) || (r > 0 && !(t[r] - zero > t[r - 1])))
+        double since = t[r] - zero; /* infinite also between two that are not */
+        if (!isfinite(since) || (r > 0 && !(since > t[r - 1])))
             return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                                "row %zu: time %s: is this the right column?", r + 1,
-                               isnan(t[r])   ? "is missing"
-                               : isinf(t[r]) ? "is infinite"
-                                             : "does not increase");
-        t[r] -= zero;
+                               isnan(t[r])        ? "is missing"
+                               : !isfinite(since) ? "is infinite"
+                                                  : "does not increase");
+        t[r] = since;
     }
     return MK_OK;
 }
