@@ -793,6 +793,41 @@ START_TEST(what_is_wrong_with_a_log_is_said_first)
 }
 END_TEST
 
+START_TEST(a_fit_writes_over_no_log_and_says_first_what_it_cannot_write)
+{
+    char out[2048], model[512], log[512];
+    mk_error err = MK_ERROR_INIT;
+    const mk_model rig = pendulum(false);
+    mk_log *data = record({}, 0, 3.0);
+    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    snprintf(log, sizeof log, "%s", scratch("run.csv"));
+    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
+    ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
+    mk_log_free(data);
+    char *before = slurp_file(log);
+    auto identify = [&](const char *option, const char *to, const char *more) {
+        return run_mechkit(out, sizeof out, "identify --method olsen --model %s %s %s %s %s", model,
+                           option, to, more, log);
+    };
+    ck_assert_int_eq(identify("--out", log, ""), 2);
+    ck_assert_int_eq(identify("--json", log, ""), 2);
+    ck_assert_int_eq(identify("--json", model, ""), 2);
+    ck_assert_msg(strstr(out, "that is a file to be read") != nullptr, "%s", out);
+    char *after = slurp_file(log);
+    ck_assert_str_eq(after, before);
+    ck_assert_int_eq(identify("--out", scratch("no/where.ini"), ""), 1);
+    ck_assert_msg(strstr(out, "where.ini: cannot write") && !strstr(out, "readings"), "%s", out);
+    ck_assert_int_eq(identify("--json", "/dev/null", "--out /dev/null"), 0);
+    ck_assert_int_eq(identify("--out", model, ""), 0);
+    run_command(nullptr, 0, "truncate -s -3 %s", log);
+    ck_assert_int_eq(identify("--out", scratch("fitted.ini"), ""), 0);
+    ck_assert_msg(strstr(out, "the last line is incomplete") != nullptr, "%s", out);
+    ck_assert_int_eq(count_files("*.tmp"), 0);
+    free(before);
+    free(after);
+}
+END_TEST
+
 Suite *suite_explain(void)
 {
     Suite *s = suite_create("explain");
@@ -823,6 +858,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
+    tcase_add_test(t, a_fit_writes_over_no_log_and_says_first_what_it_cannot_write);
     tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 13);
     suite_add_tcase(s, t);
 

@@ -13,6 +13,19 @@
 
 static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
 
+enum mk_status log_read_all(const char *const *paths, size_t count, struct mk_log **logs,
+                            struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    for (size_t i = 0; i < count && st == MK_OK; i++) {
+        st = mk_log_read(paths[i], &logs[i], err);
+        if (st == MK_OK && logs[i]->truncated)
+            fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n",
+                    paths[i]);
+    }
+    return st;
+}
+
 /* --- certain ---------------------------------------------------------------------------------- */
 
 static void range_of(const double *q, size_t rows, double *low, double *high)

@@ -6,6 +6,11 @@
 #include "mechkit/log.h"
 #include "mechkit/model.h"
 
+/* Reads logs; says on standard error where a last line is incomplete. Those read are the caller's
+ * also on failure. */
+MK_NODISCARD enum mk_status log_read_all(const char *const *paths, size_t count,
+                                         struct mk_log **logs, struct mk_error *err);
+
 /* Refuses what is certain, MK_ERR_EXPECT: angles that are wrapped, in degrees or in raw counts.
  * Says on standard error what is likely (other units, signs, swapped columns) and where the log's
  * metadata contradict the model or the times. A log that does not go with the model's rig at all is

@@ -75,19 +75,6 @@ static bool show_progress(void *context, double done, const char *what)
     return true;
 }
 
-static enum mk_status read_all(const char *const *paths, size_t count, struct mk_log **logs,
-                               struct mk_error *err)
-{
-    enum mk_status st = MK_OK;
-    for (size_t i = 0; i < count && st == MK_OK; i++) {
-        st = mk_log_read(paths[i], &logs[i], err);
-        if (st == MK_OK && logs[i]->truncated)
-            fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n",
-                    paths[i]);
-    }
-    return st;
-}
-
 static bool same_column(const struct mk_log *a, const struct mk_log *b, const char *name)
 {
     const double *x = mk_log_get(a, name), *y = mk_log_get(b, name);
@@ -186,9 +173,10 @@ static enum mk_status read_input(struct job *j, struct mk_error *err)
 {
     enum mk_status st = mk_model_read(j->o.model, &j->model, err);
     if (st == MK_OK)
-        st = read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs, err);
+        st = log_read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs,
+                          err);
     if (st == MK_OK)
-        st = read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err);
+        st = log_read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err);
     if (st == MK_OK)
         st = log_doubts((const struct mk_log *const *)j->logs, (size_t)j->o.input.count, &j->model,
                         err);

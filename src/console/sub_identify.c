@@ -3,8 +3,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/out_file.h"
 #include "console/fix.h"
 #include "console/log_doubts.h"
 #include "console/options.h"
@@ -189,68 +191,130 @@ static cJSON *result_json(const struct mk_ident_result *r)
     return o;
 }
 
-static enum mk_status finish(const struct options *o, const struct mk_model *given,
-                             const struct mk_ident_result *r, struct mk_log *const *logs,
-                             struct mk_log *const *validation, struct mk_error *err)
+struct job {
+    struct options o;
+    struct mk_model model;
+    struct mk_log *logs[MAX_FILES], *validation[MAX_FILES];
+    struct mk_ident_result result;
+    cJSON *json;
+};
+
+static enum mk_status read_logs(struct job *j, struct mk_error *err)
+{
+    const size_t count = (size_t)j->o.input.count, checks = j->o.validate.count;
+    enum mk_status st = log_read_all((const char *const *)j->o.input.text, count, j->logs, err);
+    if (st == MK_OK)
+        st = log_read_all(j->o.validate.text, checks, j->validation, err);
+    if (st == MK_OK)
+        st = log_doubts((const struct mk_log *const *)j->logs, count, &j->model, err);
+    return st == MK_OK
+               ? log_doubts((const struct mk_log *const *)j->validation, checks, &j->model, err)
+               : st;
+}
+
+/* Before a fit that may take minutes; devices and pipes are left alone. */
+static enum mk_status check_output(const char *path, struct mk_error *err)
+{
+    struct mk_out_file file;
+    struct stat info;
+    if (!path || strcmp(path, "-") == 0 ||
+        (stat(path, &info) == 0 && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode)))
+        return MK_OK;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st == MK_OK)
+        mk_out_file_abandon(&file);
+    return st;
+}
+
+static enum mk_status fit(struct job *j, struct mk_error *err)
+{
+    int turn = 0;
+    if (isatty(STDERR_FILENO)) {
+        j->o.ident.progress = show_progress;
+        j->o.ident.progress_context = &turn;
+    }
+    enum mk_status st = mk_identify(&j->model, (const struct mk_log *const *)j->logs,
+                                    (size_t)j->o.input.count, &j->o.ident, &j->result, err);
+    if (turn > 0)
+        fprintf(stderr, "\r%30s\r", "");
+    return st;
+}
+
+static enum mk_status compare_all(struct job *j, struct mk_error *err)
+{
+    const struct mk_model *fitted = &j->result.model;
+    enum mk_status st = MK_OK;
+    cJSON *data = cJSON_AddArrayToObject(j->json, "data");
+    for (int i = 0; i < j->o.input.count && st == MK_OK; i++)
+        st = compare(&j->model, fitted, j->o.input.text[i], j->logs[i], data, err);
+    cJSON *check = cJSON_AddArrayToObject(j->json, "validation");
+    for (size_t i = 0; i < j->o.validate.count && st == MK_OK; i++)
+        st = compare(&j->model, fitted, j->o.validate.text[i], j->validation[i], check, err);
+    return st;
+}
+
+static enum mk_status write_output(const struct job *j, struct mk_error *err)
 {
     char comment[200];
-    enum mk_status st = MK_OK;
-    cJSON *json = result_json(r);
     snprintf(comment, sizeof comment, "fitted by mechkit identify, method %s, %zu readings",
-             r->method, r->rows);
-    print_result(r);
-    cJSON *data = cJSON_AddArrayToObject(json, "data");
-    for (int i = 0; i < o->input.count && st == MK_OK; i++)
-        st = compare(given, &r->model, o->input.text[i], logs[i], data, err);
-    cJSON *check = cJSON_AddArrayToObject(json, "validation");
-    for (size_t i = 0; i < o->validate.count && st == MK_OK; i++)
-        st = compare(given, &r->model, o->validate.text[i], validation[i], check, err);
-    if (st == MK_OK && o->out)
-        st = mk_model_write(o->out, &r->model, comment, err);
-    if (st == MK_OK && o->json)
-        st = mk_json_write(o->json, json, err);
-    cJSON_Delete(json);
-    return st;
+             j->result.method, j->result.rows);
+    enum mk_status st = j->o.out ? mk_model_write(j->o.out, &j->result.model, comment, err) : MK_OK;
+    return st == MK_OK && j->o.json ? mk_json_write(j->o.json, j->json, err) : st;
+}
+
+/* Returns an exit code. */
+static int identify(struct job *j)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    if (mk_model_read(j->o.model, &j->model, &err) != MK_OK)
+        return report_error(&err);
+    int rc = fix_parameters("identify", &j->o.fixed, &j->model, j->o.ident.fixed);
+    if (rc != EXIT_OK)
+        return rc;
+    if (read_logs(j, &err) != MK_OK)
+        return report_error(&err);
+    if (check_output(j->o.out, &err) != MK_OK || check_output(j->o.json, &err) != MK_OK)
+        return report_output_error(&err);
+    if (fit(j, &err) != MK_OK)
+        return report_error(&err);
+    print_result(&j->result);
+    j->json = result_json(&j->result);
+    if (compare_all(j, &err) != MK_OK)
+        return report_error(&err);
+    return write_output(j, &err) == MK_OK ? EXIT_OK : report_output_error(&err);
+}
+
+/* A log that is read must not be written over; a model may be, by the fitted one. */
+static int check_names(const struct options *o)
+{
+    const char *outputs[] = {o->out, o->json};
+    for (int k = 0; k < 2; k++) {
+        bool same = k == 1 && same_file(o->model, o->json);
+        for (int i = 0; i < o->input.count; i++)
+            same = same || same_file(o->input.text[i], outputs[k]);
+        for (size_t i = 0; i < o->validate.count; i++)
+            same = same || same_file(o->validate.text[i], outputs[k]);
+        if (same)
+            return report_usage("identify", "--%s %s: that is a file to be read",
+                                k ? "json" : "out", outputs[k]);
+    }
+    if (!o->out && !o->json)
+        return report_usage("identify", "--out or --json is missing");
+    return EXIT_OK;
 }
 
 static int run(int argc, char **argv)
 {
-    struct options o = {0};
-    int rc = options_parse(&sub_identify, argc, argv, &o, &o.input), turn = 0;
-    if (rc == EXIT_OK && !o.out && !o.json)
-        rc = report_usage("identify", "--out or --json is missing");
-    if (rc != EXIT_OK)
-        return rc;
-    struct mk_error err = MK_ERROR_INIT;
-    struct mk_model model;
-    struct mk_log *logs[MAX_FILES] = {NULL}, *validation[MAX_FILES] = {NULL};
-    static struct mk_ident_result result;
-    enum mk_status st = mk_model_read(o.model, &model, &err);
-    if (st == MK_OK &&
-        (rc = fix_parameters("identify", &o.fixed, &model, o.ident.fixed)) != EXIT_OK)
-        return rc;
-    for (int i = 0; i < o.input.count && st == MK_OK; i++)
-        st = mk_log_read(o.input.text[i], &logs[i], &err);
-    for (size_t i = 0; i < o.validate.count && st == MK_OK; i++)
-        st = mk_log_read(o.validate.text[i], &validation[i], &err);
-    if (st == MK_OK)
-        st = log_doubts((const struct mk_log *const *)logs, (size_t)o.input.count, &model, &err);
-    if (st == MK_OK)
-        st = log_doubts((const struct mk_log *const *)validation, o.validate.count, &model, &err);
-    if (isatty(STDERR_FILENO)) {
-        o.ident.progress = show_progress;
-        o.ident.progress_context = &turn;
-    }
-    if (st == MK_OK)
-        st = mk_identify(&model, (const struct mk_log *const *)logs, (size_t)o.input.count,
-                         &o.ident, &result, &err);
-    if (turn > 0)
-        fprintf(stderr, "\r%30s\r", "");
-    if (st == MK_OK)
-        st = finish(&o, &model, &result, logs, validation, &err);
+    static struct job j;
+    int rc = options_parse(&sub_identify, argc, argv, &j.o, &j.o.input);
+    if (rc == EXIT_OK)
+        rc = check_names(&j.o);
+    if (rc == EXIT_OK)
+        rc = identify(&j);
     for (size_t i = 0; i < MAX_FILES; i++) {
-        mk_log_free(logs[i]);
-        mk_log_free(validation[i]);
+        mk_log_free(j.logs[i]);
+        mk_log_free(j.validation[i]);
     }
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    cJSON_Delete(j.json);
+    return rc;
 }
