@@ -49,6 +49,7 @@ static const struct cancelled {
     {"torque-ripple", false, {0.2, 5.0, 0.4}},
     {"custom", true, {0.02, 1.0}},
     {"custom-wave", true, {0.3, 0.2, 1.0, 1.0}},
+    {"custom-well", true, {0.2, 0.3, 0.4}},
 };
 #define CANCELLED_COUNT (sizeof cancelled / sizeof cancelled[0])
 

@@ -62,6 +62,27 @@ START_TEST(torque_effects_follow_their_laws)
 }
 END_TEST
 
+/* Of its energy, which turns once around with the joint. */
+START_TEST(a_place_that_draws_a_link_is_the_slope_of_a_bell)
+{
+    const double depth = 0.2, centre = 0.9, width = 0.35, h = 1e-5;
+    for (int joint = 1; joint <= 2; joint++)
+        for (double off = -7.0; off < 7.0; off += 0.31) {
+            struct mk_model m = with_effect(MK_PLANT_PENDUBOT, "custom-well", joint);
+            const double value[] = {depth, centre, width};
+            memcpy(m.effect[0].value, value, sizeof value);
+            double x[4] = {0.4, -1.1, 0.7, -0.2}, energy[2];
+            x[joint - 1] = centre + off;
+            for (int side = 0; side < 2; side++) {
+                double chord = 2.0 * sin(0.5 * (off + (side ? h : -h)));
+                energy[side] = -depth * width * exp(-0.5 * chord * chord / (width * width));
+            }
+            double want = -(energy[1] - energy[0]) / (2.0 * h);
+            ck_assert_double_eq_tol(added_torque(&m, x, 1.7, joint), want, 1e-8);
+        }
+}
+END_TEST
+
 START_TEST(a_rotor_behind_a_gear_adds_to_its_own_joint_alone)
 {
     for (int joint = 1; joint <= 2; joint++) {
@@ -303,6 +324,7 @@ Suite *suite_effects(void)
     Suite *s = suite_create("effects");
     TCase *t = tcase_create("laws");
     tcase_add_test(t, torque_effects_follow_their_laws);
+    tcase_add_test(t, a_place_that_draws_a_link_is_the_slope_of_a_bell);
     tcase_add_test(t, a_rotor_behind_a_gear_adds_to_its_own_joint_alone);
     tcase_add_test(t, back_emf_limits_torque_by_speed);
     tcase_add_test(t, the_command_is_limited);

@@ -263,6 +263,17 @@ Starts custom_wave(const Setting &s)
         all.push_back({0.1 * small(s), 0.3, 8.0, hz});
     return all;
 }
+// Places as near each other as they are wide, over the angles of the data.
+Starts custom_well(const Setting &s)
+{
+    constexpr double TURN = 6.2831853;
+    Starts all;
+    const double low = s.range->q_min[s.j], span = std::min(s.range->q_max[s.j] - low, TURN);
+    for (double width : {0.25, 0.6})
+        for (double at = 0.5 * width; at < span; at += width)
+            all.push_back({0.1 * small(s), low + at, width});
+    return all;
+}
 
 const Row rows[] = {{"viscous", true, viscous},
                     {"coulomb", true, coulomb},
@@ -294,7 +305,8 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"base-tilt", true, base_tilt, 0.35},
                     {"base-compliance", true, base_compliance},
                     {"custom", true, custom},
-                    {"custom-wave", true, custom_wave}};
+                    {"custom-wave", true, custom_wave},
+                    {"custom-well", true, custom_well}};
 
 bool present(const mk_model &model, const mk_effect_info *effect, int joint)
 {

@@ -53,6 +53,9 @@ std::string formula_of(const mk_cause &cause, const mk_plant_info &plant)
             snprintf(text, sizeof text, "%+.4g*sin(2*pi*%.4g*t%+.3g)", -v[0], v[3], v[1]);
         else
             snprintf(text, sizeof text, "%+.4g*%s%+.3g)", -v[0], term.c_str(), v[1]);
+    } else if (strcmp(info.name, "custom-well") == 0) {
+        snprintf(text, sizeof text, "%+.4g*sin(q%d%+.3g)*exp((cos(q%d%+.3g)-1)/%.3g^2)",
+                 -v[0] / v[2], joint, -v[1], joint, -v[1], v[2]);
     } else if (strcmp(info.name, "viscous") == 0) {
         snprintf(text, sizeof text, "%+.4g*dq%d", -v[0], joint);
     } else if (strcmp(info.name, "coulomb") == 0) {

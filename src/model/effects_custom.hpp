@@ -155,6 +155,31 @@ struct CustomWave {
     }
 };
 
+// What draws a link to a place or pushes it away from there, and is not felt elsewhere: a magnet, a
+// dent in a bearing. -A x/w e^(-x^2/(2 w^2)), x the way to it, once around.
+struct CustomWell {
+    static constexpr mk_effect_info info = {
+        "custom-well",
+        "-(A/w) sin(q - c) exp(-(1 - cos(q - c))/w^2)",
+        "gradient of a von Mises bell",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_TORQUE,
+        ALL_PLANTS,
+        0,
+        0,
+        3,
+        {{"amplitude", "N m", "A, 1.65 times the largest torque", -INF, INF, 0.0},
+         {"centre", "rad", "c", -INF, INF, 0.0},
+         {"width", "rad", "w, from the centre to the largest torque", 0.02, 2.0, 0.4}},
+        true};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        const S x = f.m.q[e.j] - e.p[1], &w = e.p[2];
+        f.tau[e.j] -= e.p[0] / w * sin(x) * exp((cos(x) - 1.0) / (w * w));
+    }
+};
+
 } // namespace MK_KERNEL_NS
 } // namespace mk
 #endif

@@ -44,7 +44,8 @@
     X(SensorDelay)                                                                                 \
     X(MissedCounts)                                                                                \
     X(Custom)                                                                                      \
-    X(CustomWave)
+    X(CustomWave)                                                                                  \
+    X(CustomWell)
 
 namespace mk
 {
