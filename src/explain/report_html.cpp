@@ -178,10 +178,24 @@ OwnedLog predicted(const mk_model &model, const mk_log *log, double window)
     return OwnedLog(made);
 }
 
+// More would be a band in a plot, and take its time.
+mk_log beginning_of(const mk_log &log)
+{
+    constexpr double SHOWN = 60.0; // s
+    constexpr size_t ROWS = 100000;
+    mk_log part = log; // borrows its columns
+    const double *t = mk_log_get(&log, "t");
+    part.rows = std::min(log.rows, ROWS);
+    while (t && part.rows > 2 && t[part.rows - 1] - t[0] > SHOWN)
+        part.rows--;
+    return part;
+}
+
 // Error of two models over the held-out data, joint by joint: with the extension and without, or,
 // where there is none, refitted and as given.
-std::string error_plots(const mk_explanation &e, const mk_log *log)
+std::string error_plots(const mk_explanation &e, const mk_log *whole)
 {
+    const mk_log beginning = beginning_of(*whole), *log = &beginning;
     OwnedLog before = predicted(e.offered ? e.refit : e.given, log, e.window_s);
     OwnedLog after = predicted(e.offered ? e.extended : e.refit, log, e.window_s);
     mk_record record;
@@ -479,12 +493,11 @@ try {
                     "<title>mechkit explain</title><style>";
     s += style;
     s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>" + formula(*e);
-    add(s,
-        "<p>Rig: %s. Free runs of %g s on held-out data%s; error over the standard deviation of "
-        "the "
-        "reading:</p>",
-        mk_plant(e->given.plant)->name, e->window_s,
-        e->held_back ? " (the end of the last log)" : "");
+    add(s, "<p>Rig: %s. Free runs of %g s on held-out data", mk_plant(e->given.plant)->name,
+        e->window_s);
+    if (e->held_back)
+        add(s, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
+    s += "; error over the standard deviation of the reading:</p>";
     s += gain_table(*e);
     if (e->offered)
         add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",

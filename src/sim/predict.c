@@ -41,18 +41,30 @@ static void store(struct prediction *p, size_t row)
         p->x[i][row] = x[i];
 }
 
+/* The last commands before a row; 0 where there is none. */
+static void commands_before(const struct mk_record *rec, size_t row, double *u)
+{
+    for (int i = 0; i < MK_MAX_INPUTS; i++) {
+        u[i] = 0.0;
+        for (size_t k = row; rec->u[i] && k-- > 0;)
+            if (!isnan(rec->u[i][k])) {
+                u[i] = rec->u[i][k];
+                break;
+            }
+    }
+}
+
 /* One window [first, last): start state from readings of this and earlier windows' side too, but
  * never from later ones. */
 static enum mk_status run_window(struct prediction *p, size_t first, size_t last,
                                  struct mk_error *err)
 {
     const struct mk_record *rec = &p->rec;
-    double x[MK_MAX_STATES], u[MK_MAX_INPUTS] = {0.0, 0.0};
+    double x[MK_MAX_STATES], u[MK_MAX_INPUTS];
     enum mk_status st = mk_start_state(p->finder, last, first, x, err);
     if (st != MK_OK)
         return st;
-    for (size_t k = 0; k < first; k++)
-        command_at(rec, k, u);
+    commands_before(rec, first, u);
     st = mk_sim_reset(p->sim, rec->t[first] - rec->t[0], x, u);
     if (st == MK_OK)
         store(p, first);
