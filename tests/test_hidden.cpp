@@ -85,6 +85,8 @@ mk_explanation explained(const truth::Case &c)
     mk_error err = MK_ERROR_INIT;
     ck_assert_msg(mk_explain(&c.given, train.data(), train.size(), &hold, 1, &o, &e, &err) == MK_OK,
                   "%s", err.message);
+    // What was added is what is named.
+    ck_assert_int_eq(e.extended.effect_count - e.given.effect_count, e.offered ? e.cause_count : 0);
     return e;
 }
 
@@ -254,6 +256,18 @@ START_TEST(a_cause_that_predicts_held_out_data_is_named_though_the_training_logs
 }
 END_TEST
 
+START_TEST(a_rig_at_rest_in_held_out_data_says_nothing_against_a_cause)
+{
+    // Both models stand still there, one a little stiller.
+    truth::Case c = drawn(820056);
+    ck_assert_uint_eq(c.rig.effects.size(), 2);
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 2);
+    ck_assert_double_gt(e.closed, 0.99);
+}
+END_TEST
+
 START_TEST(a_wrong_zero_is_no_noise)
 {
     // Less than three counts of a coarse encoder: nothing in how a row follows from the last.
@@ -351,6 +365,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data);
     tcase_add_test(
         t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
+    tcase_add_test(t, a_rig_at_rest_in_held_out_data_says_nothing_against_a_cause);
     tcase_add_test(t, a_wrong_zero_is_no_noise);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);

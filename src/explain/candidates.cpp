@@ -234,14 +234,14 @@ Starts custom(const Setting &s)
 {
     Starts all;
     bool two = s.plant->joints == 2;
-    for (int n = 1; n <= 17; n++) {
-        bool other = n == 3 || (n >= 7 && n <= 10) || n >= 16,
+    for (int n = 1; n <= 18; n++) {
+        bool other = n == 3 || (n >= 7 && n <= 10) || n == 16 || n == 17,
              position = n == 5 || n == 6 || n == 14 || n == 15;
         if ((other && !two) || (position && s.wheel()))
             continue;
         // Powers of the speeds and of the angle in a term.
-        static const double own[] = {3, 4, 0, 4, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0};
-        static const double others[] = {0, 0, 2, 0, 0, 0, 1, 0, 2, 2, 0, 0, 0, 0, 0, 1, 2};
+        static const double own[] = {3, 4, 0, 4, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0.5};
+        static const double others[] = {0, 0, 2, 0, 0, 0, 1, 0, 2, 2, 0, 0, 0, 0, 0, 1, 2, 0};
         double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
         double size = std::pow(s.speed(), own[n - 1]) * std::pow(w, others[n - 1]);
         if (n == 12 || n == 13)

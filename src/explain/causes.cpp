@@ -91,6 +91,8 @@ void CauseSearch::add_causes()
         if (!found)
             return;
         consider_other_joint(round.field);
+        if (rounds.empty())
+            first = round.field;
         before = best;
         best = round.field[0];
         forget_lacks();
@@ -117,7 +119,7 @@ void CauseSearch::try_runners_up()
     if (rounds.empty() || follows(best) || best.drift >= LOST ||
         mk_model_hides_joint(&best.point.model))
         return;
-    const std::vector<Hypothesis> field = rounds[0].field;
+    const std::vector<Hypothesis> field = first;
     size_t tried = 0;
     for (size_t i = 1; i < field.size() && tried < RUNNERS_UP; i++) {
         if (is_library(field[i].added.effect) || field[i].score > refit.score - ENOUGH ||
@@ -397,11 +399,13 @@ void CauseSearch::polish_rivals()
             r.field.begin() + 1, r.field.end(),
             [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
     }
-    // What differs by less is the same thing by another name: the first stays.
-    constexpr double BETTER = 1.0;
+    // What differs by less is the same thing by another name: the first stays. A term of the
+    // library is one of many.
+    constexpr double BETTER = 1.0, BETTER_TERM = 5.0;
     if (rounds.size() == 1 && rounds[0].field.size() > 1 &&
-        !is_library(rounds[0].field[1].added.effect) &&
-        rounds[0].field[1].score < rounds[0].field[0].score - BETTER) {
+        rounds[0].field[1].score <
+            rounds[0].field[0].score -
+                (is_library(rounds[0].field[1].added.effect) ? BETTER_TERM : BETTER)) {
         std::swap(rounds[0].field[0], rounds[0].field[1]);
         best = rounds[0].field[0];
     }

@@ -52,7 +52,8 @@ class CauseSearch
     const mk_model &model;
     Search &search;
     int most_tried = 0;
-    Hypothesis before; // the latest cause
+    Hypothesis before;             // the latest cause
+    std::vector<Hypothesis> first; // what competed when there was no cause yet
 
     mk_model removed(size_t cause) const;
     bool remove(size_t cause, Hypothesis &without);

@@ -426,7 +426,8 @@ class Explainer
             const std::vector<Hypothesis> &field = causes->rounds[r].field;
             for (size_t i = 1; i < field.size(); i++) {
                 double behind = field[i].score - field[0].score;
-                if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN)
+                if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
+                    behind > INSEPARABLE)
                     continue;
                 Entry e = {{field[i].added.effect, field[i].added.joint, place_of(field[0].added),
                             2.0 * behind, behind > INSEPARABLE},

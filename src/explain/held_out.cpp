@@ -30,10 +30,13 @@ void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &pr
         return;
     // A run that goes off to infinity is no better than one that only goes far.
     constexpr double LOST = 3.0; // standard deviations
+    constexpr double TURN = 6.283185307179586;
     const size_t first = f.window.size();
     for (int j = 0; j < mk_model_joints(&m); j++) {
         const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
-        double sd = deviation(m, j);
+        const double sd = deviation(m, j);
+        // Of errors below the rounding of the readings, as at rest, none is better than another.
+        const double rounding = sd > 0.0 ? TURN / m.encoder_cpr[j] / std::sqrt(12.0) / sd : 0.0;
         for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
             const size_t place = first + (size_t)window[k];
             if (place >= f.window.size())
@@ -41,7 +44,7 @@ void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &pr
             if (std::isnan(record.q[j][k]))
                 continue;
             const double off = std::isfinite(q[k]) ? (q[k] - record.q[j][k]) / sd : LOST;
-            f.window[place] += off * off;
+            f.window[place] += std::max(off * off, rounding * rounding);
             f.square[j] += off * off;
             f.rows[j] += 1.0;
         }

@@ -25,7 +25,7 @@ struct Custom {
         0,
         2,
         {{"coefficient", "", "c", -INF, INF, 0.0},
-         {"term", "", "number of f", 1.0, 17.0, 1.0, MK_FIT_FIXED}},
+         {"term", "", "number of f", 1.0, 18.0, 1.0, MK_FIT_FIXED}},
         true};
     template <class S>
     static S term(const Frame<S> &f, int j, int number)
@@ -66,8 +66,10 @@ struct Custom {
             return smooth_sign(v) * q * q;
         case 16:
             return v * fabs(w);
-        default:
+        case 17:
             return smooth_sign(v) * (v + w) * (v + w);
+        default: // with a slope at rest
+            return v / sqrt(sqrt(v * v + 1e-4));
         }
     }
     // The terms as people read them, in the same letters.
@@ -89,8 +91,9 @@ struct Custom {
                                           "v*q^2",
                                           "sign(v)*q^2",
                                           "v*abs(w)",
-                                          "sign(v)*(v+w)^2"};
-        return all[number >= 1 && number <= 17 ? number - 1 : 16];
+                                          "sign(v)*(v+w)^2",
+                                          "sign(v)*sqrt(abs(v))"};
+        return all[number >= 1 && number <= 18 ? number - 1 : 17];
     }
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
