@@ -84,19 +84,20 @@ static bool steps_by(const double *q, size_t rows, double size)
         if (!(step > 1e-6))
             continue;
         steps++;
-        multiples += step > 0.5 && fabs(step - round(step)) < 0.05;
+        multiples += step > 0.5 && step < 1e6 && fabs(step - round(step)) < 0.05;
     }
     return steps >= 50 && multiples * 100 >= steps * 98;
 }
 
-/* Counts per turn of a joint, after the log itself or else after the model. */
+/* Counts per turn of a joint, after the log itself or, where it says nothing sensible, the model.
+ */
 static double counts_of(const struct mk_log *log, const struct mk_model *model, int joint)
 {
     const char *text = mk_log_find_meta(log, "encoder_cpr");
     for (int j = 0; text && *text; j++) {
         char *end;
         double value = strtod(text, &end);
-        if (end == text || !(value >= 1.0))
+        if (end == text || !(value >= 1.0 && value <= 1e8))
             break;
         if (j == joint)
             return value;
@@ -145,6 +146,7 @@ static enum mk_status check_units(const struct mk_log *log, const struct mk_mode
 
 #define WINDOW_S 0.2
 #define MOST_ROWS 5000 /* that are looked at */
+#define MOST_S 20.0
 #define HOPELESS 4.0
 
 /* Squared error of predictions over that of speeds that stay as they are, mean over the joints
@@ -292,9 +294,12 @@ static void say_what_the_model_knows(const struct case_of *c)
 static void say_what_is_likely(const struct mk_log *log, const struct mk_model *model)
 {
     struct mk_log beginning = *log;
+    const double *t = mk_log_get(log, "t");
     struct case_of c = {.model = model, .log = log};
     if (beginning.rows > MOST_ROWS)
         beginning.rows = MOST_ROWS;
+    while (beginning.rows > 2 && t[beginning.rows - 1] - t[0] > MOST_S)
+        beginning.rows--;
     if (mk_table_from_log(&beginning, NULL, 0.0, &c.table, NULL) != MK_OK)
         return;
     map_itself(log, model, &c.map);

@@ -586,6 +586,10 @@ class Explainer
         // Values that differ by more than chance but predict no better are as good as right.
         if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
             out.verdict = MK_VERDICT_NONE;
+        // Unless they predict nothing at all, if in a window or two only.
+        constexpr double NOTHING = 100.0; // in squares
+        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
+            out.verdict = MK_VERDICT_PARAMETERS;
         if (out.verdict == MK_VERDICT_NONE) {
             out.extended = model;
             after = before;

@@ -41,7 +41,7 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     const struct mk_plant_info *plant = mk_plant(model->plant);
     memset(out, 0, sizeof *out);
     const char *rig = mk_log_find_meta(log, "rig");
-    if (rig && strcmp(rig, plant->name) != 0)
+    if (rig && *rig && strcmp(rig, plant->name) != 0)
         return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
                            "the log is of the rig %s, the model of %s", rig, plant->name);
     out->rows = log->rows;
