@@ -173,6 +173,27 @@ START_TEST(a_mat_file_that_claims_what_it_does_not_hold_is_refused)
 }
 END_TEST
 
+/* A struct whose field names would begin where the file ends. */
+START_TEST(a_mat_file_without_names_of_fields_is_refused)
+{
+    char out[2048];
+    uint8_t file[208] = "MATLAB 5.0 MAT-file";
+    const uint32_t variable[] = {14,         480, 6, 8,        2, 0,       5, 8, 1,
+                                 0x02010000, 1,   3, 0x6e7572, 0, 0x40005, 8, 1, 24};
+    file[125] = 1;
+    memcpy(file + 126, "IM", 2);
+    memcpy(file + 128, variable, sizeof variable);
+    const char *path = scratch("names.mat");
+    FILE *f = fopen(path, "wb");
+    ck_assert_ptr_nonnull(f);
+    fwrite(file, 1, sizeof file, f);
+    fclose(f);
+    int code = run_mechkit(out, sizeof out, "import --rig pendulum --out %s %s",
+                           scratch("names.csv"), path);
+    ck_assert_msg(code == 3 && strstr(out, "no vectors of numbers"), "%d: %s", code, out);
+}
+END_TEST
+
 START_TEST(a_mat_file_of_our_own_comes_back)
 {
     char out[2048];
@@ -636,6 +657,7 @@ Suite *suite_import(void)
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
     tcase_add_test(c, a_mat_file_that_claims_what_it_does_not_hold_is_refused);
+    tcase_add_test(c, a_mat_file_without_names_of_fields_is_refused);
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);
     tcase_add_test(c, of_several_runs_in_a_mat_file_the_mapping_says_which);
     tcase_add_test(c, a_mat_file_with_lying_signals_and_a_picture_is_read);
