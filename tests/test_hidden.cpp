@@ -158,6 +158,7 @@ START_TEST(clean_data_raise_no_alarm)
         ck_assert_msg(e.verdict == MK_VERDICT_NONE || e.verdict == MK_VERDICT_PARAMETERS,
                       "%s: %s, %s", rig.c_str(), mk_verdict_name(e.verdict),
                       e.cause_count ? e.cause[0].effect->name : "");
+        ck_assert(!mk_explanation_misses_held_out(&e));
     }
 }
 END_TEST
@@ -268,6 +269,17 @@ START_TEST(a_rig_at_rest_in_held_out_data_says_nothing_against_a_cause)
 }
 END_TEST
 
+START_TEST(held_out_data_that_show_more_than_the_others_are_told)
+{
+    // The limit is met in the held-out log only.
+    truth::Case c = drawn(900082);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "back-emf-limit");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "parameters");
+    ck_assert(mk_explanation_misses_held_out(&e));
+}
+END_TEST
+
 START_TEST(a_wrong_zero_is_no_noise)
 {
     // Less than three counts of a coarse encoder: nothing in how a row follows from the last.
@@ -366,6 +378,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(
         t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
     tcase_add_test(t, a_rig_at_rest_in_held_out_data_says_nothing_against_a_cause);
+    tcase_add_test(t, held_out_data_that_show_more_than_the_others_are_told);
     tcase_add_test(t, a_wrong_zero_is_no_noise);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);

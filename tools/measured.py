@@ -7,7 +7,8 @@ The logs are those of $MECHKIT_SHARED/data (or ../shared/data beside the source 
 folder this says so and exits 0. They are taken in by the mapping that lies beside each rig's published
 model (models/measured); that model is fitted to the training logs as it is, and again with the effects
 below. Printed is how far free runs, restarted from the readings every so often, end up from the
-readings: rms error over the standard deviation. No package beyond Python's own is needed.
+readings: rms error over the standard deviation. Then explain says what it finds in the published
+model. No package beyond Python's own is needed.
 """
 import json
 import math
@@ -118,6 +119,23 @@ def study(mechkit, rig, folder, models_folder, scratch):
         print("  warning:", warning)
 
 
+def explain(mechkit, rig, folder, models_folder, scratch):
+    """What the published model lacks, and what held-back logs say to it."""
+    logs = [f"{folder}/{log}.csv" for log in rig.train]
+    held = [word for log in rig.validate for word in ("--holdout", f"{folder}/{log}.csv")]
+    call(mechkit, "explain", "--model", f"{models_folder}/{rig.model}.ini", "--window",
+         str(rig.window), "--out", f"{scratch}/explained", *held, *logs)
+    with open(f"{scratch}/explained/report.json") as file:
+        report = json.load(file)
+    held_out = report["holdout"]
+    print(f"  explain: {report['verdict']}: "
+          + (report["structure"] or ", ".join(c["name"] for c in report["causes"])))
+    for name in ("before", "refit", "after", "floor"):
+        cells = " ".join("-" if x is None else f"{x:.3f}" for x in held_out["nrmse_" + name])
+        print(f"    {name:12s}{cells}")
+    print(f"    closed {held_out['closed']:.2f}, {report['seconds']:.0f} s", flush=True)
+
+
 def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
@@ -132,7 +150,9 @@ def main():
             continue
         with tempfile.TemporaryDirectory() as scratch:
             try:
-                study(mechkit, rig, folder, os.path.join(here, "models", "measured"), scratch)
+                models = os.path.join(here, "models", "measured")
+                study(mechkit, rig, folder, models, scratch)
+                explain(mechkit, rig, scratch, models, scratch)
             except RuntimeError as why:
                 sys.exit(f"measured: {rig.folder}: {why}")
 

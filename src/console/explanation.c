@@ -174,6 +174,10 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 "  The given model predicts them better than the refitted one: are all logs of "
                 "the same rig, with the same signs, units and columns?\n");
+    if (mk_explanation_misses_held_out(e))
+        fprintf(out,
+                "  Held-out data are predicted far worse than they are read: they may show what "
+                "the other logs do not. Learn from such data too.\n");
     if (e->offered)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);

@@ -630,6 +630,15 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
     return refitted > FAR * before && refitted > NOISE * floor;
 }
 
+bool mk_explanation_misses_held_out(const mk_explanation *e)
+{
+    constexpr double NOISE = 10.0;
+    bool misses = false;
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        misses = misses || std::min(e->before[j], e->refitted[j]) > NOISE * e->floor[j];
+    return misses && e->verdict <= MK_VERDICT_PARAMETERS;
+}
+
 enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,
                           const mk_log *const *holdouts, size_t holdout_count,
                           const mk_explain_options *options, mk_explanation *out, mk_error *err)

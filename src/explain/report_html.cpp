@@ -505,6 +505,9 @@ try {
     if (mk_explanation_doubts_logs(e))
         s += "<p>The given model predicts the held-out data better than the refitted one: are all "
              "logs of the same rig, with the same signs, units and columns?</p>";
+    if (mk_explanation_misses_held_out(e))
+        s += "<p>Held-out data are predicted far worse than they are read: they may show what the "
+             "other logs do not. Learn from such data too.</p>";
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
