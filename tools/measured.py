@@ -130,9 +130,9 @@ def explain(mechkit, rig, folder, models_folder, scratch):
     held_out = report["holdout"]
     print(f"  explain: {report['verdict']}: "
           + (report["structure"] or ", ".join(c["name"] for c in report["causes"])))
-    for name in ("before", "refit", "after", "floor"):
-        cells = " ".join("-" if x is None else f"{x:.3f}" for x in held_out["nrmse_" + name])
-        print(f"    {name:12s}{cells}")
+    for name in ("nrmse_before", "nrmse_refit", "nrmse_after", "noise_floor"):
+        cells = " ".join("-" if x is None else f"{x:.3f}" for x in held_out[name])
+        print(f"    {name:14s}{cells}")
     print(f"    closed {held_out['closed']:.2f}, {report['seconds']:.0f} s", flush=True)
 
 

@@ -220,7 +220,9 @@ static const char *const names[FILES] = {"extended.ini", "next.cmd", "report.htm
 
 static const char *in(char path[PATH_BYTES], const char *folder, const char *name)
 {
-    snprintf(path, PATH_BYTES, "%s/%s", folder, name);
+    /* What does not fit is no path: nothing can be opened there. */
+    if (snprintf(path, PATH_BYTES, "%s/%s", folder, name) >= PATH_BYTES)
+        path[0] = '\0';
     return path;
 }
 
