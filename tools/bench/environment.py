@@ -34,8 +34,8 @@ def prepare(build):
         try:
             if not os.path.exists(python):
                 print("bench: making a virtual environment in", venv, file=sys.stderr)
-                subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", venv],
-                               check=True)
+                # Without the system's packages: a SciPy from there does not go with a newer NumPy.
+                subprocess.run([sys.executable, "-m", "venv", venv], check=True)
         except (OSError, subprocess.CalledProcessError):
             sys.exit("bench: skipped, a virtual environment cannot be made")
         os.execv(python, [python, "-B"] + sys.argv)
