@@ -18,7 +18,7 @@ constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
 constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
 constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
 constexpr double ROUGHEST = 0.05;                 // drift that a play may need
-constexpr double LOST_SHARE = 1.0; // log likelihood a reading that no fit makes up for
+constexpr double LOST_SHARE = 0.3; // log likelihood a reading that no fit makes up for
 
 } // namespace
 
@@ -328,8 +328,7 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
     };
     // Some take long to come to nothing: a few iterations at a time, and who is then too far behind
     // the leader, and does not catch up, is not fitted to the end.
-    constexpr double CLOSE = 200.0;
-    constexpr double CATCHING_UP = 0.25, SLOWLY = 0.05; // of what is missing, in a few iterations
+    constexpr double CLOSE = 200.0, CATCHING_UP = 0.25; // of what is missing, in a few iterations
     constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
     for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
         for (Runner &r : runners)
@@ -338,12 +337,8 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
         const double lead = std::min(leader(), beat);
         for (Runner &r : runners) {
             const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
-            // What has no drift to make up for its errors shows by its pace alone where it goes.
-            const bool alone = mk_model_hides_joint(&r.point.model);
             const bool comes =
-                std::isfinite(r.earlier)
-                    ? r.earlier - r.now > (alone ? SLOWLY : CATCHING_UP) * (r.now - lead)
-                    : alone;
+                std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
             r.running = r.running && (near || comes);
         }
     }
