@@ -237,6 +237,12 @@ bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
     const double leader = field.empty() ? HUGE_VAL : field[0].score;
     how.beat = leader;
     std::vector<Hypothesis> plays = search.extend(best, how);
+    // Carrying a fit on until it stands still takes long, and makes up for little.
+    constexpr double FAR_BEHIND = 200.0, SHARE = 0.1; // log likelihood, of the leader's gain
+    const double most = leader + std::max(FAR_BEHIND, SHARE * (best.score - leader));
+    plays.erase(std::remove_if(plays.begin(), plays.end(),
+                               [&](const Hypothesis &h) { return h.score > most; }),
+                plays.end());
     const bool better = choose(plays, needed) && plays[0].score < leader;
     field.insert(better ? field.begin() : field.end(), plays.begin(), plays.end());
     if (!field.empty())

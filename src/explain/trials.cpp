@@ -13,6 +13,7 @@ namespace
 {
 
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
+constexpr double FAR_OFF = 30.0; // log likelihood a reading that a play does not make up for
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
 FitPoint with_states(const FitPoint &from, const mk_model &model)
@@ -167,7 +168,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
             p = std::move(trial_point);
         }
         trial.work += fit.work_done;
-        if (!is_play(candidate.effect))
+        if (!is_play(candidate.effect) || trial.begun)
             break;
     }
     trial.gain = -HUGE_VAL;
@@ -242,8 +243,17 @@ void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vect
     thin_out(trials);
     sort();
     parallel_for(options.threads, trials.size(), [&](size_t k) {
-        if (trials[k].half_way)
-            go(trials[k], {QUICK_ITERATIONS, false});
+        Trial &t = trials[k];
+        if (!t.half_way)
+            return;
+        // A play that leads somewhere is near the data once its shape may move; further iterations
+        // take long.
+        if (is_play(t.candidate.effect)) {
+            go(t, {1, false});
+            if (t.gain < -FAR_OFF * reading_count)
+                return;
+        }
+        go(t, {QUICK_ITERATIONS, false});
     });
     for (const Trial &t : trials)
         work += t.work;
