@@ -38,6 +38,12 @@ bool CauseSearch::matters(double drift)
     return drift > IMMATERIAL;
 }
 
+bool CauseSearch::all_named() const
+{
+    return std::none_of(rounds.begin(), rounds.end(),
+                        [](const Round &r) { return is_library(r.field[0].added.effect); });
+}
+
 void CauseSearch::run()
 {
     search.polish(refit, true);

@@ -9,8 +9,9 @@
 namespace mk
 {
 
-constexpr double ENOUGH = 12.0; // log likelihood (after penalty) a cause must gain to be named
-constexpr double AGAIN = 20.0;  // the same for a second cause and further ones
+constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
+constexpr double AGAIN = 20.0;      // the same for a second cause and further ones
+constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
 
 // The best model without one of its causes, fitted.
 struct Lack {
@@ -41,6 +42,9 @@ class CauseSearch
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
     static bool matters(double drift);
+    // Whether no cause of `best` is a nameless term.
+    bool all_named() const;
+    bool explained() const { return follows(best) && all_named(); }
     int tried() const { return most_tried; }
 
     bool give_up_early = false; // where even with a cause the model is far from its data

@@ -1,0 +1,169 @@
+#include "explain/gain.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "explain/held_out.hpp"
+#include "explain/innovations.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+struct Gain {
+    const mk_model &model;
+    const mk_explain_options &options;
+    const TrainingData &data;
+    const std::vector<const FitLog *> &training;
+    const CauseSearch &causes;
+    Verdict &verdict;
+    mk_explanation &out;
+
+    // Training data with bad times, or contact and play, are hard to follow to the last digit;
+    // held-out data that the named causes alone predict confirm them all the same.
+    void confirm(const HeldOut &held, const HeldOutFigures &after)
+    {
+        constexpr double CONFIRMED = 0.9; // of what refitting leaves
+        constexpr double NEARLY = 1.5;    // of the noise
+        const bool named = !causes.rounds.empty() && causes.all_named();
+        bool touches =
+            mk_model_event_count(&causes.best.point.model) > mk_model_event_count(&model);
+        bool as_read = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
+        if (out.verdict != MK_VERDICT_UNKNOWN || !named || !out.offered || !verdict.established() ||
+            !(out.closed > CONFIRMED) || !(touches || as_read))
+            return;
+        out.verdict = MK_VERDICT_EFFECT;
+        out.structure[0] = 0;
+    }
+    enum mk_status predict_held_out(HeldOutFigures &before, HeldOutFigures &refitted,
+                                    HeldOutFigures &after, mk_error *err)
+    {
+        // Where no model can say anything so far ahead, as of an unstable rig, less far.
+        constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
+        for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
+            const HeldOut held(data.held, out.window_s);
+            before = refitted = after = {};
+            enum mk_status st = held.figures(causes.refit.point.model, refitted, err);
+            // An extension that runs away everywhere is a bad one, not an error.
+            if (st == MK_OK && (st = held.figures(out.extended, after, err)) == MK_ERR_NUMERIC) {
+                after.square[0] = HUGE_VAL;
+                st = MK_OK;
+            }
+            bool lost_track = false;
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                lost_track = lost_track || (after.nrmse(j) > 1.0 && refitted.nrmse(j) > 1.0);
+            if (st == MK_OK && lost_track && !options.window_s && out.window_s > SHORTEST)
+                continue;
+            return st == MK_OK ? held.figures(model, before, err) : st;
+        }
+    }
+    // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
+    // nothing explains says nothing then: long chaotic motion leaves one, and so does a rig that is
+    // balanced for long, whose free run besides grows from any error at its start.
+    bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
+    {
+        constexpr double TRACE = 5e-3; // drift
+        const bool trace =
+            causes.refit.drift <= TRACE && leaves_white_noise(training, causes.refit);
+        const double nearly = trace ? 6.0 : 3.0;
+        bool near = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * out.noise[j];
+        return near;
+    }
+    double noise_share(const HeldOut &held, int j) const
+    {
+        const double sd = held.deviation(model, j);
+        return sd > 0.0 ? out.noise[j] / sd : 0.0;
+    }
+    double floor_of(const HeldOut &held) const
+    {
+        double sum = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            sum += noise_share(held, j) * noise_share(held, j);
+        return sum;
+    }
+    // Where there is something to close, an extension that widens it is not what is missing,
+    // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
+    bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
+                  const HeldOutFigures &after) const
+    {
+        constexpr double SOMETHING = 0.2, WIDER = 0.1; // of the noise, of the gap
+        constexpr double NOISE = 2.0;                  // in squares
+        double floor = 0.0, gap = 0.0, wider = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            const double share = noise_share(held, j), noise = NOISE * share * share;
+            const double error = refitted.nrmse(j) * refitted.nrmse(j);
+            const double left = after.nrmse(j) * after.nrmse(j);
+            floor += share * share;
+            gap += std::max(error - noise, 0.0);
+            wider += std::max(left - noise, 0.0) - std::max(error - noise, 0.0);
+        }
+        return gap > SOMETHING * floor && wider > WIDER * gap;
+    }
+    enum mk_status measure(mk_error *err)
+    {
+        HeldOutFigures before, refitted, after;
+        enum mk_status st = predict_held_out(before, refitted, after, err);
+        if (st != MK_OK)
+            return st;
+        const HeldOut held(data.held, out.window_s);
+        out.offered = out.cause_count > 0 && !clearly_worse(after, refitted) &&
+                      !misleads(held, refitted, after);
+        // A formula is worth having for what it predicts only.
+        if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
+            out.offered = false;
+        if (out.cause_count > 0 && !out.offered) {
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                out.declined[j] = after.nrmse(j);
+            verdict.withdraw();
+            after = refitted;
+        }
+        for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
+            out.extended.parameter_stderr[i] =
+                std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
+        if (out.verdict == MK_VERDICT_UNKNOWN && out.cause_count == 0 && at_noise(held, refitted)) {
+            out.verdict = verdict.values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+            out.structure[0] = 0;
+        }
+        // Values that differ by more than chance but predict no better are as good as right.
+        if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
+            out.verdict = MK_VERDICT_NONE;
+        // Unless they predict nothing at all, if in a window or two only.
+        constexpr double NOTHING = 100.0; // in squares
+        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
+            out.verdict = MK_VERDICT_PARAMETERS;
+        if (out.verdict == MK_VERDICT_NONE) {
+            out.extended = model;
+            after = before;
+        }
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            out.before[j] = before.nrmse(j);
+            out.refitted[j] = refitted.nrmse(j);
+            out.after[j] = after.nrmse(j);
+            out.floor[j] = noise_share(held, j);
+        }
+        const double floor = floor_of(held);
+        double room = refitted.total() - floor;
+        out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
+        confirm(held, after);
+        return MK_OK;
+    }
+};
+
+} // namespace
+
+enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
+                            const TrainingData &data, const std::vector<const FitLog *> &training,
+                            const CauseSearch &causes, Verdict &verdict, mk_explanation &out,
+                            mk_error *err)
+{
+    Gain gain = {model, options, data, training, causes, verdict, out};
+    return gain.measure(err);
+}
+
+} // namespace mk

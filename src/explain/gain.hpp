@@ -1,0 +1,20 @@
+// How much better the extended model predicts data that were not fitted.
+#ifndef MECHKIT_EXPLAIN_GAIN_HPP
+#define MECHKIT_EXPLAIN_GAIN_HPP
+
+#include "explain/training.hpp"
+#include "explain/verdict.hpp"
+
+namespace mk
+{
+
+// Free runs of the given, the refitted and the extended model on the held-out data, and what they
+// say of the verdict: an extension that predicts worse is withdrawn, one that predicts all is
+// confirmed. Fills the figures of `out`.
+enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
+                            const TrainingData &data, const std::vector<const FitLog *> &training,
+                            const CauseSearch &causes, Verdict &verdict, mk_explanation &out,
+                            mk_error *err);
+
+} // namespace mk
+#endif

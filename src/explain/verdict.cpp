@@ -1,0 +1,263 @@
+#include "explain/verdict.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "explain/statistics.hpp"
+#include "explain/structure.hpp"
+
+namespace mk
+{
+
+namespace
+{
+constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+}
+
+void Verdict::decide()
+{
+    out.given = model;
+    out.refit = causes.refit.point.model;
+    out.extended = causes.best.point.model;
+    out.drift_refit = causes.refit.drift;
+    out.drift_extended = causes.best.drift;
+    out.gain_refit = 0.5 * distance_of_given();
+    out.gain_extended = causes.refit.picture.evidence - causes.best.picture.evidence;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out.noise[j] = causes.best.point.noise[j];
+    if (causes.rounds.empty() && causes.explained() && lost.joint == 0)
+        out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+    else if ((lost.joint > 0 || !causes.rounds.empty()) && causes.explained() && established())
+        out.verdict = MK_VERDICT_EFFECT;
+    else
+        out.verdict = MK_VERDICT_UNKNOWN;
+    describe_causes();
+    add_lost_counts();
+    describe_rivals();
+    if (out.verdict == MK_VERDICT_UNKNOWN)
+        set_structure();
+}
+
+// How far the given values are from the estimate, in its own covariance: chi-square distributed
+// if they are right.
+double Verdict::distance_of_given() const
+{
+    std::vector<int> free = fitted_parameters(causes.refit.point.model);
+    Eigen::VectorXd off((long)free.size());
+    for (long i = 0; i < off.size(); i++)
+        off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
+                  mk_model_parameter(&causes.refit.point.model, free[(size_t)i])) /
+                 Fit::scale_of(causes.refit.point.model, free[(size_t)i]);
+    return off.dot(causes.refit.picture.information * off);
+}
+
+bool Verdict::values_off() const
+{
+    return chi2_tail(distance_of_given(), causes.refit.free_count) < 1e-4;
+}
+
+void Verdict::set_structure()
+{
+    snprintf(out.structure, sizeof out.structure, "%s",
+             describe_structure(out, *mk_plant(model.plant)).c_str());
+    out.partly_named = out.cause_count > 0;
+    for (int i = 0; i < out.cause_count; i++)
+        out.partly_named = out.partly_named && !is_library(out.cause[i].effect);
+}
+
+// Of all parameters of a hypothesis; NaN for those that were not fitted.
+std::vector<double> Verdict::standard_errors(const Hypothesis &h)
+{
+    std::vector<int> free = fitted_parameters(h.point.model);
+    Eigen::MatrixXd cov = Fit::covariance(h.point.model, h.picture, free);
+    std::vector<double> error((size_t)mk_model_parameter_count(&h.point.model), UNKNOWN);
+    for (size_t i = 0; i < free.size(); i++)
+        error[(size_t)free[i]] = std::sqrt(std::max(cov((long)i, (long)i), 0.0));
+    return error;
+}
+
+bool Verdict::established() const
+{
+    constexpr double SURE = 4.0; // standard errors
+    const mk_model &m = causes.best.point.model;
+    int first = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info &info = *mk_effect(m.effect[e].index);
+        const int cause = e - model.effect_count;
+        if (cause >= 0 && cause < (int)causes.rounds.size()) {
+            const int size = causes.rounds[(size_t)cause].field[0].added.size;
+            const double error = error_of_size(first, info, size);
+            if (std::fabs(m.effect[e].value[size]) < SURE * error)
+                return false;
+        }
+        first += info.parameter_count;
+    }
+    return true;
+}
+
+// Standard error of an effect's size, other parameters of it as they are unless the law is
+// linear in them and the size. NaN where it was not fitted.
+double Verdict::error_of_size(int first, const mk_effect_info &info, int size) const
+{
+    const Hypothesis &h = causes.best;
+    const std::vector<int> free = fitted_parameters(h.point.model);
+    std::vector<int> kept, place;
+    long at = -1;
+    for (size_t i = 0; i < free.size(); i++) {
+        const int own = free[i] - first;
+        if (own == size)
+            at = (long)kept.size();
+        else if (own >= 0 && own < info.parameter_count &&
+                 info.parameter[own].fit != MK_FIT_ANGLE &&
+                 info.parameter[own].fit != MK_FIT_CENTRE)
+            continue;
+        kept.push_back(free[i]);
+        place.push_back((int)i);
+    }
+    FitPicture picture;
+    picture.information = h.picture.information(place, place);
+    return at < 0 ? UNKNOWN : std::sqrt(Fit::covariance(h.point.model, picture, kept)(at, at));
+}
+
+void Verdict::describe_causes()
+{
+    const std::vector<double> error = standard_errors(causes.best);
+    int base = mk_plant(model.plant)->parameter_count, first = base;
+    for (int i = 0; i < base; i++)
+        out.std_error[i] = error[(size_t)i];
+    for (int e = 0; e < causes.best.point.model.effect_count; e++) {
+        const mk_effect_use &use = causes.best.point.model.effect[e];
+        const mk_effect_info *info = mk_effect(use.index);
+        int cause = e - model.effect_count;
+        if (cause >= 0 && cause < MK_MAX_CAUSES && cause < (int)causes.rounds.size()) {
+            mk_cause &c = out.cause[cause];
+            c = {};
+            c.effect = info;
+            c.joint = use.joint;
+            int fitted = 0;
+            for (int k = 0; k < info->parameter_count; k++) {
+                c.value[k] = use.value[k];
+                c.std_error[k] = error[(size_t)(first + k)];
+                fitted += !std::isnan(c.std_error[k]);
+            }
+            weigh(cause, fitted, c);
+            out.cause_count = cause + 1;
+        }
+        first += info->parameter_count;
+    }
+    std::stable_sort(
+        out.cause, out.cause + out.cause_count,
+        [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+}
+
+void Verdict::weigh(int cause, int fitted, mk_cause &c)
+{
+    const Lack lack = causes.without((size_t)cause);
+    double gain = lack.score - causes.best.score,
+           raw = lack.evidence - causes.best.picture.evidence;
+    c.delta_bic = 2.0 * gain;
+    double p = chi2_tail(2.0 * raw, std::max(fitted, 1));
+    c.p_value = std::min(1.0, p * std::max(out.tried, 1));
+    double rival = HUGE_VAL;
+    const std::vector<Hypothesis> &field = causes.rounds[(size_t)cause].field;
+    for (size_t i = 1; i < field.size(); i++)
+        rival = std::min(rival, field[i].score - field[0].score);
+    c.confidence = 1.0 / (1.0 + std::exp(-std::min(rival, gain)));
+}
+
+void Verdict::add_lost_counts()
+{
+    if (lost.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
+        return;
+    double seconds = 0.0;
+    for (const FitLog *log : training)
+        seconds += log->duration();
+    const mk_effect_info *effect = mk_effect_by_name("missed-counts");
+    mk_cause &c = out.cause[out.cause_count++];
+    c = {};
+    c.effect = effect;
+    c.joint = lost.joint;
+    c.value[0] = lost.step;
+    c.value[1] = lost.count / seconds;
+    c.std_error[0] = lost.std_error;
+    c.std_error[1] = std::sqrt(lost.count) / seconds;
+    c.delta_bic = 2.0 * lost.gain;
+    c.p_value = 0.0;
+    c.confidence = 1.0 / (1.0 + std::exp(-lost.gain));
+    std::stable_sort(
+        out.cause, out.cause + out.cause_count,
+        [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+    if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
+        mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
+        use.value[0] = lost.step;
+        use.value[1] = lost.count / seconds;
+    }
+}
+
+// Causes are listed by importance, rounds in the order of the model.
+int Verdict::place_of(const Candidate &chosen) const
+{
+    for (int i = 0; i < out.cause_count; i++)
+        if (out.cause[i].effect == chosen.effect && out.cause[i].joint == chosen.joint)
+            return i;
+    return 0;
+}
+
+void Verdict::describe_rivals()
+{
+    struct Entry {
+        mk_rival rival;
+        double behind;
+        const Hypothesis *fit;
+    };
+    std::vector<Entry> all;
+    for (size_t r = 0; r < causes.rounds.size(); r++) {
+        const std::vector<Hypothesis> &field = causes.rounds[r].field;
+        for (size_t i = 1; i < field.size(); i++) {
+            double behind = field[i].score - field[0].score;
+            if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
+                behind > INSEPARABLE)
+                continue;
+            Entry e = {{field[i].added.effect, field[i].added.joint, place_of(field[0].added),
+                        2.0 * behind, behind > INSEPARABLE},
+                       behind,
+                       &field[i]};
+            all.push_back(e);
+        }
+    }
+    std::stable_sort(all.begin(), all.end(),
+                     [](const Entry &a, const Entry &b) { return a.behind < b.behind; });
+    for (const Entry &e : all) {
+        // Terms of the library have one name: the best at a joint speaks for the others.
+        const bool listed =
+            std::any_of(out.rival, out.rival + out.rival_count, [&](const mk_rival &r) {
+                return r.effect == e.rival.effect && r.joint == e.rival.joint &&
+                       r.instead_of == e.rival.instead_of;
+            });
+        if (listed || out.rival_count == MK_MAX_RIVALS)
+            continue;
+        rival_fit[out.rival_count] = e.fit;
+        out.rival[out.rival_count++] = e.rival;
+    }
+}
+
+void Verdict::withdraw()
+{
+    out.extended = causes.refit.point.model;
+    std::vector<double> error = standard_errors(causes.refit);
+    std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count, out.std_error);
+    out.drift_extended = causes.refit.drift;
+    if (out.verdict != MK_VERDICT_EFFECT)
+        return;
+    if (CauseSearch::matters(causes.refit.drift)) {
+        out.verdict = MK_VERDICT_UNKNOWN;
+        set_structure();
+        return;
+    }
+    out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+    out.cause_count = out.rival_count = 0;
+}
+
+} // namespace mk

@@ -1,0 +1,55 @@
+// What is said of the outcome of a search: verdict, causes with their evidence, rivals.
+#ifndef MECHKIT_EXPLAIN_VERDICT_HPP
+#define MECHKIT_EXPLAIN_VERDICT_HPP
+
+#include <vector>
+
+#include "explain/causes.hpp"
+#include "explain/mending.hpp"
+#include "mechkit/explain.h"
+
+namespace mk
+{
+
+class Verdict
+{
+  public:
+    // All must outlive it.
+    Verdict(const mk_model &given, const std::vector<const FitLog *> &logs, CauseSearch &found,
+            const LostCounts &lost_counts, mk_explanation &out_in)
+        : model(given), training(logs), causes(found), lost(lost_counts), out(out_in)
+    {
+    }
+    void decide();
+    // What predicts held-out data worse than the refitted model is not offered, and no cause is
+    // claimed: the formula, if any, stays as an observation.
+    void withdraw();
+    // Whether the given values are wrong beyond chance.
+    bool values_off() const;
+    // Whether each cause by itself is known to be there. Laws that nearly cancel make up a shape
+    // that none of them has.
+    bool established() const;
+    // By rival of the explanation.
+    const Hypothesis *const *rivals() const { return rival_fit; }
+
+  private:
+    const mk_model &model;
+    const std::vector<const FitLog *> &training;
+    CauseSearch &causes;
+    const LostCounts &lost;
+    mk_explanation &out;
+    const Hypothesis *rival_fit[MK_MAX_RIVALS] = {};
+
+    double distance_of_given() const;
+    static std::vector<double> standard_errors(const Hypothesis &h);
+    double error_of_size(int first, const mk_effect_info &info, int size) const;
+    void set_structure();
+    void describe_causes();
+    void weigh(int cause, int fitted, mk_cause &c);
+    void add_lost_counts();
+    int place_of(const Candidate &chosen) const;
+    void describe_rivals();
+};
+
+} // namespace mk
+#endif
