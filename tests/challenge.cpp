@@ -20,8 +20,10 @@ namespace
 struct Result {
     std::string rig, kind, hidden, said;
     bool failed = false, weak = false, first = false, rival = false, all = false, alarm = false,
-         exact = false, unknown = false;
+         exact = false, unknown = false, claims = false;
     double closed = 0.0, error = NAN, seconds = 0.0;
+    std::vector<std::pair<double, bool>> stated; // confidence of a named cause, and whether right
+    std::vector<double> base, effect;            // parameters' errors, in their standard errors
 };
 
 std::string place(const std::string &name, int joint)
@@ -36,6 +38,33 @@ bool among(const std::vector<truth::Name> &names, const char *effect, int joint)
     });
 }
 
+// What a report claims of its own certainty, beside the truth.
+void check_stated(const truth::Case &c, const mk_explanation &e, Result &r)
+{
+    for (int i = 0; r.claims && i < e.cause_count; i++) {
+        const mk_cause &m = e.cause[i];
+        bool right = std::any_of(c.right.begin(), c.right.end(), [&](const auto &names) {
+            return among(names, m.effect->name, m.joint);
+        });
+        r.stated.emplace_back(m.confidence, right);
+        for (const truth::Effect &t : c.rig.effects)
+            for (int k = 0;
+                 t.name == m.effect->name && t.joint == m.joint && k < m.effect->parameter_count;
+                 k++) {
+                auto it = t.value.find(m.effect->parameter[k].name);
+                if (it != t.value.end() && m.std_error[k] > 0.0)
+                    r.effect.push_back((m.value[k] - it->second) / m.std_error[k]);
+            }
+    }
+    const bool clean = c.right.empty() && c.kind != "off";
+    if (clean ? r.alarm : !r.all || !r.claims)
+        return;
+    for (size_t i = 0; i < c.rig.p.size(); i++)
+        if (e.std_error[i] > 0.0)
+            r.base.push_back((mk_model_parameter(&e.extended, (int)i) - c.rig.p[i]) /
+                             e.std_error[i]);
+}
+
 void judge(const truth::Case &c, const mk_explanation &e, Result &r)
 {
     for (int i = 0; i < e.cause_count; i++)
@@ -43,7 +72,7 @@ void judge(const truth::Case &c, const mk_explanation &e, Result &r)
     if (r.said.empty() || e.verdict == MK_VERDICT_UNKNOWN)
         r.said = mk_verdict_name(e.verdict) +
                  (e.structure[0] ? std::string(" (") + e.structure + ")" : std::string());
-    bool claims = e.verdict == MK_VERDICT_EFFECT;
+    const bool claims = r.claims = e.verdict == MK_VERDICT_EFFECT;
     r.unknown = e.verdict == MK_VERDICT_UNKNOWN;
     r.alarm = claims || r.unknown;
     r.exact = c.kind == mk_verdict_name(e.verdict);
@@ -76,6 +105,7 @@ void judge(const truth::Case &c, const mk_explanation &e, Result &r)
         if (t.name == m.effect->name && it != t.value.end())
             r.error = std::fabs(m.value[0] / it->second - 1.0);
     }
+    check_stated(c, e, r);
     r.seconds = e.seconds;
 }
 
@@ -198,6 +228,46 @@ void summarise(const std::vector<Result> &results)
     printf("seconds: median %.1f, largest %.1f\n", quantile(seconds, 0.5), quantile(seconds, 1.0));
 }
 
+void count_inside(const std::vector<double> &off, const char *what)
+{
+    std::vector<double> size;
+    for (double one : off)
+        size.push_back(std::fabs(one));
+    const auto inside =
+        std::count_if(size.begin(), size.end(), [](double one) { return one < 1.96; });
+    printf("  %s: %d of %d inside, median error %.2f standard errors\n", what, (int)inside,
+           (int)size.size(), quantile(size, 0.5));
+}
+
+// Whether what is stated is so: probabilities and intervals.
+void summarise_stated(const std::vector<Result> &results)
+{
+    constexpr double edge[] = {0.0, 0.9, 0.99, 1.0 + 1e-9};
+    printf("\nnamed causes: how often right, by the confidence stated\n");
+    for (size_t i = 0; i + 1 < std::size(edge); i++) {
+        int all = 0, right = 0;
+        double sum = 0.0;
+        for (const Result &r : results)
+            for (const auto &one : r.stated)
+                if (one.first >= edge[i] && one.first < edge[i + 1]) {
+                    all++;
+                    right += one.second;
+                    sum += one.first;
+                }
+        if (all > 0)
+            printf("  %.2f to %.2f (mean %.4f): %d of %d, %.3f\n", edge[i],
+                   std::min(edge[i + 1], 1.0), sum / all, right, all, (double)right / all);
+    }
+    std::vector<double> base, effect;
+    for (const Result &r : results) {
+        base.insert(base.end(), r.base.begin(), r.base.end());
+        effect.insert(effect.end(), r.effect.begin(), r.effect.end());
+    }
+    printf("true values inside the 95 %% intervals stated\n");
+    count_inside(base, "base parameters");
+    count_inside(effect, "causes' parameters");
+}
+
 bool write_case(const truth::Wish &wish, const std::string &folder)
 {
     truth::Case c = truth::make_case(wish);
@@ -296,5 +366,6 @@ int main(int argc, char **argv)
         print(mine.seed, results[i]);
     });
     summarise(results);
+    summarise_stated(results);
     return std::any_of(results.begin(), results.end(), [](const Result &r) { return r.failed; });
 }
