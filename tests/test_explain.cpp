@@ -344,6 +344,25 @@ START_TEST(small_steps_of_a_fast_reading_are_lost_pulses)
 END_TEST
 
 // A light wheel whose torque steps: no parabola goes on beyond that.
+START_TEST(lost_pulses_beside_missing_rows_are_found)
+{
+    constexpr double COUNT = 2.0 * M_PI / 4000.0, STEP = 20.0 * COUNT;
+    for (int missing = -5; missing < 5; missing++) {
+        mk::FitLog log;
+        log.joints = 1;
+        log.count[0] = COUNT;
+        for (int k = 0; k < 400; k++) {
+            double angle = 0.8 * std::sin(0.01 * k) + (k >= 200 ? STEP : 0.0);
+            log.q[0].push_back(k == 200 + missing ? (double)NAN
+                                                  : COUNT * std::round(angle / COUNT));
+        }
+        std::vector<mk::Slip> found = mk::find_slips({&log}, 0);
+        ck_assert_msg(found.size() == 1, "row %d missing: %zu found", missing, found.size());
+        ck_assert_double_eq_tol(found[0].step, STEP, COUNT);
+    }
+}
+END_TEST
+
 START_TEST(steps_of_a_wheel_s_acceleration_are_no_lost_pulses)
 {
     constexpr double COUNT = 2.0 * M_PI / 8192.0, DT = 0.005;
@@ -722,7 +741,7 @@ START_TEST(a_search_that_is_ended_leaves_no_folder)
         if (there)
             ck_assert_int_eq(run_command(nullptr, 0, "mkdir %s", folder), 0);
         int code =
-            run_command(out, sizeof out, "timeout -s INT 0.5 %s explain --model %s --out %s %s",
+            run_command(out, sizeof out, "timeout -s INT 0.2 %s explain --model %s --out %s %s",
                         MK_TEST_APP, model, folder, log);
         ck_assert_msg(code == 124, "%d %s", code, out);
         ck_assert_int_eq(count_files("ended"), there);
@@ -847,6 +866,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
+    tcase_add_test(t, lost_pulses_beside_missing_rows_are_found);
     tcase_add_test(t, steps_of_a_wheel_s_acceleration_are_no_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, the_reports_say_what_was_found);

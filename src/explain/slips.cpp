@@ -65,6 +65,20 @@ std::vector<Jump> jumps(const std::vector<double> &q, double count)
     return d;
 }
 
+// The step from the reading before row k to that at it beyond the motion on both sides. A reading
+// that is missing is made up for by the next one outward.
+double step_at(const std::vector<double> &q, size_t k)
+{
+    auto reading = [&](size_t row, int outward) {
+        return std::isnan(q[row]) ? row + (size_t)outward : row;
+    };
+    const size_t before = reading(k - 1, -1), far_before = reading(k - 4, -1);
+    const size_t after = reading(k, +1), far_after = reading(k + 3, +1);
+    const double speed = 0.5 * ((q[before] - q[far_before]) / (double)(before - far_before) +
+                                (q[far_after] - q[after]) / (double)(far_after - after));
+    return q[after] - q[before] - speed * (double)(after - before);
+}
+
 double usual(const std::vector<Jump> &d)
 {
     std::vector<double> size;
@@ -93,9 +107,7 @@ std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
                 peak = d[i].significance <= d[k].significance;
             // The step sits between two readings, not over several, and is all that differs there:
             // a turn that no parabola follows has another.
-            const double motion = (q[k - 1] - q[k - 4] + q[k + 3] - q[k]) / 6.0;
-            const double step = q[k] - q[k - 1] - motion;
-            if (peak && std::fabs(step - d[k].size) < 0.4 * std::fabs(d[k].size))
+            if (peak && std::fabs(step_at(q, k) - d[k].size) < 0.4 * std::fabs(d[k].size))
                 found.push_back({l, k, d[k].size});
         }
     }
