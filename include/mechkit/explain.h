@@ -167,8 +167,8 @@ MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
 /* Whether the given model predicts the held-out data far better than the one refitted to the logs:
  * then those are hardly of the same rig, or their signs, units or columns differ. */
 bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
-/* True where no cause shows in the training data and held-out data are predicted ten times worse
- * than they are read all the same. */
+/* True where what was found explains the training data, be it nothing, and held-out data are
+ * predicted ten times worse than they are read all the same. */
 bool mk_explanation_misses_held_out(const struct mk_explanation *explanation);
 
 /* Writes report.json (docs/formats.md, section 3). `holdout_names` are the files' names. */

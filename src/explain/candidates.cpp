@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "model/effects_custom.hpp"
+
 namespace mk
 {
 
@@ -233,19 +235,15 @@ Starts base_compliance(const Setting &)
 Starts custom(const Setting &s)
 {
     Starts all;
-    bool two = s.plant->joints == 2;
-    for (int n = 1; n <= 18; n++) {
-        bool other = n == 3 || (n >= 7 && n <= 10) || n == 16 || n == 17,
-             position = n == 5 || n == 6 || n == 14 || n == 15;
-        if ((other && !two) || (position && s.wheel()))
+    const bool two = s.plant->joints == 2;
+    const double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
+    for (int n = 1; n <= Custom::TERMS; n++) {
+        const CustomTerm &term = Custom::about(n);
+        if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()))
             continue;
-        // Powers of the speeds and of the angle in a term.
-        static const double own[] = {3, 4, 0, 4, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0.5};
-        static const double others[] = {0, 0, 2, 0, 0, 0, 1, 0, 2, 2, 0, 0, 0, 0, 0, 1, 2, 0};
-        double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
-        double size = std::pow(s.speed(), own[n - 1]) * std::pow(w, others[n - 1]);
-        if (n == 12 || n == 13)
-            size = std::pow(s.range->u_max, n - 10);
+        // Angles are of the order of one.
+        const double size = std::pow(s.speed(), term.v) * std::pow(w, term.w) *
+                            std::pow(s.range->u_max, term.u) * std::pow(s.range->seconds, term.t);
         all.push_back({0.1 * small(s) / size, (double)n});
     }
     return all;

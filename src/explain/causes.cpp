@@ -397,7 +397,7 @@ void CauseSearch::lead_home(Hypothesis &rival)
 
 void CauseSearch::polish_rivals()
 {
-    constexpr double NEAR = 50.0, BESIDE = 15.0;
+    constexpr double NEAR = 50.0, BESIDE = 25.0;
     for (Round &r : rounds) {
         for (size_t i = 1; i < r.field.size() && i <= 3; i++) {
             if (rounds.size() == 1 && follows(best) && r.field[i].score > best.score + NEAR)

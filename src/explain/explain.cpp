@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <memory>
 #include <string>
 #include <thread>
@@ -246,8 +247,13 @@ bool mk_explanation_misses_held_out(const mk_explanation *e)
     constexpr double NOISE = 10.0;
     bool misses = false;
     for (int j = 0; j < mk_model_joints(&e->given); j++)
-        misses = misses || std::min(e->before[j], e->refitted[j]) > NOISE * e->floor[j];
-    return misses && e->verdict <= MK_VERDICT_PARAMETERS;
+        misses =
+            misses || std::min({e->before[j], e->refitted[j], e->after[j]}) > NOISE * e->floor[j];
+    // Nobody predicts when a pulse is lost.
+    const bool slips = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
+        return std::strcmp(c.effect->name, "missed-counts") == 0;
+    });
+    return misses && !slips && e->verdict != MK_VERDICT_UNKNOWN;
 }
 
 enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,

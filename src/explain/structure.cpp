@@ -45,7 +45,8 @@ std::string formula_of(const mk_cause &cause, const mk_plant_info &plant)
     int joint = cause.joint;
     char text[200];
     if (strcmp(info.name, "custom") == 0) {
-        std::string term = with_variables(Custom::text((int)v[1]), joint, plant.rest[joint - 1]);
+        std::string term =
+            with_variables(Custom::about((int)v[1]).text, joint, plant.rest[joint - 1]);
         snprintf(text, sizeof text, "%+.4g*%s", -v[0], term.c_str());
     } else if (strcmp(info.name, "custom-wave") == 0) {
         std::string term = with_variables(CustomWave::text((int)v[2]), joint, 0.0);

@@ -105,6 +105,11 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size) c
     const std::vector<int> free = fitted_parameters(h.point.model);
     std::vector<int> kept, place;
     long at = -1;
+    // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
+    // matter: something of it is there.
+    const bool wave = causes.rounds.size() == 1 &&
+                      std::any_of(info.parameter, info.parameter + info.parameter_count,
+                                  [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
     for (size_t i = 0; i < free.size(); i++) {
         const int own = free[i] - first;
         if (own == size)
@@ -112,6 +117,8 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size) c
         else if (own >= 0 && own < info.parameter_count &&
                  info.parameter[own].fit != MK_FIT_ANGLE &&
                  info.parameter[own].fit != MK_FIT_CENTRE)
+            continue;
+        else if (wave && free[i] < mk_plant(model.plant)->parameter_count)
             continue;
         kept.push_back(free[i]);
         place.push_back((int)i);

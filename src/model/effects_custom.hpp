@@ -11,12 +11,18 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
-// q, v: angle from rest and speed of the joint; w: speed of the other joint; u: the motor's
-// command.
+// A term as people read it, and how it grows: by the powers of its factors.
+struct CustomTerm {
+    const char *text; // q, v: angle from rest and speed of the joint; w: speed of the other joint;
+                      // u: the motor's command; t: time
+    double v, w = 0.0, q = 0.0, u = 0.0, t = 0.0;
+};
+
 struct Custom {
+    static constexpr int TERMS = 23;
     static constexpr mk_effect_info info = {
         "custom",
-        "-c f(q, v, w, u), f by number",
+        "-c f(q, v, w, u, t), f by number",
         "discrepancy models: Kaheman, Kaiser, Strom, Kutz, Brunton 2019",
         MK_EFFECT_JOINT_ANY,
         MK_STAGE_TORQUE,
@@ -25,8 +31,35 @@ struct Custom {
         0,
         2,
         {{"coefficient", "", "c", -INF, INF, 0.0},
-         {"term", "", "number of f", 1.0, 18.0, 1.0, MK_FIT_FIXED}},
+         {"term", "", "number of f", 1.0, TERMS, 1.0, MK_FIT_FIXED}},
         true};
+    static const CustomTerm &about(int number)
+    {
+        static const CustomTerm all[TERMS] = {{"v^3", 3},
+                                              {"v^3*abs(v)", 4},
+                                              {"sign(v)*w^2", 0, 2},
+                                              {"sign(v)*v^4", 4},
+                                              {"q^3", 0, 0, 3},
+                                              {"q*abs(q)", 0, 0, 2},
+                                              {"w", 0, 1},
+                                              {"sign(w)", 0, 0},
+                                              {"w*abs(w)", 0, 2},
+                                              {"v*w^2", 1, 2},
+                                              {"1", 0},
+                                              {"u*abs(u)", 0, 0, 0, 2},
+                                              {"u^3", 0, 0, 0, 3},
+                                              {"v*q^2", 1, 0, 2},
+                                              {"sign(v)*q^2", 0, 0, 2},
+                                              {"v*abs(w)", 1, 1},
+                                              {"sign(v)*(v+w)^2", 0, 2},
+                                              {"sign(v)*sqrt(abs(v))", 0.5},
+                                              {"abs(v)", 1},
+                                              {"u*abs(v)", 1, 0, 0, 1},
+                                              {"t", 0, 0, 0, 0, 1},
+                                              {"v*t", 1, 0, 0, 0, 1},
+                                              {"sign(v)*t", 0, 0, 0, 0, 1}};
+        return all[number >= 1 && number <= TERMS ? number - 1 : 0];
+    }
     template <class S>
     static S term(const Frame<S> &f, int j, int number)
     {
@@ -34,7 +67,7 @@ struct Custom {
         S q = f.m.q[j] - mk_plant(f.c->plant)->rest[j];
         const S &u = f.command[0];
         switch (number) {
-        case 1:
+        default:
             return v * v * v;
         case 2:
             return v * v * v * fabs(v);
@@ -68,32 +101,19 @@ struct Custom {
             return v * fabs(w);
         case 17:
             return smooth_sign(v) * (v + w) * (v + w);
-        default: // with a slope at rest
+        case 18: // with a slope at rest
             return v / sqrt(sqrt(v * v + 1e-4));
+        case 19:
+            return fabs(v);
+        case 20:
+            return u * fabs(v);
+        case 21:
+            return f.t;
+        case 22:
+            return v * f.t;
+        case 23:
+            return smooth_sign(v) * f.t;
         }
-    }
-    // The terms as people read them, in the same letters.
-    static const char *text(int number)
-    {
-        static const char *const all[] = {"v^3",
-                                          "v^3*abs(v)",
-                                          "sign(v)*w^2",
-                                          "sign(v)*v^4",
-                                          "q^3",
-                                          "q*abs(q)",
-                                          "w",
-                                          "sign(w)",
-                                          "w*abs(w)",
-                                          "v*w^2",
-                                          "1",
-                                          "u*abs(u)",
-                                          "u^3",
-                                          "v*q^2",
-                                          "sign(v)*q^2",
-                                          "v*abs(w)",
-                                          "sign(v)*(v+w)^2",
-                                          "sign(v)*sqrt(abs(v))"};
-        return all[number >= 1 && number <= 18 ? number - 1 : 17];
     }
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)

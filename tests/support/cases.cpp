@@ -263,6 +263,8 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
     bool pivot = is(rig.kind, "pendubot") || is(rig.kind, "furuta");
     if (name == "normal-load-friction" || (name == "position-friction" && pivot))
         joint = pivot ? 2 : 1;
+    if (name == "bent-gain" || name == "speed-gain")
+        joint = motor_joint(rig.kind);
     Scale s = scale_of(rig, joint);
     double size = k * about(draw, 0.15, 0.6) * s.torque, angle = draw.between(-PI, PI);
     Values v;
@@ -285,6 +287,19 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
         v = {{"amplitude", size}, {"frequency", draw.between(0.8, 6.0)}, {"phase", angle}};
     else if (name == "relative-drag")
         v = {{"coefficient", size / (s.speed * scale_of(rig, 3 - joint).speed)}};
+    else if (name == "bent-gain")
+        v = {{"coefficient", k * draw.between(0.05, 0.15) / 9.0}}; // commands reach 3 to 5
+    else if (name == "speed-gain")
+        v = {{"coefficient", k * draw.between(0.1, 0.3) / s.speed}};
+    else if (name == "one-way-drag")
+        v = {{"coefficient", size / s.speed}};
+    else if (name == "wind")
+        v = {{"coefficient", size / (s.speed * s.speed)},
+             {"speed", draw.sign() * draw.between(0.2, 0.6) * s.speed}};
+    else if (name == "warming-drag")
+        v = {{"coefficient", size / s.speed}, {"time-constant", draw.between(1.5, 6.0)}};
+    else if (name == "creeping-pull")
+        v = {{"rate", draw.sign() * 0.05 * size}};
     else
         v = {{"coefficient", size / std::sqrt(s.speed)}};
     return {name, joint, v};
@@ -467,8 +482,10 @@ Case make_case(const Wish &wish)
         c.right.push_back(right_names(c.rig, c.rig.effects.back()));
     }
     if (c.kind == "off") {
-        std::string name = wish.effect;
-        while (name.empty() || !foreign_possible(name, c.rig.kind))
+        // Drawn even if wished for, so that a wish changes nothing else of a seed's case.
+        const std::string drawn = foreign_effects[draw.below(foreign_effects.size())];
+        std::string name = wish.effect.empty() ? drawn : wish.effect;
+        while (!foreign_possible(name, c.rig.kind))
             name = foreign_effects[draw.below(foreign_effects.size())];
         c.rig.effects.push_back(foreign_effect(name, c.rig, draw, wish.size));
     }

@@ -10,7 +10,9 @@ namespace truth
 
 const std::vector<std::string> foreign_effects = {
     "cubic-drag",      "position-friction", "normal-load-friction", "magnet",
-    "hardening-cable", "floor-shake",       "relative-drag",        "square-root-drag"};
+    "hardening-cable", "floor-shake",       "relative-drag",        "square-root-drag",
+    "bent-gain",       "speed-gain",        "one-way-drag",         "wind",
+    "warming-drag",    "creeping-pull"};
 
 namespace
 {
@@ -126,7 +128,7 @@ class Machine
     double amplifier(const State &s, double t, double command) const;
     void gravity(const State &s, Forces &f) const;
     void joint_torques(const State &s, double t, double drive, Forces &f, State &d) const;
-    double foreign(const Effect &e, const State &s, double t) const;
+    double foreign(const Effect &e, const State &s, double t, double drive) const;
     double normal_force(const State &s) const;
     void contact(const State &s, Forces &f) const;
     void accelerate(const State &s, const Forces &f, State &d) const;
@@ -244,7 +246,7 @@ double Machine::normal_force(const State &s) const
     return std::fabs(4.0 * p[2] * w - p[3] * rig.g * std::cos(s.y[LINK2]));
 }
 
-double Machine::foreign(const Effect &e, const State &s, double t) const
+double Machine::foreign(const Effect &e, const State &s, double t, double drive) const
 {
     double q = angle(s, e.joint), v = speed(s, e.joint);
     if (e.name == "cubic-drag")
@@ -267,6 +269,20 @@ double Machine::foreign(const Effect &e, const State &s, double t) const
         return -at_(e, "coefficient") * v * std::fabs(speed(s, 3 - e.joint));
     if (e.name == "square-root-drag")
         return -at_(e, "coefficient") * std::copysign(std::sqrt(std::fabs(v)), v);
+    if (e.name == "bent-gain") // an amplifier that gives way before its limit
+        return -at_(e, "coefficient") * drive * drive * drive;
+    if (e.name == "speed-gain") // a motor that is weaker while it turns
+        return -at_(e, "coefficient") * drive * std::fabs(v);
+    if (e.name == "one-way-drag")
+        return -at_(e, "coefficient") * std::max(v, 0.0);
+    if (e.name == "wind") {
+        double past = v - at_(e, "speed");
+        return -at_(e, "coefficient") * past * std::fabs(past);
+    }
+    if (e.name == "warming-drag")
+        return -at_(e, "coefficient") * v * (1.0 - std::exp(-t / at_(e, "time-constant")));
+    if (e.name == "creeping-pull")
+        return at_(e, "rate") * t;
     throw std::invalid_argument("no effect is called " + e.name);
 }
 
@@ -314,7 +330,7 @@ void Machine::joint_torques(const State &s, double t, double drive, Forces &f, S
                 torque = -std::max(0.0, at_(e, "stiffness") * in + at_(e, "damping") * v);
         } else if (std::find(foreign_effects.begin(), foreign_effects.end(), e.name) !=
                    foreign_effects.end()) {
-            torque = foreign(e, s, t);
+            torque = foreign(e, s, t, drive);
         }
         twist(f, e.joint, torque);
     }
