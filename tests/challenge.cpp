@@ -242,7 +242,7 @@ void count_inside(const std::vector<double> &off, const char *what)
 // Whether what is stated is so: probabilities and intervals.
 void summarise_stated(const std::vector<Result> &results)
 {
-    constexpr double edge[] = {0.0, 0.9, 0.99, 1.0 + 1e-9};
+    constexpr double edge[] = {0.0, 0.9, 0.98, 1.0 + 1e-9};
     printf("\nnamed causes: how often right, by the confidence stated\n");
     for (size_t i = 0; i + 1 < std::size(edge); i++) {
         int all = 0, right = 0;

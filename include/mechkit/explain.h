@@ -35,7 +35,7 @@ struct mk_cause {
     double std_error[MK_MAX_EFFECT_PARAMETERS]; /* NaN: not determined, or not fitted */
     double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
-    double confidence; /* 0..1, against its best rival */
+    double confidence; /* 0..0.99, against its best rival */
 };
 
 struct mk_rival {
