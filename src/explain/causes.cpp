@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "model/effects_custom.hpp"
+
 namespace mk
 {
 
@@ -262,11 +264,15 @@ bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
 // be the other equation's.
 void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
 {
-    if (field.empty() || std::strcmp(field[0].added.effect->name, "custom-wave") != 0 ||
-        mk_model_joints(&model) != 2)
+    if (field.empty() || mk_model_joints(&model) != 2)
+        return;
+    const Candidate &wave = field[0].added;
+    const int term = mk_effect_parameter_index(wave.effect, "term");
+    if (std::strcmp(wave.effect->name, "custom-wave") != 0 ||
+        wave.value[term] != CustomWave::IN_TIME)
         return;
     const mk_model &found = field[0].point.model;
-    Candidate other = field[0].added;
+    Candidate other = wave;
     std::copy_n(found.effect[found.effect_count - 1].value, other.effect->parameter_count,
                 other.value);
     other.joint = 3 - other.joint;
