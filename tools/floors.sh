@@ -1,7 +1,8 @@
 #!/bin/sh
 # Checks who includes whom, and prints the lines that must not be: a folder includes only folders and
 # public headers on floors below it, or its own (src/README.md); a library that one part wraps is
-# known to that part alone. `tools/floors.sh [DIR]` checks another tree.
+# known to that part alone; and that no type's name is taken twice. `tools/floors.sh [DIR]` checks
+# another tree.
 set -eu
 cd "${1:-$(dirname "$0")/..}"
 bad=0
@@ -85,4 +86,11 @@ complain "matio stays in src/exchange:" \
 complain "libusb stays in src/driver:" "$(includes '<libusb' 'src/driver/[a-z_]+[.][ch]' src include)"
 complain "inih stays in src/base and src/exchange:" \
     "$(includes '<ini[.]h' 'src/(base|exchange)/[a-z_]+[.][ch]' src include)"
+
+# Two of one name in one namespace share the code of the templates that are made of them.
+types='^(struct|class) [A-Z][A-Za-z0-9]*( final)?( : .*)?( [{])?$'
+for name in $(grep -rhE "$types" --include='*.hpp' src | awk '{ print $2 }' | sort | uniq -d); do
+    complain "a type's name stands in one header:" \
+        "$(grep -rnE "$types" --include='*.hpp' src | grep -E ":(struct|class) $name( |\$)")"
+done
 exit $bad

@@ -22,7 +22,7 @@ const Measure *const table[] = {&measure_friction, &measure_inertia, &measure_sw
 constexpr int COUNT = sizeof table / sizeof table[0];
 
 // Least-squares parabola through the readings of rows [first, last); false: too few.
-bool parabola(const mk_record &rec, size_t first, size_t last, Piece &p)
+bool parabola(const mk_record &rec, size_t first, size_t last, Section &p)
 {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -61,9 +61,9 @@ bool parabola(const mk_record &rec, size_t first, size_t last, Piece &p)
 
 } // namespace
 
-std::vector<Piece> cut(const MeasureProblem &problem, double seconds)
+std::vector<Section> cut(const MeasureProblem &problem, double seconds)
 {
-    std::vector<Piece> pieces;
+    std::vector<Section> pieces;
     for (size_t l = 0; l < problem.records.size(); l++) {
         const mk_record &rec = problem.records[l];
         size_t first = 0;
@@ -73,7 +73,7 @@ std::vector<Piece> cut(const MeasureProblem &problem, double seconds)
                 last++;
             if (last == rec.rows)
                 break; // an unfinished piece
-            Piece p = {};
+            Section p = {};
             p.log = l;
             p.begin = rec.t[first];
             p.end = rec.t[last];

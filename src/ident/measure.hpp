@@ -29,7 +29,7 @@ extern const Measure measure_friction, measure_inertia, measure_swing, measure_t
 // --- what they share ---
 
 // A stretch of a log that a polynomial of second degree in time describes.
-struct Piece {
+struct Section {
     size_t log;
     double begin, end;     // s
     double q, v, a;        // in its middle
@@ -40,7 +40,7 @@ struct Piece {
 
 // Cuts the logs into pieces of `seconds`, readings of joint 1. Pieces with dropped samples at their
 // ends or with fewer than 8 readings are left out.
-std::vector<Piece> cut(const MeasureProblem &problem, double seconds);
+std::vector<Section> cut(const MeasureProblem &problem, double seconds);
 
 // Weighted mean and its error: the larger of what the single errors make and what the scatter
 // shows.

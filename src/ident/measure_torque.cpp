@@ -14,7 +14,7 @@ namespace
 constexpr double PIECE_S = 0.2;
 constexpr double SLOWEST = 0.1, FASTEST = 1.0; // rad/s
 
-bool creeps(const Piece &p)
+bool creeps(const Section &p)
 {
     double a = std::fabs(p.v_begin), b = std::fabs(p.v_end);
     return p.v_begin * p.v_end > 0.0 && a > SLOWEST && b > SLOWEST && a < FASTEST && b < FASTEST;
@@ -23,9 +23,9 @@ bool creeps(const Piece &p)
 enum mk_status run(const MeasureProblem &problem, mk_measurement &out, mk_error *err)
 {
     const mk_model &m = problem.model;
-    std::vector<Piece> pieces;
+    std::vector<Section> pieces;
     int up = 0, down = 0;
-    for (const Piece &p : cut(problem, PIECE_S))
+    for (const Section &p : cut(problem, PIECE_S))
         if (creeps(p)) {
             pieces.push_back(p);
             (p.v > 0.0 ? up : down)++;
@@ -38,7 +38,7 @@ enum mk_status run(const MeasureProblem &problem, mk_measurement &out, mk_error 
     Eigen::MatrixXd x((long)pieces.size(), 2);
     Eigen::VectorXd y((long)pieces.size());
     for (size_t i = 0; i < pieces.size(); i++) {
-        const Piece &p = pieces[i];
+        const Section &p = pieces[i];
         x((long)i, 0) = std::sin(p.q);
         x((long)i, 1) = std::tanh(MK_FRICTION_STEEPNESS * p.v);
         // Inertia and viscous friction take little; the model knows them well enough.

@@ -25,7 +25,7 @@ double inertia_of(const mk_model &m)
 }
 
 // The whole piece turns one way, at one acceleration.
-bool turns(const mk_model &m, const Piece &p)
+bool turns(const mk_model &m, const Section &p)
 {
     double count = 6.283185307179586 / m.encoder_cpr[0];
     return p.misfit < 2.0 * count && p.v_begin * p.v_end > 0.0 && std::fabs(p.v_begin) > SLOWEST &&
@@ -33,14 +33,14 @@ bool turns(const mk_model &m, const Piece &p)
 }
 
 // The speed hardly changes: acceleration takes little of the torque.
-bool steady(const mk_model &m, const Piece &p)
+bool steady(const mk_model &m, const Section &p)
 {
     return turns(m, p) && std::fabs(p.v_end - p.v_begin) < 0.02 * std::fabs(p.v) + 0.1 &&
            std::fabs(inertia_of(m) * p.a) < 0.1 * std::fabs(p.u);
 }
 
 // A ramp: the command is not at its limit, and acceleration is what takes the torque.
-bool ramps(const mk_model &m, const Piece &p)
+bool ramps(const mk_model &m, const Section &p)
 {
     return turns(m, p) && std::fabs(p.u) < 0.98 * m.u_max &&
            std::fabs(inertia_of(m) * p.a) > 0.1 * std::fabs(p.u) && std::fabs(p.a) * PIECE_S > 1.0;
@@ -59,19 +59,19 @@ struct Ways {
     int forwards = 0, backwards = 0;
 };
 
-Ways count_ways(const std::vector<Piece> &pieces)
+Ways count_ways(const std::vector<Section> &pieces)
 {
     Ways w;
-    for (const Piece &p : pieces)
+    for (const Section &p : pieces)
         (p.v > 0.0 ? w.forwards : w.backwards)++;
     return w;
 }
 
-void spread_of_speeds(const std::vector<Piece> &pieces, double sign, double &low, double &high)
+void spread_of_speeds(const std::vector<Section> &pieces, double sign, double &low, double &high)
 {
     low = HUGE_VAL;
     high = 0.0;
-    for (const Piece &p : pieces)
+    for (const Section &p : pieces)
         if (p.v * sign > 0.0) {
             low = std::min(low, std::fabs(p.v));
             high = std::max(high, std::fabs(p.v));
@@ -112,8 +112,8 @@ void report_friction(const mk_model &given, const Regressed &r, mk_measurement &
 
 enum mk_status run_friction(const MeasureProblem &problem, mk_measurement &out, mk_error *err)
 {
-    std::vector<Piece> pieces;
-    for (const Piece &p : cut(problem, PIECE_S))
+    std::vector<Section> pieces;
+    for (const Section &p : cut(problem, PIECE_S))
         if (steady(problem.model, p))
             pieces.push_back(p);
     Ways ways = count_ways(pieces);
@@ -150,13 +150,13 @@ enum mk_status run_friction(const MeasureProblem &problem, mk_measurement &out, 
 }
 
 // Friction over a piece as the model has it.
-double model_friction(const mk_model &m, const Piece &p)
+double model_friction(const mk_model &m, const Section &p)
 {
     return mk_plant_friction(&m, p.v);
 }
 
 // As the report: the model's friction taken off, each ramp gives a value.
-void inertia_by_model(const MeasureProblem &problem, const std::vector<Piece> &pieces,
+void inertia_by_model(const MeasureProblem &problem, const std::vector<Section> &pieces,
                       mk_measurement &out)
 {
     MatrixXd x((long)pieces.size(), 1);
@@ -182,8 +182,8 @@ void report_constant(const MeasureProblem &problem, double j, double error, mk_m
 
 enum mk_status run_inertia(const MeasureProblem &problem, mk_measurement &out, mk_error *err)
 {
-    std::vector<Piece> all, ramping;
-    for (const Piece &p : cut(problem, PIECE_S)) {
+    std::vector<Section> all, ramping;
+    for (const Section &p : cut(problem, PIECE_S)) {
         bool ramp = ramps(problem.model, p);
         if (ramp || steady(problem.model, p))
             all.push_back(p);
