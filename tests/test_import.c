@@ -354,6 +354,8 @@ START_TEST(mistakes_in_a_mapping_are_told_with_their_line)
          ":2: [t] column: too long a name"},
         {"[t]\ncolumn =;t\n", ":2: [t] column: a value cannot begin with ;"},
         {"[t]\ncolumn = t\fs\n", ":2: [t] column: there is a control character"},
+        {"[t]\ncolumn = t\n  sgn = -1\n", ":3: [t] sgn: unknown key"},
+        {"[t]\ncolumn = t\n\f= q ;= 1\n", ":3: [t] : unknown key"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         char out[1024];
@@ -374,6 +376,49 @@ START_TEST(a_mapping_reads_back_as_it_was_written)
     ck_assert_int_eq(mk_import_map_write(scratch("copy.map"), &map, "two\nlines", NULL), MK_OK);
     ck_assert_int_eq(mk_import_map_read(scratch("copy.map"), &again, NULL), MK_OK);
     ck_assert_int_eq(memcmp(&map, &again, sizeof map), 0);
+}
+END_TEST
+
+/* Blanks before a key make it no part of the value above; a comment may be of any length. */
+START_TEST(an_indented_mapping_reads_as_a_plain_one)
+{
+    struct mk_import_map plain, indented;
+    struct mk_error err = MK_ERROR_INIT;
+    char text[1024] = "# ";
+    memset(text + 2, 'x', 500);
+    strcpy(text + 502, "\n  [rig]\n\tkind = pendulum\n[t]\n  column = t ; seconds\n [q1]\n"
+                       " \t column = q\n    sign = -1\n[u]\n    column = u #1");
+    ck_assert_int_eq(
+        mk_import_map_read(scratch_text("plain.map", "[rig]\nkind = pendulum\n[t]\ncolumn = t\n"
+                                                     "[q1]\ncolumn = q\nsign = -1\n[u]\n"
+                                                     "column = u #1\n"),
+                           &plain, &err),
+        MK_OK);
+    ck_assert_str_eq(mk_import_map_find(&plain, "u")->from, "u #1");
+    ck_assert_msg(mk_import_map_read(scratch_text("in.map", text), &indented, &err) == MK_OK, "%s",
+                  err.message);
+    ck_assert_int_eq(memcmp(&plain, &indented, sizeof plain), 0);
+}
+END_TEST
+
+START_TEST(a_part_of_a_line_is_not_taken_for_a_line_of_a_mapping)
+{
+    struct mk_import_map map;
+    struct mk_error err = MK_ERROR_INIT;
+    char text[300] = "[t]\ncolumn = t\nunit = ";
+    size_t start = strlen(text);
+    memset(text + start, ' ', 190);
+    strcpy(text + start + 190, "sign = -1\n");
+    ck_assert_int_eq(mk_import_map_read(scratch_text("long.map", text), &map, &err), MK_ERR_PARSE);
+    ck_assert_int_eq(err.line, 3);
+    ck_assert_msg(strstr(err.message, "too long") != NULL, "%s", err.message);
+    static const char zero[] = "[t]\ncolumn = t\0s\n";
+    FILE *f = fopen(scratch("zero.map"), "w");
+    ck_assert_uint_eq(fwrite(zero, 1, sizeof zero - 1, f), sizeof zero - 1);
+    ck_assert_int_eq(fclose(f), 0);
+    ck_assert_int_eq(mk_import_map_read(scratch("zero.map"), &map, &err), MK_ERR_PARSE);
+    ck_assert_int_eq(err.line, 2);
+    ck_assert_msg(strstr(err.message, "zero byte") != NULL, "%s", err.message);
 }
 END_TEST
 
@@ -670,6 +715,8 @@ Suite *suite_import(void)
     tcase_add_test(c, a_name_that_fills_the_line_is_left_out_of_the_list);
     tcase_add_test(c, mistakes_in_a_mapping_are_told_with_their_line);
     tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
+    tcase_add_test(c, an_indented_mapping_reads_as_a_plain_one);
+    tcase_add_test(c, a_part_of_a_line_is_not_taken_for_a_line_of_a_mapping);
     suite_add_tcase(s, c);
     c = tcase_create("plausibility");
     tcase_set_timeout(c, 240);

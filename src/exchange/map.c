@@ -45,11 +45,29 @@ struct reader {
     struct mk_error *err;
 };
 
+/* fgets for inih: leading blanks gone (inih would take an indented line as the continuation of the
+ * one before), and never a part of a line as if it were one. */
 static char *next_line(char *buffer, int size, void *user)
 {
     struct reader *r = user;
+    buffer[size - 1] = 'x'; /* fgets makes it 0 where it fills the buffer */
+    if (r->status != MK_OK || !fgets(buffer, size, r->file))
+        return NULL;
     r->line++;
-    return fgets(buffer, size, r->file);
+    bool whole = strchr(buffer, '\n') || feof(r->file);
+    bool filled = buffer[size - 1] == '\0' && buffer[size - 2] != '\n';
+    size_t blanks = strspn(buffer, " \t\r\n\v\f");
+    memmove(buffer, buffer + blanks, strlen(buffer) - blanks + 1);
+    bool comment = *buffer == '#' || *buffer == ';';
+    if (!whole && !(filled && comment)) {
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "%s",
+                                filled ? "the line is too long: at most 190 characters"
+                                       : "a zero byte: this is no text file");
+        return NULL;
+    }
+    for (int c = whole ? '\n' : 0; c != '\n' && c != EOF;) /* the rest of a comment */
+        c = getc(r->file);
+    return buffer;
 }
 
 /* inih goes on after a failure; the first one is told. */
