@@ -323,7 +323,7 @@ $(BUILD)/fuzz/frame $(BUILD)/fuzz/device: $(BUILD)/fuzz/%: fuzz/fuzz_%.c $(FUZZ_
 	$(call say,FUZZ)$(CLANG) -std=c11 $(FUZZ_FLAGS) -fsanitize=fuzzer -Isrc -Iinclude -o $@ $< $(FUZZ_BOARD) -lm
 # The host's side: with a clock, a libusb and a parallel port of the fuzzer's own.
 FUZZ_HOST := $(addprefix src/driver/,board_parport.c board_usb.c frame.c parport.c usb.c usb_link.c wire.c) \
-             src/base/status.c $(addprefix fuzz/,wire_port.c wire_talk.c wire_usb.c)
+             src/base/status.c src/base/text.c $(addprefix fuzz/,wire_port.c wire_talk.c wire_usb.c)
 FUZZ_INSTEAD := $(foreach f,clock_gettime nanosleep open close ioctl read write,-D$(f)=fuzz_$(f))
 $(BUILD)/fuzz/wire: fuzz/fuzz_wire.c $(FUZZ_HOST) $(wildcard fuzz/*.h src/driver/*.h)
 	@mkdir -p $(@D)

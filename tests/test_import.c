@@ -146,6 +146,27 @@ START_TEST(a_name_that_no_mapping_can_have_goes_by_its_number)
 }
 END_TEST
 
+START_TEST(control_characters_in_names_of_columns_are_shown)
+{
+    static const struct {
+        const char *text, *says;
+        int code;
+    } rows[] = {
+        {"when\x1b[2J,q1,u\n0,0,0\n1,0,1\n2,0,0\n", "there are: when\\x1b[2J, q1, u", 3},
+        {"t\x07,q1,u,1\n0,0,0,9\n1,0,1,9\n2,0,0,9\n", "t     = t\\x07\n", 0},
+        {"t\x07,t\x07,q1,u,1\n0,9,0,0,9\n1,9,0,1,9\n2,9,0,0,9\n", "are called t\\x07: which", 3},
+        {"t,q\x1b[1,u,2\n0,a\x1b[b,0,9\n1,0,1,9\n", ":2: 'a\\x1b[b' in column q\\x1b[1 is", 3}};
+    char out[2048];
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        int code = run_mechkit(out, sizeof out, "import %s --rig pendulum --force --out %s",
+                               scratch_text("names.csv", rows[i].text), scratch("names_log.csv"));
+        ck_assert_msg(code == rows[i].code && strstr(out, rows[i].says), "%zu: %d %s", i, code,
+                      out);
+        ck_assert_msg(!strpbrk(out, "\x1b\x07"), "%zu: %s", i, out);
+    }
+}
+END_TEST
+
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define LITTLE_MEMORY "" /* sanitizers reserve terabytes, and say themselves what is too much */
 #else
@@ -707,6 +728,7 @@ Suite *suite_import(void)
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
+    tcase_add_test(c, control_characters_in_names_of_columns_are_shown);
     tcase_add_test(c, a_mat_file_that_claims_what_it_does_not_hold_is_refused);
     tcase_add_test(c, a_mat_file_without_names_of_fields_is_refused);
     tcase_add_test(c, a_mat_file_of_our_own_comes_back);

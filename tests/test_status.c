@@ -2,6 +2,7 @@
 
 #include <errno.h>
 
+#include "base/text.h"
 #include "mechkit/status.h"
 
 START_TEST(every_code_has_a_name_and_a_text)
@@ -43,6 +44,33 @@ START_TEST(system_errors_become_codes)
 }
 END_TEST
 
+START_TEST(what_would_steer_a_terminal_is_shown)
+{
+    static const struct {
+        const char *text, *shown;
+    } rows[] = {{"", ""},
+                {"\x1b[2J\x07\n\x7f", "\\x1b[2J\\x07\\x0a\\x7f"},
+                {"Gr\xc3\xb6\xc3\x9f"
+                 "e \xe2\x82\xac \xf0\x9f\x98\x80",
+                 "Gr\xc3\xb6\xc3\x9f"
+                 "e \xe2\x82\xac \xf0\x9f\x98\x80"},
+                {"\xc2\x9b"
+                 "2J",
+                 "\\xc2\\x9b"
+                 "2J"},
+                {"\x9b\xff\xc3", "\\x9b\\xff\\xc3"}};
+    char out[100];
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+        ck_assert_str_eq(mk_show_text(out, sizeof out, rows[i].text), rows[i].shown);
+    ck_assert_str_eq(mk_show_text(out, 5, "ab\x1b"), "ab");
+    ck_assert_str_eq(mk_show_text(out, 7,
+                                  "ab\x1b"
+                                  "c"),
+                     "ab\\x1b");
+    ck_assert_str_eq(mk_show_text(out, 3, "a\xc3\xb6"), "a");
+}
+END_TEST
+
 Suite *suite_status(void)
 {
     Suite *s = suite_create("status");
@@ -50,6 +78,7 @@ Suite *suite_status(void)
     tcase_add_test(t, every_code_has_a_name_and_a_text);
     tcase_add_test(t, an_error_says_where);
     tcase_add_test(t, system_errors_become_codes);
+    tcase_add_test(t, what_would_steer_a_terminal_is_shown);
     suite_add_tcase(s, t);
     return s;
 }

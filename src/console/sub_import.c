@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "console/options.h"
 #include "mechkit/exchange.h"
 #include "mechkit/json.h"
@@ -64,12 +65,13 @@ static int check(const struct options *o)
 
 static void print_column(const struct mk_import_column *c)
 {
+    char from[4 * sizeof c->from];
     printf("  %-5s = ", c->to);
     if (c->sign == -1.0)
         fputs("-", stdout);
     else if (c->sign != 1.0)
         printf("%g * ", c->sign);
-    printf("%s", c->from);
+    fputs(mk_show_text(from, sizeof from, c->from), stdout);
     if (*c->unit)
         printf(" [%s]", c->unit);
     if (c->offset != 0.0)

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "driver/usb_priv.h"
 
 #define UDEV_RULE "/etc/udev/rules.d/70-mechkit.rules"
@@ -85,23 +86,14 @@ static bool is_wanted(libusb_device *device, const struct wanted *w,
            d->idProduct == w->product;
 }
 
-/* As it may be shown: what a terminal would take for a command is written \x1b. Whole characters
- * only. */
+/* As it may be shown. */
 static void read_string(libusb_device_handle *handle, uint8_t index, char *out, size_t size)
 {
     unsigned char text[128]; /* no descriptor is longer */
-    int n = index ? libusb_get_string_descriptor_ascii(handle, index, text, sizeof text) : 0;
-    size_t used = 0;
-    for (int i = 0; i < n && text[i]; i++) {
-        bool plain = text[i] >= ' ' && text[i] < 0x7f;
-        if (used + (plain ? 1 : 4) >= size)
-            break;
-        if (plain)
-            out[used++] = (char)text[i];
-        else
-            used += (size_t)snprintf(out + used, size - used, "\\x%02x", text[i]);
-    }
-    out[used] = '\0';
+    int most = (int)sizeof text - 1;
+    int n = index ? libusb_get_string_descriptor_ascii(handle, index, text, most) : 0;
+    text[n > 0 ? n : 0] = '\0';
+    mk_show_text(out, size, (const char *)text);
 }
 
 static void port_of(libusb_device *device, char *out, size_t size)

@@ -5,10 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "exchange/source.h"
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
+
+#define SHOWN (4 * 64) /* a name, with every byte of it escaped */
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -134,10 +137,10 @@ static void add_guess(struct mk_import_map *map, const struct mk_table *table,
 static enum mk_status not_recognised(const struct mk_table *table, const char *path,
                                      const char *what, struct mk_error *err)
 {
-    char list[300] = "";
+    char list[300] = "", name[SHOWN];
     for (size_t i = 0; i < table->count && strlen(list) < 200; i++)
         snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
-                 table->column[i].name);
+                 mk_show_text(name, sizeof name, table->column[i].name));
     return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                        "which column is %s? Say so in a mapping; there are: %s%s%s", what, list,
                        *table->left_out ? "; left out: " : "", table->left_out);
@@ -187,6 +190,7 @@ static enum mk_status check_source(const struct mk_table *table, const char *pat
                                    const struct mk_import_column *c, struct mk_error *err)
 {
     const struct mk_table_column *from = column_of(table, c->from);
+    char name[SHOWN], text[SHOWN];
     size_t same = 0;
     if (!from)
         return not_recognised(table, path, c->to, err);
@@ -196,12 +200,14 @@ static enum mk_status check_source(const struct mk_table *table, const char *pat
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                            "%zu columns are called %s: which is %s? A mapping can say so by its "
                            "number, column = %zu for the first",
-                           same, c->from, c->to, (size_t)(from - table->column) + 1);
+                           same, mk_show_text(name, sizeof name, c->from), c->to,
+                           (size_t)(from - table->column) + 1);
     if (from->text_line)
         return mk_error_at(err, MK_ERR_PARSE, path, from->text_line, 0,
                            "'%s' in column %s is no number; a missing value is an empty field, nan "
                            "or NA",
-                           from->text, from->name);
+                           mk_show_text(text, sizeof text, from->text),
+                           mk_show_text(name, sizeof name, from->name));
     return MK_OK;
 }
 

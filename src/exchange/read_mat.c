@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/text.h"
 #include "exchange/source.h"
 
 #define MAX_DEPTH 8
@@ -32,9 +33,10 @@ struct collector {
 static void leave_out(struct collector *c, const char *name, const char *why)
 {
     static const char rest[] = ", ...";
-    char more[256];
+    char more[256], shown[256];
     size_t n = strlen(c->left_out), room = sizeof c->left_out - n;
-    snprintf(more, sizeof more, "%s%s (%s)", n ? ", " : "", name, why);
+    snprintf(more, sizeof more, "%s%s (%s)", n ? ", " : "", mk_show_text(shown, sizeof shown, name),
+             why);
     if (strlen(more) + sizeof rest <= room)
         strcpy(c->left_out + n, more);
     else if (n == 0)
