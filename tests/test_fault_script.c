@@ -4,9 +4,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "driver/fault_script.h"
+#include "support/files.h"
 
 static struct mk_fault_script script;
 static struct mk_error err;
@@ -132,6 +134,23 @@ START_TEST(a_file_is_read_like_a_text)
 }
 END_TEST
 
+/* A pipe that nobody writes to would be waited for. */
+START_TEST(what_is_no_file_is_not_waited_for)
+{
+    static const char *const other[] = {NULL, "/dev/zero", "/tmp"};
+    static const char *const says[] = {"it is a pipe, not a file", "it is a device",
+                                       "it is a folder"};
+    const char *pipe = scratch("faults");
+    ck_assert_int_eq(mkfifo(pipe, 0600), 0);
+    for (size_t i = 0; i < sizeof other / sizeof other[0]; i++) {
+        const char *path = other[i] ? other[i] : pipe;
+        ck_assert_int_eq(mk_fault_script_read(path, 2, &script, &err), MK_ERR_PARSE);
+        ck_assert_str_eq(err.file, path);
+        ck_assert_msg(strstr(err.message, says[i]) != NULL, "%s", err.message);
+    }
+}
+END_TEST
+
 START_TEST(mistakes_are_named_with_line_and_column)
 {
     static const struct {
@@ -212,6 +231,7 @@ Suite *suite_fault_script(void)
     tcase_add_test(t, rules_of_one_sample_add_up);
     tcase_add_test(t, comments_blank_lines_and_semicolons_are_allowed);
     tcase_add_test(t, a_file_is_read_like_a_text);
+    tcase_add_test(t, what_is_no_file_is_not_waited_for);
     tcase_add_test(t, mistakes_are_named_with_line_and_column);
     tcase_add_test(t, a_rig_of_one_joint_has_no_second);
     tcase_add_test(t, too_many_rules_are_refused);

@@ -318,6 +318,23 @@ START_TEST(what_is_wrong_in_a_spec_is_told_with_its_line)
 }
 END_TEST
 
+/* A pipe that nobody writes to would be waited for. */
+START_TEST(a_model_of_a_spec_is_a_file)
+{
+    struct sweep s;
+    struct mk_error err = MK_ERROR_INIT;
+    char text[1024];
+    ck_assert_int_eq(mkfifo(scratch("pipe.ini"), 0600), 0);
+    const char *spec = scratch_text("piped.ini", "[sweep]\nkind = robustness\n[rig]\n"
+                                                 "setup = furuta\nmodel = pipe.ini\n");
+    ck_assert_int_eq(sweep_read(spec, &s, &err), MK_ERR_PARSE);
+    mk_error_format(&err, text, sizeof text);
+    ck_assert_msg(strstr(text, "pipe.ini: cannot read the model: it is a pipe, not a file"), "%s",
+                  text);
+    sweep_free(&s);
+}
+END_TEST
+
 START_TEST(bad_files_and_usage_have_their_exit_codes)
 {
     char out[4096];
@@ -420,6 +437,7 @@ Suite *suite_sweep(void)
     tcase_add_test(t, every_combination_has_its_runs_and_points_share_their_draws);
     tcase_add_loop_test(t, what_is_wrong_in_a_spec_is_told_with_its_line, 0,
                         (int)(sizeof bad / sizeof bad[0]));
+    tcase_add_test(t, a_model_of_a_spec_is_a_file);
     tcase_add_test(t, bad_files_and_usage_have_their_exit_codes);
     tcase_add_test(t, a_start_at_the_equilibrium_is_held_and_one_far_off_is_not);
     tcase_add_test(t, gains_of_the_spec_are_what_the_controller_has);

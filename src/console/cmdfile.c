@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/in_file.h"
 #include "console/cmd.h"
 
 #define MAX_SOURCES 16    /* nested files */
@@ -246,32 +247,26 @@ static bool enter(struct reader *r, FILE *in)
     return true;
 }
 
-/* What is sourced must be a file: it is read again wherever the script is, and a pipe may keep
- * whoever reads it waiting for good. The script itself may come from one. */
+/* What is sourced must be a file. The script itself may come from a pipe. */
 static FILE *open_file(struct reader *r, const char *path, const char *from, int from_line)
 {
     struct mk_error err = MK_ERROR_INIT;
-    struct stat info;
+    const char *other = NULL;
     bool sourced = from || r->sourced;
     if (!sourced && strcmp(path, "-") == 0)
         return stdin;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | (sourced ? O_NONBLOCK : 0));
+    int fd = sourced ? mk_in_file_open(path, &other) : open(path, O_RDONLY | O_CLOEXEC);
     FILE *in = fd < 0 ? NULL : fdopen(fd, "r");
-    if (in && (!sourced || fstat(fd, &info) != 0 || S_ISREG(info.st_mode)))
+    if (in)
         return in;
-    if (!in)
-        mk_error_errno(&err, errno, from ? from : path, "cannot read %s", path);
-    else
+    if (other)
         mk_error_at(&err, MK_ERR_PARSE, from ? from : path, from_line, 0,
-                    "cannot source %s: %s, not a file", path,
-                    S_ISDIR(info.st_mode)    ? "it is a folder"
-                    : S_ISFIFO(info.st_mode) ? "it is a pipe"
-                                             : "it is a device");
+                    "cannot source %s: %s, not a file", path, other);
+    else
+        mk_error_errno(&err, errno, from ? from : path, "cannot read %s", path);
     err.line = from_line;
     complain(r, &err);
-    if (in)
-        fclose(in);
-    else if (fd >= 0)
+    if (fd >= 0)
         close(fd);
     return NULL;
 }

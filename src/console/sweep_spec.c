@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/in_file.h"
 #include "base/ini_file.h"
 #include "console/sweep.h"
 #include "mechkit/number.h"
@@ -267,7 +268,9 @@ static enum mk_status read_models(struct sweep *s, struct mk_ini *ini, struct mk
         struct mk_model m;
         snprintf(path, sizeof path, "%.*s%s",
                  slash && *word != '/' ? (int)(slash - s->path + 1) : 0, s->path, word);
-        enum mk_status st = mk_model_read(path, &m, err);
+        enum mk_status st = mk_in_file_check(path, "the model", err);
+        if (st == MK_OK)
+            st = mk_model_read(path, &m, err);
         if (st != MK_OK)
             return st;
         if (s->own_model[m.plant])

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/in_file.h"
 #include "mechkit/number.h"
 
 #define SCRIPT_MAX_BYTES 65536
@@ -310,9 +311,12 @@ static enum mk_status parse_text(char *text, const char *file, int joints,
 
 static enum mk_status read_file(const char *path, char *buf, size_t size, struct mk_error *err)
 {
+    enum mk_status st = mk_in_file_check(path, "the fault script", err);
+    if (st != MK_OK)
+        return st;
     FILE *f = fopen(path, "re");
     if (!f)
-        return mk_error_errno(err, errno, path, "cannot open fault script");
+        return mk_error_errno(err, errno, path, "cannot open the fault script");
     size_t n = fread(buf, 1, size, f);
     int failed = ferror(f) ? errno : 0;
     fclose(f);
