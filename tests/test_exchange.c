@@ -141,7 +141,7 @@ START_TEST(a_mat_file_that_cannot_be_written_leaves_the_old_one)
     Mat_VarFree(mk);
     Mat_Close(file);
     ck_assert_int_eq(count_files("kept.mat*"), 1);
-    ck_assert_int_eq(run_mechkit(out, sizeof out, "export %s --out /nowhere/at/all/x.mat", log), 3);
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "export %s --out /nowhere/at/all/x.mat", log), 1);
 }
 END_TEST
 

@@ -160,6 +160,30 @@ START_TEST(a_directory_in_place_of_a_file_is_named)
 }
 END_TEST
 
+/* It is no bad input: nothing is wrong with what was read. */
+START_TEST(an_output_that_cannot_be_written_is_a_failure)
+{
+    static const char *const lines[] = {
+        "simulate --model $M --input $LOG --out $OUT.csv",
+        "simulate --model $M --input $LOG --json $OUT.json",
+        "import $LOG --rig pendulum --force --out $OUT.csv",
+        "import $LOG --rig pendulum --force --write-map $OUT.map",
+        "export $LOG --out $OUT.csv",
+        "export $LOG --out $OUT.mat",
+        "export --model $M --out $OUT.c",
+        "identify --model $M --out $OUT.ini $LOG",
+        "design --model $M --json $OUT.json",
+    };
+    const char *log = open_loop_log("pendulum", "2*sin(5*t)", 2.0);
+    char out[4096];
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        int code = run_command(out, sizeof out, "M=%s LOG=%s OUT=%s/none/x; " MK_TEST_APP " %s",
+                               MK_SOURCE_DIR "/models/pendulum.ini", log, scratch("."), lines[i]);
+        ck_assert_msg(code == 1 && strstr(out, "cannot write"), "%s: %d %s", lines[i], code, out);
+    }
+}
+END_TEST
+
 /* --- the tables of the program -------------------------------------------------------------- */
 
 START_TEST(the_tables_are_sound)
@@ -273,6 +297,7 @@ Suite *suite_options(void)
     tcase_add_test(c, an_error_names_the_option_and_what_would_be_right);
     tcase_add_test(c, what_does_not_arrive_on_a_full_disk_is_a_failure);
     tcase_add_test(c, a_directory_in_place_of_a_file_is_named);
+    tcase_add_test(c, an_output_that_cannot_be_written_is_a_failure);
     tcase_add_test(c, the_tables_are_sound);
     tcase_add_test(c, help_and_man_page_have_every_option_and_lines_fit);
     tcase_add_test(c, completion_offers_every_command_and_option);

@@ -345,6 +345,9 @@ START_TEST(bad_files_and_usage_have_their_exit_codes)
     ck_assert_int_eq(run_mechkit(out, sizeof out, "sweep a.ini --threads 0"), 2);
     ck_assert_int_eq(run_mechkit(out, sizeof out, "sweep a.ini --plot x.pdf"), 2);
     ck_assert_int_eq(run_mechkit(out, sizeof out, "sweep a.ini b.ini"), 2);
+    int code = run_mechkit(out, sizeof out, "sweep %s --out %s/none/x.csv",
+                           scratch_text("s.ini", small), scratch("."));
+    ck_assert_msg(code == 1 && strstr(out, "cannot write the journal"), "%d: %s", code, out);
 }
 END_TEST
 

@@ -330,7 +330,7 @@ static int run(int argc, char **argv)
     if (r.n > 0 && find_poles(&o, &sys, &r, &err) != MK_OK)
         return report_error(&err);
     if (o.json && write_json(&o, &model, eq, &sys, &r, rank, &err) != MK_OK)
-        return report_error(&err);
+        return report_output_error(&err);
     if (!(o.json && strcmp(o.json, "-") == 0)) {
         printf("%s at %s, q = (%.4g", mk_plant(model.plant)->name, eq->name, eq->q[0]);
         if (mk_model_joints(&model) == 2)

@@ -226,6 +226,7 @@ static int run(int argc, char **argv)
         fprintf(stderr, "\r%30s\r", "");
     if (st == MK_ERR_RANGE || st == MK_ERR_NOTSUP)
         return report_usage("excite", "%s", err.message);
+    const bool writing = st == MK_OK;
     if (st == MK_OK && o.out)
         st = mk_excitation_write(&result, o.out, o.model, &err);
     if (st == MK_OK && o.json)
@@ -233,5 +234,7 @@ static int run(int argc, char **argv)
     if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0))
         print_result(&result);
     mk_excitation_clear(&result);
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    if (st == MK_OK)
+        return EXIT_OK;
+    return writing ? report_output_error(&err) : report_error(&err);
 }

@@ -166,10 +166,14 @@ static int run(int argc, char **argv)
     struct mk_model model;
     struct mk_error err = MK_ERROR_INIT;
     enum mk_status st = o.model ? mk_model_read(o.model, &model, &err) : MK_OK;
+    bool writing = st == MK_OK && o.logs.count == 0;
     if (st == MK_OK)
         st = o.logs.count > 0 ? export_logs(&o, o.model ? &model : NULL, &err)
                               : export_model(&o, &model, &err);
     if (st == MK_OK)
         return EXIT_OK;
-    return st == MK_ERR_USAGE ? report_usage("export", "%s", err.message) : report_error(&err);
+    if (st == MK_ERR_USAGE)
+        return report_usage("export", "%s", err.message);
+    writing |= strcmp(err.file, o.out) == 0;
+    return writing ? report_output_error(&err) : report_error(&err);
 }

@@ -177,6 +177,7 @@ static int run(int argc, char **argv)
     struct mk_log *log = NULL;
     struct mk_error err = MK_ERROR_INIT;
     int count = 0;
+    bool writing = false;
     enum mk_status st = find_map(&o, &map, &table, &err);
     if (st == MK_OK)
         st = mk_import_apply(table, o.file, &map, &log, &err);
@@ -187,6 +188,7 @@ static int run(int argc, char **argv)
             print_map(&o, &map, table);
             print_findings(findings, count);
         }
+        writing = true;
         st = write_outputs(&o, log, &map, findings, count, &err);
         if (st == MK_OK && count > 0 && o.out && !quiet)
             puts(o.force ? "written all the same" : "not written: mend the map, or use --force");
@@ -194,6 +196,6 @@ static int run(int argc, char **argv)
     mk_log_free(log);
     mk_table_free(table);
     if (st != MK_OK)
-        return report_error(&err);
+        return writing ? report_output_error(&err) : report_error(&err);
     return count > 0 && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
 }

@@ -132,6 +132,7 @@ static int run(int argc, char **argv)
     if (st == MK_OK)
         st = mk_measure(o.kind, &model, (const struct mk_log *const *)logs, (size_t)o.input.count,
                         &o.measure, &result, &err);
+    const bool writing = st == MK_OK;
     if (st == MK_OK && o.out) {
         char comment[80];
         snprintf(comment, sizeof comment, "measured by mechkit measure %s", o.kind);
@@ -143,5 +144,7 @@ static int run(int argc, char **argv)
         print_measurement(&result);
     for (size_t i = 0; i < MAX_FILES; i++)
         mk_log_free(logs[i]);
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    if (st == MK_OK)
+        return EXIT_OK;
+    return writing ? report_output_error(&err) : report_error(&err);
 }

@@ -133,5 +133,7 @@ static int run(int argc, char **argv)
     for (int i = 0; i < plot.count; i++)
         mk_log_free(logs[i]);
     mk_log_free(with);
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    if (st == MK_OK)
+        return EXIT_OK;
+    return o.out && strcmp(err.file, o.out) == 0 ? report_output_error(&err) : report_error(&err);
 }

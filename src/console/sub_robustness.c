@@ -240,7 +240,7 @@ static int run(int argc, char **argv)
         }
     }
     if (o.json && mk_json_write(o.json, root, &err) != MK_OK)
-        code = report_error(&err);
+        code = report_output_error(&err);
     cJSON_Delete(root);
     return code;
 }

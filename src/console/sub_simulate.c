@@ -119,6 +119,7 @@ static int run(int argc, char **argv)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,
                                                          &figures, &failed, &err);
     double seconds = now() - start;
+    const bool writing = st == MK_OK;
     if (st == MK_OK && o.out)
         st = mk_log_write(o.out, prediction, &err);
     if (st == MK_OK && o.json)
@@ -127,5 +128,7 @@ static int run(int argc, char **argv)
         print_figures(&o, &model, &figures, failed);
     mk_log_free(prediction);
     mk_log_free(log);
-    return st == MK_OK ? EXIT_OK : report_error(&err);
+    if (st == MK_OK)
+        return EXIT_OK;
+    return writing ? report_output_error(&err) : report_error(&err);
 }

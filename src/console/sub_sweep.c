@@ -202,6 +202,7 @@ static void sum_up(const struct options *o, const struct progress *p,
 static int lead(const struct options *o, struct sweep *s, struct sweep_ranks *ranks, int threads,
                 enum mk_status st, struct mk_error *err)
 {
+    const bool spec_is_good = st == MK_OK;
     struct sweep_journal j = {.fd = -1};
     struct progress p = {.journal = &j, .show = !o->quiet && isatty(STDERR_FILENO)};
     if (st == MK_OK)
@@ -216,13 +217,16 @@ static int lead(const struct options *o, struct sweep *s, struct sweep_ranks *ra
         st = run_rest(&p, ranks, threads, err);
     if (st == MK_OK)
         st = sweep_write_csv(&j, o->out, err);
-    bool finished = st == MK_OK;
+    const bool finished = st == MK_OK;
     if (finished)
         sum_up(o, &p, ranks, threads);
     if (finished && o->plot)
         st = sweep_plot(&j, o->plot, err);
     sweep_journal_close(&j, finished);
-    return st == MK_OK ? EXIT_OK : report_error(err);
+    if (st == MK_OK)
+        return EXIT_OK;
+    /* A journal that is damaged is bad input; one that cannot be written is not. */
+    return spec_is_good && st != MK_ERR_PARSE ? report_output_error(err) : report_error(err);
 }
 
 static int run(int argc, char **argv)
