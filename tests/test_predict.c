@@ -11,6 +11,7 @@
 #include "mechkit/exchange.h"
 #include "mechkit/sim.h"
 #include "support/files.h"
+#include "support/program.h"
 
 /* A log of the model itself, sampled at 500 Hz and rounded to counts (0: exact). */
 static struct mk_log *record(const struct mk_model *m, double count, double seconds)
@@ -204,6 +205,28 @@ static bool measured(const char *name, char *path, size_t size)
 }
 
 /* A model and the mapping beside it count from the same zeros. */
+START_TEST(numbers_that_no_rig_has_are_told)
+{
+    static const struct {
+        const char *text, *says; /* NULL: nothing */
+    } rows[] = {{"0,0,0\n0.1,0.01,1\n0.2,0.02,1\n0.3,0.03,1\n", NULL},
+                {"0,0,0\n0.1,0.01,1e30\n0.2,0.02,1e30\n0.3,0.03,1\n",
+                 "the command reaches 1e+30 and is beyond the model's u_max = 10 in 2 of 4 rows"},
+                {"0,1e30,0\n0.1,1e30,1\n0.2,1e30,1\n0.3,1e30,1\n",
+                 "q1 reaches 1e+30 rad: that is no angle of a rig"}};
+    char text[256], out[2048];
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(text, sizeof text, "t,q1,u\n%s", rows[i].text);
+        int code = run_mechkit(out, sizeof out, "simulate --model %s --input %s --out %s",
+                               MK_SOURCE_DIR "/models/pendulum.ini",
+                               scratch_text("numbers.csv", text), scratch("numbers_out.csv"));
+        ck_assert_msg(code == 0 || rows[i].says, "%d %s", code, out);
+        ck_assert_msg(rows[i].says ? strstr(out, rows[i].says) != NULL : !strstr(out, "mechkit:"),
+                      "%zu: %s", i, out);
+    }
+}
+END_TEST
+
 START_TEST(models_of_real_rigs_follow_their_logs)
 {
     static const struct {
@@ -249,6 +272,7 @@ Suite *suite_predict(void)
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);
     tcase_add_test(t, logs_too_short_to_predict_are_refused);
+    tcase_add_test(t, numbers_that_no_rig_has_are_told);
     tcase_add_loop_test(t, models_of_real_rigs_follow_their_logs, 0, 3);
     suite_add_tcase(s, t);
     return s;

@@ -417,6 +417,23 @@ static void say_what_is_clipped(const struct mk_log *log, const struct mk_model 
                 log->path, most, model->u_max, beyond, r->rows);
 }
 
+void log_extremes(const struct mk_log *log, const struct mk_model *model)
+{
+    const double most = 1e6; /* rad; as `import` has it */
+    struct mk_record r;
+    if (mk_record_from_log(log, model, &r, NULL) != MK_OK)
+        return;
+    say_what_is_clipped(log, model, &r);
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        double low, high;
+        range_of(r.q[j], r.rows, &low, &high);
+        if (low < -most || high > most)
+            fprintf(stderr,
+                    "mechkit: %s: implausible: %s reaches %.3g rad: that is no angle of a rig\n",
+                    log->path, angles[j], fmax(-low, high));
+    }
+}
+
 /* --- the whole -------------------------------------------------------------------------------- */
 
 enum mk_status log_doubts(const struct mk_log *const *logs, size_t count,

@@ -18,4 +18,7 @@ MK_NODISCARD enum mk_status log_read_all(const char *const *paths, size_t count,
 MK_NODISCARD enum mk_status log_doubts(const struct mk_log *const *logs, size_t count,
                                        const struct mk_model *model, struct mk_error *err);
 
+/* Says on standard error where commands or angles are beyond anything that the rig has. */
+void log_extremes(const struct mk_log *log, const struct mk_model *model);
+
 #endif

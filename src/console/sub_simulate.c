@@ -3,6 +3,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "console/log_doubts.h"
 #include "console/options.h"
 #include "mechkit/json.h"
 #include "mechkit/sim.h"
@@ -114,6 +115,8 @@ static int run(int argc, char **argv)
         st = mk_log_read(o.input, &log, &err);
     if (st == MK_OK && log->truncated)
         fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o.input);
+    if (st == MK_OK)
+        log_extremes(log, &model);
     double start = now();
     if (st == MK_OK)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,
