@@ -115,9 +115,10 @@ struct Pendubot {
     template <class S, class Sink>
     static void law(const Motion<S> &m, double g, Sink &o)
     {
-        S s2, c2;
-        sincos(m.q[1], s2, c2);
-        S gc1 = g * cos(m.qg1), gc12 = g * cos(m.qg1 + m.q[1]);
+        const S angle[3] = {m.q[1], m.qg1, m.qg1 + m.q[1]};
+        S sine[3], cosine[3];
+        sincos(angle, sine, cosine);
+        const S s2 = sine[0], c2 = cosine[0], gc1 = g * cosine[1], gc12 = g * cosine[2];
         o.d11(0);
         o.d11(1), o.d12(1), o.d22(1);
         o.d11(2, 2.0 * c2), o.d12(2, c2);

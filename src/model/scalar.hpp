@@ -65,6 +65,29 @@ inline double value_of(double x)
     return x;
 } // the number itself, without derivatives
 
+// Of several angles: side by side they hide each other's latency.
+template <class S, int N>
+inline void sincos(const S (&x)[N], S (&s)[N], S (&c)[N])
+{
+    for (int i = 0; i < N; i++)
+        sincos(x[i], s[i], c[i]);
+}
+// Four in a row. The kernel stores them at once: a wide load that follows would wait for four small
+// stores.
+template <class S>
+inline void write(S *to, const S &a, const S &b, const S &c, const S &d)
+{
+    to[0] = a, to[1] = b, to[2] = c, to[3] = d;
+}
+#ifdef MK_ISA
+inline void write(double *to, double a, double b, double c, double d)
+{
+    typedef double V __attribute__((vector_size(32)));
+    V v = {a, b, c, d};
+    __builtin_memcpy(to, &v, sizeof v);
+}
+#endif
+
 // a where x > 0, else b; both are evaluated.
 inline double if_positive(double x, double a, double b)
 {

@@ -7,6 +7,9 @@
 
 #include <stdint.h>
 #include <string.h>
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 #include "model/scalar.hpp"
 
@@ -221,9 +224,19 @@ inline double tanh(double x)
 }
 #endif
 
+// Whether a lane is too large for the polynomials, or no number.
 template <int W>
 inline bool any_large(const Pack<W> &x)
 {
+#if defined(__AVX512DQ__)
+    if constexpr (W == 8)
+        return _mm512_cmp_pd_mask(fabs(x).v, Pack<W>(poly::LARGE).v, _CMP_NLT_UQ) != 0;
+#endif
+#if defined(__AVX__)
+    if constexpr (W == 4)
+        return _mm256_movemask_pd(_mm256_cmp_pd(fabs(x).v, Pack<W>(poly::LARGE).v, _CMP_NLT_UQ)) !=
+               0;
+#endif
     bool any = false;
     for (int i = 0; i < W; i++)
         any |= !(__builtin_fabs(x.v[i]) < poly::LARGE);
