@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdarg>
 #include <cstdio>
 #include <cstring>
 #include <memory>
@@ -102,8 +103,8 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
             beyond += std::fabs(record.u[0][k]) > problem.model.u_max * (1.0 + 1e-9);
         rows += record.rows;
     }
-    if ((double)beyond > MOST_CLIPPED * (double)rows && r.warning_count < MK_MAX_FIT_WARNINGS)
-        snprintf(r.warning[r.warning_count++], sizeof r.warning[0],
+    if ((double)beyond > MOST_CLIPPED * (double)rows)
+        mk::warn(r,
                  "the command is beyond u_max = %g in %.0f %% of the rows, and taken as clipped "
                  "there: are the units right?",
                  problem.model.u_max, 100.0 * (double)beyond / (double)rows);
@@ -123,6 +124,27 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
 }
 
 } // namespace
+
+namespace mk
+{
+
+void warn(mk_ident_result &r, const char *format, ...)
+{
+    if (r.warning_count == MK_MAX_FIT_WARNINGS)
+        return;
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(r.warning[r.warning_count++], sizeof r.warning[0], format, arguments);
+    va_end(arguments);
+}
+
+void warn_if_not_excited(mk_ident_result &r, const mk_ident_parameter &p)
+{
+    if (!p.excited)
+        warn(r, "the data say little about %s: excite it more or fix it", p.name);
+}
+
+} // namespace mk
 
 int mk_ident_method_count(void)
 {
@@ -175,8 +197,8 @@ try {
     if (st != MK_OK)
         return st;
     for (int j = 0; j < mk_model_joints(model); j++)
-        if (!problem.moves[j] && result->warning_count < MK_MAX_FIT_WARNINGS)
-            snprintf(result->warning[result->warning_count++], sizeof result->warning[0],
+        if (!problem.moves[j])
+            mk::warn(*result,
                      "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
     warn_of_clipping(problem, *result);
     for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {

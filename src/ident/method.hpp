@@ -26,6 +26,10 @@ struct IdentMethod {
     enum mk_status (*fit)(const IdentProblem &problem, mk_ident_result &result, mk_error *err);
 };
 
+// A sentence that goes with a result; beyond as many as a result holds it is left out.
+__attribute__((format(printf, 2, 3))) void warn(mk_ident_result &r, const char *format, ...);
+void warn_if_not_excited(mk_ident_result &r, const mk_ident_parameter &p);
+
 // The methods' rows, in the file that defines each.
 extern const IdentMethod method_output_error;
 extern const IdentMethod method_sls, method_wls, method_swevers, method_olsen, method_energy;

@@ -1,9 +1,7 @@
 // Output error: maximum likelihood of the measured angles themselves.
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
-#include <string>
 #include <thread>
 
 #include "ident/fit.hpp"
@@ -25,12 +23,6 @@ std::vector<int> free_parameters(const IdentProblem &problem)
         if (!problem.options.fixed[number])
             free.push_back(number);
     return free;
-}
-
-void warn(mk_ident_result &r, const std::string &text)
-{
-    if (r.warning_count < MK_MAX_FIT_WARNINGS)
-        snprintf(r.warning[r.warning_count++], sizeof r.warning[0], "%s", text.c_str());
 }
 
 double condition(const Eigen::MatrixXd &information)
@@ -69,11 +61,9 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
             mk_model_parameter_info(&point.model, free[(size_t)i], nullptr, 0);
         double slack = 1e-9 * std::max(1.0, std::fabs(p.value));
         p.at_bound = p.value <= info->min + slack || p.value >= info->max - slack;
-        if (!p.excited)
-            warn(r,
-                 std::string("the data say little about ") + p.name + ": excite it more or fix it");
+        warn_if_not_excited(r, p);
         if (p.at_bound)
-            warn(r, std::string(p.name) + " is at the end of its physical range");
+            warn(r, "%s is at the end of its physical range", p.name);
         for (long k = 0; k < n; k++)
             r.covariance[free[(size_t)i] * count + free[(size_t)k]] = cov(i, k);
     }
@@ -120,18 +110,12 @@ std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
         left -= std::min(left, rows);
         logs_left--;
     }
-    char text[128];
-    if (all > MOST_ROWS) {
-        snprintf(text, sizeof text, "of %zu rows the first %zu are fitted: more would say little",
-                 all, MOST_ROWS - left);
-        warn(r, text);
-    }
-    if (hole > 0.0) {
-        snprintf(text, sizeof text,
-                 "the command is missing for up to %.3g s: the data are fitted in %zu piece%s",
-                 hole, logs.size(), logs.size() == 1 ? "" : "s");
-        warn(r, text);
-    }
+    if (all > MOST_ROWS)
+        warn(r, "of %zu rows the first %zu are fitted: more would say little", all,
+             MOST_ROWS - left);
+    if (hole > 0.0)
+        warn(r, "the command is missing for up to %.3g s: the data are fitted in %zu piece%s", hole,
+             logs.size(), logs.size() == 1 ? "" : "s");
     return logs;
 }
 
@@ -196,19 +180,16 @@ constexpr double SUSPICIOUS_DRIFT = 0.009, HOPELESS_DRIFT = 0.9;
 
 void warn_of_drift(double drift, mk_ident_result &r)
 {
-    char text[160];
     if (drift < SUSPICIOUS_DRIFT)
         return;
     if (drift < HOPELESS_DRIFT)
-        snprintf(text, sizeof text,
-                 "the model follows these data only with pushes of %.0e rad/s per sqrt(s): "
-                 "mechkit explain looks for what it lacks",
-                 drift);
+        warn(r,
+             "the model follows these data only with pushes of %.0e rad/s per sqrt(s): "
+             "mechkit explain looks for what it lacks",
+             drift);
     else
-        snprintf(text, sizeof text,
-                 "the model does not follow these data: is it this rig, with these units, signs "
-                 "and columns?");
-    warn(r, text);
+        warn(r, "the model does not follow these data: is it this rig, with these units, signs "
+                "and columns?");
 }
 
 void warn_of_noise(const std::vector<const FitLog *> &views, mk_ident_result &r)
@@ -217,12 +198,10 @@ void warn_of_noise(const std::vector<const FitLog *> &views, mk_ident_result &r)
     const double times = beyond_scatter(views, r.noise);
     if (times < SUSPICIOUS)
         return;
-    char text[160];
-    snprintf(text, sizeof text,
-             "the model does not follow these data: it is off by %.1f times what the readings "
-             "scatter: mechkit explain looks for what it lacks",
-             times);
-    warn(r, text);
+    warn(r,
+         "the model does not follow these data: it is off by %.1f times what the readings "
+         "scatter: mechkit explain looks for what it lacks",
+         times);
 }
 
 // Standard errors are those of readings whose errors are independent: not so where a motion comes
@@ -236,12 +215,10 @@ void warn_of_repetition(const std::vector<const FitLog *> &views, mk_ident_resul
     const double more = std::sqrt(1.0 + share * (double)usual_visits(views));
     if (more < SUSPICIOUS)
         return;
-    char text[160];
-    snprintf(text, sizeof text,
-             "the motion repeats itself, and with it the encoders' rounding: errors may be some "
-             "%.0f times the standard errors. Vary the command",
-             more);
-    warn(r, text);
+    warn(r,
+         "the motion repeats itself, and with it the encoders' rounding: errors may be some "
+         "%.0f times the standard errors. Vary the command",
+         more);
 }
 
 size_t unknown(const std::vector<int> &free, const mk_ident_result &r)

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <deque>
 #include <limits>
-#include <string>
 
 #include "ident/repeats.hpp"
 #include "ident/whiten.hpp"
@@ -234,12 +232,6 @@ enum mk_status Regression::solve(const Sums &sums, Eigen::VectorXd &p, Eigen::Ma
     return MK_OK;
 }
 
-void warn(mk_ident_result &r, const std::string &text)
-{
-    if (r.warning_count < MK_MAX_FIT_WARNINGS)
-        snprintf(r.warning[r.warning_count++], sizeof r.warning[0], "%s", text.c_str());
-}
-
 void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::MatrixXd &inverse,
                       mk_ident_result &r) const
 {
@@ -249,20 +241,17 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
     double expected = sums.expected - (inverse * sums.spread).trace();
     double level2 = r.cost / std::max(expected, 1e-300);
     cov *= level2;
-    if (level2 > SUSPICIOUS_LEVEL * SUSPICIOUS_LEVEL) {
-        char text[160];
-        snprintf(text, sizeof text,
-                 "the plant's equations miss these data by %.0f times what noise explains: is it "
-                 "this rig? What does it lack?",
-                 std::sqrt(level2));
-        warn(r, text);
-    }
+    if (level2 > SUSPICIOUS_LEVEL * SUSPICIOUS_LEVEL)
+        warn(r,
+             "the plant's equations miss these data by %.0f times what noise explains: is it "
+             "this rig? What does it lack?",
+             std::sqrt(level2));
     size_t rows = 0;
     for (const Track &track : tracks)
         rows += track.rows();
     if (rows > MANY_ROWS)
         warn(r, "standard errors are those of noise: with this much data the smoother bends the "
-                "parameters by more, some 0.1 %");
+                "parameters by more, some 0.1 %%");
     r.rows = sums.rows * (size_t)form.equations;
     r.converged = true;
     for (int i = 0; i < r.parameter_count; i++)
@@ -273,9 +262,7 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
         double variance = cov((long)i, (long)i);
         out.std_error = std::isfinite(variance) && variance >= 0.0 ? std::sqrt(variance) : UNKNOWN;
         out.excited = out.std_error < std::fabs(out.value);
-        if (!out.excited)
-            warn(r, std::string("the data say little about ") + out.name +
-                        ": excite it more or fix it");
+        warn_if_not_excited(r, out);
         mk_model_set_parameter(&r.model, free[i], out.value);
         for (size_t k = 0; k < free.size(); k++)
             r.covariance[free[i] * r.parameter_count + free[k]] = cov((long)i, (long)k);
