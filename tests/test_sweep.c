@@ -52,6 +52,38 @@ START_TEST(one_thread_and_two_write_the_same_file)
 }
 END_TEST
 
+static int fields_of(const char *line)
+{
+    int n = 1;
+    for (; *line && *line != '\n'; line++)
+        n += *line == ',';
+    return n;
+}
+
+/* Of a run that was never caught: the first column has nothing in it. */
+static const struct {
+    const char *spec, *outcome;
+} uncaught[] = {
+    {"[sweep]\nkind = basin\n[rig]\nsetup = pendubot-mid\n[start]\nq1 = -0.5 : 0.5 : 3\n",
+     ",not caught,,"},
+    {"[sweep]\nkind = robustness\nruns = 2\n[rig]\nsetup = furuta\n[trial]\ncatch = 0.1\n",
+     ",never caught,,"},
+};
+
+START_TEST(a_column_with_nothing_in_it_keeps_its_place)
+{
+    char *csv = sweep_to(scratch_text("u.ini", uncaught[_i].spec), "u.csv", "--threads 1");
+    const char *head = strstr(csv, "\nrun,");
+    ck_assert_ptr_nonnull(head);
+    int rows = 0, columns = fields_of(++head);
+    for (const char *at = head; (at = strchr(at, '\n')) && *++at; rows++)
+        ck_assert_msg(fields_of(at) == columns, "%d, not %d: %s", fields_of(at), columns, at);
+    ck_assert_int_ge(rows, 2);
+    ck_assert_msg(strstr(csv, uncaught[_i].outcome), "%s", csv);
+    free(csv);
+}
+END_TEST
+
 static int lines_of(const char *path)
 {
     char *text = access(path, R_OK) == 0 ? slurp_file(path) : NULL;
@@ -219,6 +251,26 @@ START_TEST(a_file_that_is_no_journal_is_left_alone)
     int code = run_mechkit(out, sizeof out, "sweep %s --out %s", spec, csv);
     ck_assert_msg(code == 1 && strstr(out, "no file that a sweep"), "%d: %s", code, out);
     ck_assert_int_eq(unlink(journal), 0);
+}
+END_TEST
+
+/* As a program wrote it that left empty columns out. */
+START_TEST(a_journal_whose_rows_lack_a_column_is_refused)
+{
+    struct sweep s;
+    struct sweep_journal j;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(sweep_read(scratch_text("s.ini", small), &s, &err), MK_OK);
+    for (int i = 0; i < 2; i++) {
+        const char *row = i ? "1,2,3,4,5,6" : "1,2,3,4";
+        ck_assert_int_eq(sweep_journal_open(&j, &s, scratch("few.csv"), &err), MK_OK);
+        ck_assert_int_eq(sweep_journal_add(&j, 3, 1, row, &err), MK_OK);
+        sweep_journal_close(&j, false);
+        ck_assert_int_eq(sweep_journal_open(&j, &s, scratch("few.csv"), &err), MK_ERR_PARSE);
+        ck_assert_int_eq(err.line, 2);
+        sweep_journal_close(&j, true);
+    }
+    sweep_free(&s);
 }
 END_TEST
 
@@ -430,6 +482,8 @@ Suite *suite_sweep(void)
     TCase *t = tcase_create("sweeps");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, one_thread_and_two_write_the_same_file);
+    tcase_add_loop_test(t, a_column_with_nothing_in_it_keeps_its_place, 0,
+                        (int)(sizeof uncaught / sizeof uncaught[0]));
     tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
     tcase_add_test(t, a_full_disk_keeps_what_was_done);
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
@@ -437,6 +491,7 @@ Suite *suite_sweep(void)
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);
     tcase_add_test(t, a_file_that_is_no_journal_is_left_alone);
     tcase_add_test(t, a_journal_with_a_hole_is_refused_and_one_that_ends_in_zeros_goes_on);
+    tcase_add_test(t, a_journal_whose_rows_lack_a_column_is_refused);
     tcase_add_test(t, every_combination_has_its_runs_and_points_share_their_draws);
     tcase_add_loop_test(t, what_is_wrong_in_a_spec_is_told_with_its_line, 0,
                         (int)(sizeof bad / sizeof bad[0]));

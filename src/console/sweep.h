@@ -93,8 +93,8 @@ const char *sweep_word(const struct sweep *s, size_t index, const char *name,
                        const char *otherwise);
 /* A value of an axis as text; returns buf. */
 const char *sweep_value_text(const struct sweep_axis *a, int at, char buf[SWEEP_WORD]);
-/* Appends a column to a result: nothing in it when it is not a number. */
-void sweep_put(char text[SWEEP_LINE], double x);
+/* Appends the column of that number, from 0, to a result: nothing in it when it is not a number. */
+void sweep_put(char text[SWEEP_LINE], int column, double x);
 /* MK_ERR_PARSE with the line of the axis. */
 enum mk_status sweep_refuse(const struct sweep *s, const struct sweep_axis *a, struct mk_error *err,
                             const char *fmt, ...) MK_PRINTF(4, 5);

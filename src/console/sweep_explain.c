@@ -273,9 +273,9 @@ static void describe_answer(const struct mk_explanation *e, char text[SWEEP_LINE
         if (e->cause[i].joint)
             snprintf(text + used, SWEEP_LINE / 2 - used, "@%d", e->cause[i].joint);
     }
-    sweep_put(text, claims ? e->cause[0].value[0] : (double)NAN);
-    sweep_put(text, claims ? e->cause[0].confidence : (double)NAN);
-    sweep_put(text, e->closed);
+    sweep_put(text, 1, claims ? e->cause[0].value[0] : (double)NAN);
+    sweep_put(text, 2, claims ? e->cause[0].confidence : (double)NAN);
+    sweep_put(text, 3, e->closed);
 }
 
 static enum mk_status ask(const struct sweep *s, size_t index, struct mk_log *const *logs,

@@ -19,6 +19,14 @@ int sweep_line(char *line, size_t size, size_t index, int outcome, const char *t
     return snprintf(line, size, "%zu,%d,%s\n", index, outcome, text);
 }
 
+static int commas(const char *text)
+{
+    int n = 0;
+    for (; *text; text++)
+        n += *text == ',';
+    return n;
+}
+
 bool sweep_split(const struct sweep *s, char *line, size_t *index, int *outcome,
                  const char **columns)
 {
@@ -34,7 +42,7 @@ bool sweep_split(const struct sweep *s, char *line, size_t *index, int *outcome,
     *index = (size_t)run;
     *outcome = (int)word;
     *columns = end + 1;
-    return strlen(*columns) < SWEEP_LINE;
+    return strlen(*columns) < SWEEP_LINE && commas(*columns) == commas(s->kind->columns);
 }
 
 static bool keep(struct sweep_journal *j, size_t index, int outcome, const char *text)

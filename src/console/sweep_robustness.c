@@ -123,11 +123,11 @@ static enum mk_status run_robustness(const struct sweep *s, size_t index, int *o
     if (st != MK_OK)
         return st;
     *outcome = (int)t.end;
-    sweep_put(text, t.caught_s);
-    sweep_put(text, t.falls);
-    sweep_put(text, t.u_peak);
-    sweep_put(text, t.tilt_rad);
-    sweep_put(text, t.travel_rad);
+    sweep_put(text, 0, t.caught_s);
+    sweep_put(text, 1, t.falls);
+    sweep_put(text, 2, t.u_peak);
+    sweep_put(text, 3, t.tilt_rad);
+    sweep_put(text, 4, t.travel_rad);
     return MK_OK;
 }
 
@@ -174,9 +174,9 @@ static enum mk_status run_basin(const struct sweep *s, size_t index, int *outcom
     if (st != MK_OK)
         return st;
     *outcome = (int)run.end;
-    sweep_put(text, run.caught_s);
-    sweep_put(text, run.u_peak);
-    sweep_put(text, run.tilt_rad);
+    sweep_put(text, 0, run.caught_s);
+    sweep_put(text, 1, run.u_peak);
+    sweep_put(text, 2, run.tilt_rad);
     return MK_OK;
 }
 

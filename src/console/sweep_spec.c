@@ -54,13 +54,13 @@ const char *sweep_value_text(const struct sweep_axis *a, int at, char buf[SWEEP_
     return buf;
 }
 
-void sweep_put(char text[SWEEP_LINE], double x)
+void sweep_put(char text[SWEEP_LINE], int column, double x)
 {
     char number[MK_NUMBER_MAX] = "";
     if (!isnan(x))
         mk_format_double(number, x);
     size_t used = strlen(text);
-    snprintf(text + used, SWEEP_LINE - used, "%s%s", used ? "," : "", number);
+    snprintf(text + used, SWEEP_LINE - used, "%s%s", column ? "," : "", number);
 }
 
 enum mk_status sweep_refuse(const struct sweep *s, const struct sweep_axis *a, struct mk_error *err,
