@@ -447,7 +447,7 @@ END_TEST
 
 START_TEST(a_late_answer_skips_samples_and_says_so)
 {
-    bench_build("at 20 delay 5ms; at 40 delay 1200us");
+    bench_build("at 20 delay 5ms; at 40 delay 1200us; at 60 drop");
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
     ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
@@ -465,6 +465,9 @@ START_TEST(a_late_answer_skips_samples_and_says_so)
     /* 1.2 ms of 2 delay nobody. */
     for (size_t k = 22; k < log->rows; k++)
         ck_assert_double_eq(late[k], 0.0);
+    /* The script counts exchanges, so a tick that is skipped moves what follows. */
+    ck_assert_int_eq((int)flags[60], MK_FLAG_LOST);
+    ck_assert_double_eq(tick[60], 61);
     mk_log_free(log);
 }
 END_TEST

@@ -3,8 +3,9 @@
  * It lives on the run's clock. Everything between the board interface and the rig is what a USB or
  * parallel-port board has as well: messages, their checks, the board's own code.
  *
- * The fault script counts samples from the last set_watchdog, which the loop calls when a run
- * begins: sample n of the script is tick n of the log.
+ * The fault script counts exchanges from the last set_watchdog, which the loop calls when a run
+ * begins: sample n of the script is tick n of the log until the loop skips one. The board is told
+ * neither the loop's period nor its deadlines, so it cannot see that.
  */
 #include <math.h>
 #include <string.h>
@@ -17,7 +18,7 @@ struct virtual_board {
     struct mk_wire wire; /* first: the slots of wire.h find it there */
     struct mk_emulated emulated;
     struct mk_fault_script script;
-    uint64_t sample; /* of the script */
+    uint64_t sample; /* of the script: exchanges so far */
     bool script_runs;
     bool mute; /* the answer to come gets lost */
     int64_t delay_ns;
