@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "console/cmd.h"
 #include "console/cmdfile.h"
 #include "fuzz_file.h"
 
@@ -17,6 +18,7 @@ static void count_error(void *user, const struct mk_error *err)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
+    static const struct cmd_known nothing;
     struct cmdfile *file = NULL;
     struct mk_error err = MK_ERROR_INIT;
     int errors = 0;
@@ -24,7 +26,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     FILE *f = fopen(path, "wb");
     if (!f || fwrite(data, 1, size, f) != size || fclose(f) != 0)
         abort();
-    enum mk_status st = cmdfile_read(path, count_error, &errors, &file, &err);
+    enum mk_status st = cmdfile_read(path, &nothing, count_error, &errors, &file, &err);
     if ((st == MK_OK) != (errors == 0))
         abort();
     if (st == MK_OK) {

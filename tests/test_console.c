@@ -111,9 +111,11 @@ static void collect(void *user, const struct mk_error *err)
 
 static struct cmdfile *parse(const char *text, struct complaints *c)
 {
+    static const struct cmd_known nothing;
     struct cmdfile *file;
     memset(c, 0, sizeof *c);
-    enum mk_status st = cmdfile_read(scratch_text("s.cmd", text), collect, c, &file, NULL);
+    enum mk_status st =
+        cmdfile_read(scratch_text("s.cmd", text), &nothing, collect, c, &file, NULL);
     ck_assert_int_eq(st == MK_OK, c->count == 0);
     return file;
 }
@@ -207,10 +209,12 @@ START_TEST(what_is_sourced_is_a_file)
         ck_assert_int_eq(c.line[0], 2);
         ck_assert_msg(strstr(c.first, rows[i].says) != NULL, "%s", c.first);
     }
+    static const struct cmd_known nothing;
     struct cmdfile *file;
     memset(&c, 0, sizeof c);
-    ck_assert_int_eq(cmdfile_source(scratch("pipe"), collect, &c, &file, NULL), MK_ERR_PARSE);
-    ck_assert_int_eq(cmdfile_source("-", collect, &c, &file, NULL), MK_ERR_NOTFOUND);
+    ck_assert_int_eq(cmdfile_source(scratch("pipe"), &nothing, collect, &c, &file, NULL),
+                     MK_ERR_PARSE);
+    ck_assert_int_eq(cmdfile_source("-", &nothing, collect, &c, &file, NULL), MK_ERR_NOTFOUND);
     ck_assert_int_eq(c.count, 2);
     ck_assert_msg(strstr(c.first, "it is a pipe") != NULL, "%s", c.first);
     ck_assert_int_eq(unlink(scratch("pipe")), 0);
@@ -319,6 +323,107 @@ START_TEST(wrong_usage_is_2_and_a_bad_file_3)
     ck_assert_ptr_nonnull(strstr(o.err, "bad.csv:3:"));
     ck_assert_int_eq(strncmp(o.err, "mechkit: ", 9), 0);
     ck_assert_int_eq(MECHKIT("run", "/no/such.cmd").code, 3);
+}
+END_TEST
+
+/* What no board is needed for is told before one moves, with its line. */
+static const struct {
+    const char *text, *says;
+} known_before[] = {
+    {"rate 5000\n", ":1: rate 5000: must be 100 .. 2000 Hz"},
+    {"seed 1.5\n", ":1: seed 1.5: must be a whole number from 0 to 9e+15"},
+    {"faults at 5 frob\n", ":1: (fault script):1:6: fault script: "},
+    {"faults nowhere.txt\n", ":1: nowhere.txt: cannot open"},
+    {"setup frob\n", ":1: there is no setup 'frob'; there are pendubot-mid, "},
+    {"setup furuta\nlimit frob 3\n", ":2: there is no limit 'frob'; there are q1_min, q1_max, "},
+    {"setup furuta\nset nosuch 3\n", ":2: setup furuta has no parameter 'nosuch'"},
+    {"setup furuta\nset level 7\n", ":2: furuta: level = 7 is outside 0"},
+    {"setup furuta\ngains 1 2\n", ":2: setup furuta takes 4 gains, not 2"},
+    {"setup pi-speed\nrepeat 2\nsetup furuta\nend\ngains 1 2\n",
+     ":5: setup furuta takes 4 gains, not 2"},
+    {"set level 0.5\n", ":1: choose a setup first"},
+    {"gains 1 2\n", ":1: choose a setup first"},
+    {"limit stuck_s 1\n", ":1: choose a setup first"},
+    {"start\n", ":1: choose a setup first"},
+    {"model nowhere.ini\n", ":1: nowhere.ini: cannot open"},
+    {"believe kite.ini\n", "kite.ini:2: kind = 'kite'"},
+    {"model furuta.ini\nsetup pendubot-mid\n",
+     ":2: setup pendubot-mid is for pendubot, not for furuta"},
+    {"believe furuta.ini\nsetup pendubot-mid\n",
+     ":2: setup pendubot-mid is for pendubot, not for furuta"},
+    {"setup open-loop\n", ":1: setup open-loop runs on several rigs"},
+    {"input @nowhere.csv\n", ":1: nowhere.csv: cannot"},
+};
+
+START_TEST(what_is_known_without_a_board_is_told_before)
+{
+    struct mk_model model;
+    char script[256], says[200];
+    mk_model_default(MK_PLANT_FURUTA, &model);
+    ck_assert_int_eq(mk_model_write(scratch("furuta.ini"), &model, NULL, NULL), MK_OK);
+    scratch_text("kite.ini", "[rig]\nkind = kite\n");
+    snprintf(script, sizeof script, "%s", scratch_text("before.cmd", known_before[_i].text));
+    snprintf(says, sizeof says, "%s%s", known_before[_i].says[0] == ':' ? "before.cmd" : "",
+             known_before[_i].says);
+    struct outcome o = MECHKIT("run", "--check", script);
+    ck_assert_msg(o.code == 3 && strstr(o.err, says), "%s: %d: %s", known_before[_i].text, o.code,
+                  o.err);
+    ck_assert_msg(strstr(o.err, "before.cmd:"), "%s", o.err);
+    o = MECHKIT("run", script, "--fast", "--out", scratch("before"));
+    ck_assert_msg(o.code == 3 && strstr(o.err, says), "%s: %d: %s", known_before[_i].text, o.code,
+                  o.err);
+}
+END_TEST
+
+/* What the lines before may change, or what is given besides the file, is left to the run. */
+START_TEST(what_only_the_run_can_tell_is_left_to_it)
+{
+    static const char *const rows[] = {
+        "setup furuta\nstart\nhalt\nidentify f.ini\nbelieve f.ini\nsetup furuta\n",
+        "setup furuta\nstart\nhalt\nsave s.csv\nsetup furuta\nref @s.csv\n",
+        "model furuta.ini\nsetup open-loop\n",
+        "compare nowhere.csv\n",
+        "wait 1\n",
+        "setup furuta\ngains 1 2 3 4\nset level 0.5\nlimit stuck_s 1\nfaults at 5 drop\n"};
+    struct mk_model model;
+    char script[256], given[256];
+    mk_model_default(MK_PLANT_FURUTA, &model);
+    snprintf(given, sizeof given, "%s", scratch("furuta.ini"));
+    ck_assert_int_eq(mk_model_write(given, &model, NULL, NULL), MK_OK);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(script, sizeof script, "%s", scratch_text("later.cmd", rows[i]));
+        struct outcome o = MECHKIT("run", "--check", script);
+        ck_assert_msg(o.code == 0, "%s: %d: %s", rows[i], o.code, o.err);
+    }
+    snprintf(script, sizeof script, "%s",
+             scratch_text("aside.cmd", "model nowhere.ini\nsetup open-loop\n"));
+    ck_assert_int_eq(MECHKIT("run", "--check", script).code, 3);
+    ck_assert_int_eq(MECHKIT("run", "--check", script, "--model", given).code, 0);
+    struct outcome o = MECHKIT("run", "--check", script, "--model", scratch("none.ini"));
+    ck_assert_msg(o.code == 3 && strstr(o.err, "none.ini: cannot open"), "%d: %s", o.code, o.err);
+    snprintf(script, sizeof script, "%s", scratch_text("other.cmd", "setup pendubot-mid\n"));
+    ck_assert_int_eq(MECHKIT("run", "--check", script).code, 0);
+    o = MECHKIT("run", "--check", script, "--believe", given);
+    ck_assert_msg(o.code == 3 && strstr(o.err, "other.cmd:1: setup pendubot-mid is for pendubot"),
+                  "%d: %s", o.code, o.err);
+}
+END_TEST
+
+START_TEST(a_model_is_looked_for_beside_the_file_that_names_it)
+{
+    struct mk_model model;
+    struct complaints c;
+    mk_model_default(MK_PLANT_FURUTA, &model);
+    mkdir(scratch("sub"), 0700);
+    ck_assert_int_eq(mk_model_write(scratch("sub/m.ini"), &model, NULL, NULL), MK_OK);
+    scratch_text("sub/part.cmd", "model m.ini\nsetup furuta\n");
+    struct cmdfile *file = parse("source sub/part.cmd\ngains 1 2 3 4\n", &c);
+    ck_assert_msg(c.count == 0, "%s", c.first);
+    cmdfile_free(file);
+    parse("source sub/part.cmd\nmodel m.ini\ngains 1 2\n", &c);
+    ck_assert_int_eq(c.count, 2);
+    ck_assert_int_eq(c.line[0], 2);
+    ck_assert_int_eq(c.line[1], 3);
 }
 END_TEST
 
@@ -546,6 +651,10 @@ Suite *suite_console(void)
     tcase_add_test(t, a_script_may_come_from_a_pipe_but_not_for_ever);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
+    tcase_add_loop_test(t, what_is_known_without_a_board_is_told_before, 0,
+                        (int)(sizeof known_before / sizeof known_before[0]));
+    tcase_add_test(t, what_only_the_run_can_tell_is_left_to_it);
+    tcase_add_test(t, a_model_is_looked_for_beside_the_file_that_names_it);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);

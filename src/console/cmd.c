@@ -1,108 +1,10 @@
 #include "console/cmd_priv.h"
 
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "console/condition.h"
 #include "console/summary.h"
-#include "mechkit/number.h"
-
-/* --- arguments --------------------------------------------------------------------------- */
-
-enum mk_status cmd_number(const char *text, double *out, struct mk_error *err)
-{
-    if (mk_parse_double_z(text, out) && isfinite(*out))
-        return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number", text);
-}
-
-static enum mk_status check_numbers(int argc, char **argv, struct mk_error *err)
-{
-    double x;
-    for (int i = 0; i < argc; i++)
-        if (cmd_number(argv[i], &x, err) != MK_OK)
-            return MK_ERR_PARSE;
-    return MK_OK;
-}
-
-static enum mk_status check_seconds(int argc, char **argv, struct mk_error *err)
-{
-    double x;
-    (void)argc;
-    if (cmd_number(argv[0], &x, err) != MK_OK)
-        return MK_ERR_PARSE;
-    return x >= 0.0 ? MK_OK
-                    : mk_error_set(err, MK_ERR_PARSE, "%s: seconds are not negative", argv[0]);
-}
-
-static enum mk_status check_second_number(int argc, char **argv, struct mk_error *err)
-{
-    return check_numbers(argc - 1, argv + 1, err);
-}
-
-static enum mk_status check_signal(int argc, char **argv, struct mk_error *err)
-{
-    struct mk_signal *made;
-    (void)argc;
-    if (argv[0][strspn(argv[0], " \t")] == '@')
-        return MK_OK; /* the file may not exist yet */
-    enum mk_status st = mk_signal_create(argv[0], &made, err);
-    mk_signal_destroy(made);
-    return st;
-}
-
-static enum mk_status check_setup(int argc, char **argv, struct mk_error *err)
-{
-    (void)argc;
-    if (mk_ctrl_setup_by_name(argv[0]))
-        return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "there is no setup '%s'", argv[0]);
-}
-
-static enum mk_status check_on_off(int argc, char **argv, struct mk_error *err)
-{
-    (void)argc;
-    if (strcmp(argv[0], "on") == 0 || strcmp(argv[0], "off") == 0)
-        return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "expected on or off, not '%s'", argv[0]);
-}
-
-/* "COND within S" or "COND for S": the number after the last such word, taken off the text. The
- * word `within` inside a condition is followed by `of`, so only the last one counts. */
-static bool split_seconds(char *text, const char *word, double *seconds)
-{
-    char pattern[16];
-    snprintf(pattern, sizeof pattern, " %s ", word);
-    char *found = NULL;
-    for (char *at = strstr(text, pattern); at; at = strstr(at + 1, pattern))
-        found = at;
-    if (!found || !mk_parse_double_z(found + strlen(pattern), seconds) || !(*seconds >= 0.0))
-        return false;
-    *found = '\0';
-    return true;
-}
-
-static enum mk_status check_expect(int argc, char **argv, struct mk_error *err)
-{
-    char text[512];
-    double seconds;
-    (void)argc;
-    snprintf(text, sizeof text, "%s", argv[0]);
-    split_seconds(text, "for", &seconds);
-    return condition_check(text, err);
-}
-
-static enum mk_status check_wait_until(int argc, char **argv, struct mk_error *err)
-{
-    char text[512];
-    double seconds;
-    (void)argc;
-    snprintf(text, sizeof text, "%s", argv[0]);
-    split_seconds(text, "within", &seconds);
-    return condition_check(text, err);
-}
 
 /* --- choosing ---------------------------------------------------------------------------- */
 
@@ -140,35 +42,20 @@ static enum mk_status do_believe(struct session *s, int argc, char **argv, struc
 
 static enum mk_status do_rate(struct session *s, int argc, char **argv, struct mk_error *err)
 {
-    double rate = 0.0;
     (void)argc;
-    enum mk_status st = cmd_number(argv[0], &rate, err);
-    if (st == MK_OK && !(rate >= MK_LOOP_RATE_MIN_HZ && rate <= MK_LOOP_RATE_MAX_HZ))
-        st = mk_error_set(err, MK_ERR_RANGE, "rate %s: must be %g .. %g Hz", argv[0],
-                          MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ);
-    if (st == MK_OK)
-        s->options.rate_hz = rate;
-    return st;
+    return cmd_rate(argv[0], &s->options.rate_hz, err);
 }
 
 static enum mk_status do_seed(struct session *s, int argc, char **argv, struct mk_error *err)
 {
-    double seed;
     (void)argc;
-    enum mk_status st = cmd_number(argv[0], &seed, err);
-    if (st == MK_OK && !(seed >= 0.0 && seed <= 9e15))
-        st = mk_error_set(err, MK_ERR_RANGE, "seed %s: a whole number from 0 on", argv[0]);
-    if (st == MK_OK)
-        s->options.seed = (uint64_t)seed;
-    return st;
+    return cmd_seed(argv[0], &s->options.seed, err);
 }
 
 static enum mk_status do_faults(struct session *s, int argc, char **argv, struct mk_error *err)
 {
-    (void)argc;
-    if (strlen(argv[0]) >= sizeof s->faults)
-        return mk_error_set(err, MK_ERR_RANGE, "the fault script is too long: put it into a file");
-    strcpy(s->faults, argv[0]);
+    (void)argc, (void)err;
+    snprintf(s->faults, sizeof s->faults, "%s", argv[0]);
     return MK_OK;
 }
 
@@ -261,7 +148,7 @@ static enum mk_status do_wait_until(struct session *s, int argc, char **argv, st
     enum mk_status st = need_run(s, err);
     if (st != MK_OK)
         return st;
-    split_seconds(argv[0], "within", &seconds);
+    cmd_split_seconds(argv[0], "within", &seconds);
     st = fault_ends_it(s, session_wait(s, seconds, holds, argv[0], err), err);
     if (st == MK_ERR_TIMEOUT)
         return mk_error_set(err, MK_ERR_EXPECT, "%s: not within %g s", argv[0], seconds);
@@ -285,7 +172,7 @@ static enum mk_status do_expect(struct session *s, int argc, char **argv, struct
     struct mk_loop_snapshot snap;
     (void)argc;
     memset(&snap, 0, sizeof snap);
-    bool lasting = split_seconds(argv[0], "for", &seconds);
+    bool lasting = cmd_split_seconds(argv[0], "for", &seconds);
     if (s->loop)
         mk_loop_get_snapshot(s->loop, &snap);
     if (!condition_holds(argv[0], &snap))
@@ -364,11 +251,12 @@ static void show_gains(struct session *s)
 
 static void show_limits(struct session *s)
 {
-    static const char *const names[] = {"q1_min",  "q1_max",  "q2_min",   "q2_max", "dq1_max",
-                                        "dq2_max", "jump1",   "jump2",    "rest1",  "rest2",
-                                        "stuck_s", "stuck_u", "runaway_s"};
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
-        session_say(s, "  %-12s %g", names[i], *cmd_limit_at(s, names[i]));
+    const char *name;
+    for (int i = 0; (name = cmd_limit_name(i)) != NULL; i++) {
+        double *at;
+        if (cmd_find_limit(&s->config.limits, name, &at, NULL) == MK_OK)
+            session_say(s, "  %-12s %g", name, *at);
+    }
 }
 
 static void show_stats(struct session *s)
@@ -385,15 +273,6 @@ static void show_stats(struct session *s)
                 st.late_p99_us, st.late_p999_us, st.late_max_us);
     if (st.note[0])
         session_say(s, "  %s", st.note);
-}
-
-static enum mk_status check_show(int argc, char **argv, struct mk_error *err)
-{
-    (void)argc;
-    if (strcmp(argv[0], "gains") == 0 || strcmp(argv[0], "limits") == 0 ||
-        strcmp(argv[0], "stats") == 0)
-        return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "expected gains, limits or stats, not '%s'", argv[0]);
 }
 
 static enum mk_status do_show(struct session *s, int argc, char **argv, struct mk_error *err)
@@ -429,51 +308,52 @@ static enum mk_status do_quit(struct session *s, int argc, char **argv, struct m
 /* --- table ------------------------------------------------------------------------------- */
 
 static const struct cmd commands[] = {
-    {"setup", "NAME", "choose what to run: board, controller and limits", 1, 1, false, check_setup,
-     do_setup},
+    {"setup", "NAME", "choose what to run: board, controller and limits", 1, 1, false,
+     cmd_check_setup, do_setup},
     {"gains", "K1 K2 ...", "the setup's feedback gains, in order; also while it runs", 1,
-     MK_CTRL_MAX_PARAMS, false, check_numbers, cmd_do_gains},
+     MK_CTRL_MAX_PARAMS, false, cmd_check_gains, cmd_do_gains},
     {"set", "NAME VALUE", "a parameter of the setup; also while it runs", 2, 2, false,
-     check_second_number, cmd_do_set},
-    {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1)", 1, 1, true, check_signal,
+     cmd_check_set, cmd_do_set},
+    {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1)", 1, 1, true, cmd_check_signal,
      do_signal},
     {"input", "SIGNAL", "command of open-loop, e.g. 1.5*sin(6*t) or @FILE", 1, 1, true,
-     check_signal, do_signal},
-    {"start", "", "check that the links hang, zero the counters, run", 0, 0, false, NULL, do_start},
+     cmd_check_signal, do_signal},
+    {"start", "", "check that the links hang, zero the counters, run", 0, 0, false, cmd_check_start,
+     do_start},
     {"halt", "", "motor off, log complete", 0, 0, false, NULL, do_halt},
-    {"wait", "SECONDS", "let it run", 1, 1, false, check_seconds, do_wait},
+    {"wait", "SECONDS", "let it run", 1, 1, false, cmd_check_seconds, do_wait},
     {"wait-until", "COND [within S]", "let it run until a condition holds (60 s at most)", 1, 1,
-     true, check_wait_until, do_wait_until},
+     true, cmd_check_wait_until, do_wait_until},
     {"expect", "COND [for S]", "fail unless a condition holds (for so long)", 1, 1, true,
-     check_expect, do_expect},
+     cmd_check_expect, do_expect},
     {"save", "FILE", "name the log of the last run; never overwrites (FILE-2, ...)", 1, 1, false,
      NULL, do_save},
     {"save!", "FILE", "the same, but overwrites", 1, 1, false, NULL, do_save_over},
     {"estop", "", "motor off at once, fault e-stop", 0, 0, false, NULL, do_estop},
     {"ack", "", "acknowledge a latched fault", 0, 0, false, NULL, do_ack},
-    {"model", "FILE", "the rig, from the next setup on", 1, 1, false, NULL, do_model},
-    {"believe", "FILE", "what controllers believe, from the next setup on", 1, 1, false, NULL,
-     do_believe},
-    {"rate", "HZ", "samples per second, from the next setup on", 1, 1, false, check_numbers,
+    {"model", "FILE", "the rig, from the next setup on", 1, 1, false, cmd_check_model, do_model},
+    {"believe", "FILE", "what controllers believe, from the next setup on", 1, 1, false,
+     cmd_check_believe, do_believe},
+    {"rate", "HZ", "samples per second, from the next setup on", 1, 1, false, cmd_check_rate,
      do_rate},
-    {"log", "on|off", "whether runs are logged; default on", 1, 1, false, check_on_off, do_log},
-    {"limit", "NAME VALUE", "a safety limit, until the next setup", 2, 2, false,
-     check_second_number, cmd_do_limit},
-    {"seed", "N", "noise of the virtual rig, from the next setup on", 1, 1, false, check_numbers,
+    {"log", "on|off", "whether runs are logged; default on", 1, 1, false, cmd_check_on_off, do_log},
+    {"limit", "NAME VALUE", "a safety limit, until the next setup", 2, 2, false, cmd_check_limit,
+     cmd_do_limit},
+    {"seed", "N", "noise of the virtual rig, from the next setup on", 1, 1, false, cmd_check_seed,
      do_seed},
     {"faults", "SCRIPT", "faults of the virtual board (docs/faults.md), from the next setup on", 1,
-     1, true, NULL, do_faults},
+     1, true, cmd_check_faults, do_faults},
     {"identify", "[MODEL.ini]", "fit what is believed of the rig to the last run", 0, 1, false,
-     NULL, cmd_do_identify},
-    {"explain", "[DIR]", "what the model gets wrong about the last run, and why", 0, 1, false, NULL,
-     cmd_do_explain},
+     cmd_check_writes_model, cmd_do_identify},
+    {"explain", "[DIR]", "what the model gets wrong about the last run, and why", 0, 1, false,
+     cmd_check_writes_model, cmd_do_explain},
     {"compare", "[LOG]", "the last run, or a log, beside the simulation of the model", 0, 1, false,
      NULL, cmd_do_compare},
     {"replay", "[LOG]", "show the last run, or a log, on the screen", 0, 1, false, NULL,
      cmd_do_replay},
     {"record", "FILE|off", "write commands and pauses into a command file", 1, 1, false, NULL,
      cmd_do_record},
-    {"show", "gains|limits|stats", "what is set, or how the loop does", 1, 1, false, check_show,
+    {"show", "gains|limits|stats", "what is set, or how the loop does", 1, 1, false, cmd_check_show,
      do_show},
     {"echo", "TEXT", "say something", 0, 1, true, NULL, do_echo},
     {"help", "", "this list", 0, 0, false, NULL, do_help},

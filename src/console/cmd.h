@@ -8,14 +8,26 @@
 
 #define CMD_MAX_ARGS 40
 
+/* What the lines before have chosen, as far as it is known without a board. */
+struct cmd_known {
+    const char *folder; /* of the command file; NULL or "": none */
+    bool keep_model;    /* the command `model` is left aside */
+    bool have_setup, have_model, have_believed;
+    const struct mk_ctrl_ops *setup;              /* NULL: not known which */
+    const struct mk_plant_info *model, *believed; /* their rigs; NULL: not known */
+    bool may_write_logs, may_write_models;        /* which later lines read */
+};
+
 struct cmd {
     const char *name;
     const char *usage; /* arguments, as shown to people */
     const char *help;  /* one line */
     int min_args, max_args;
     bool raw; /* the rest of the line is one argument, quotes and all */
-    /* Checks arguments without running; NULL: nothing beyond their number. */
-    enum mk_status (*check)(int argc, char **argv, struct mk_error *err);
+    /* Checks arguments without running, and takes over into *known what they choose. `known` NULL:
+     * nothing is known; what follows from it is left to `exec`. NULL: nothing beyond their number.
+     */
+    enum mk_status (*check)(struct cmd_known *known, int argc, char **argv, struct mk_error *err);
     /* argv[0] is the first argument. */
     enum mk_status (*exec)(struct session *s, int argc, char **argv, struct mk_error *err);
 };
@@ -30,8 +42,11 @@ struct cmd_line {
     int argc;
     char *argv[CMD_MAX_ARGS];
 };
-/* MK_ERR_PARSE for an unknown command, wrong number of arguments, open quotes, bad arguments. */
-MK_NODISCARD enum mk_status cmd_parse(char *line, struct cmd_line *out, struct mk_error *err);
+/* Fails for an unknown command, wrong number of arguments, open quotes, bad arguments. */
+MK_NODISCARD enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *out,
+                                      struct mk_error *err);
+/* Names of the safety limits; NULL out of range. */
+const char *cmd_limit_name(int index);
 
 /* `quit` returns this positive value; everything else MK_OK or an error. */
 enum { CMD_QUIT = 1 };

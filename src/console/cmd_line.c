@@ -54,7 +54,8 @@ static enum mk_status wrong_count(const struct cmd *c, struct mk_error *err)
     return mk_error_set(err, MK_ERR_PARSE, "usage: %s %s", c->name, c->usage);
 }
 
-enum mk_status cmd_parse(char *line, struct cmd_line *out, struct mk_error *err)
+enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *out,
+                         struct mk_error *err)
 {
     bool open = false;
     memset(out, 0, sizeof *out);
@@ -82,7 +83,7 @@ enum mk_status cmd_parse(char *line, struct cmd_line *out, struct mk_error *err)
         return mk_error_set(err, MK_ERR_PARSE, "a quote is not closed");
     if (out->argc < c->min_args || out->argc > c->max_args)
         return wrong_count(c, err);
-    enum mk_status st = c->check ? c->check(out->argc, out->argv, err) : MK_OK;
+    enum mk_status st = c->check ? c->check(known, out->argc, out->argv, err) : MK_OK;
     if (st == MK_OK)
         out->cmd = c;
     return st;

@@ -50,6 +50,7 @@ struct reader {
     } reading[MAX_SOURCES];  /* files that are being read, by depth */
     size_t open[MAX_BLOCKS]; /* repeats that wait for their end */
     int open_count;
+    struct cmd_known known;
 };
 
 static void complain(struct reader *r, const struct mk_error *err)
@@ -165,18 +166,24 @@ static void on_end(struct reader *r, const char *path, int line, int floor)
     r->file->steps[repeat].partner = r->file->count - 1;
 }
 
+/* "dir" of "dir/file"; "" where there is none. */
+static void folder_of(const char *path, char *folder, size_t size)
+{
+    const char *slash = strrchr(path, '/');
+    snprintf(folder, size, "%.*s", slash ? (int)(slash - path) : 0, path);
+}
+
 static void on_command(struct reader *r, const char *path, int line, const char *text)
 {
-    char copy[MAX_LINE];
+    char copy[MAX_LINE], folder[SESSION_PATH], why[512];
     struct cmd_line parsed;
     struct mk_error err = MK_ERROR_INIT;
     snprintf(copy, sizeof copy, "%s", text);
-    if (cmd_parse(copy, &parsed, &err) != MK_OK) {
-        snprintf(err.file, sizeof err.file, "%s", path);
-        err.line = line;
-        err.column = 0;
-        err.status = MK_ERR_PARSE;
-        complain(r, &err);
+    folder_of(path, folder, sizeof folder);
+    r->known.folder = folder;
+    if (cmd_parse(copy, &r->known, &parsed, &err) != MK_OK) {
+        /* The place in the script is what helps; a data file's own place goes into the message. */
+        complain_at(r, path, line, mk_error_format(&err, why, sizeof why));
     } else if (parsed.cmd) {
         add_step(r, STEP_COMMAND, path, line, text);
     }
@@ -302,7 +309,7 @@ static void read_file(struct reader *r, const char *path, const char *from, int 
         fclose(in);
 }
 
-static enum mk_status read_all(const char *path, bool sourced,
+static enum mk_status read_all(const char *path, bool sourced, const struct cmd_known *known,
                                void (*report)(void *, const struct mk_error *), void *user,
                                struct cmdfile **out, struct mk_error *err)
 {
@@ -310,6 +317,7 @@ static enum mk_status read_all(const char *path, bool sourced,
                        .user = user,
                        .err = err,
                        .sourced = sourced,
+                       .known = *known,
                        .file = calloc(1, sizeof *r.file)};
     *out = NULL;
     if (!r.file)
@@ -322,16 +330,18 @@ static enum mk_status read_all(const char *path, bool sourced,
     return r.first;
 }
 
-enum mk_status cmdfile_read(const char *path, void (*report)(void *, const struct mk_error *),
-                            void *user, struct cmdfile **out, struct mk_error *err)
+enum mk_status cmdfile_read(const char *path, const struct cmd_known *known,
+                            void (*report)(void *, const struct mk_error *), void *user,
+                            struct cmdfile **out, struct mk_error *err)
 {
-    return read_all(path, false, report, user, out, err);
+    return read_all(path, false, known, report, user, out, err);
 }
 
-enum mk_status cmdfile_source(const char *path, void (*report)(void *, const struct mk_error *),
-                              void *user, struct cmdfile **out, struct mk_error *err)
+enum mk_status cmdfile_source(const char *path, const struct cmd_known *known,
+                              void (*report)(void *, const struct mk_error *), void *user,
+                              struct cmdfile **out, struct mk_error *err)
 {
-    return read_all(path, true, report, user, out, err);
+    return read_all(path, true, known, report, user, out, err);
 }
 
 void cmdfile_free(struct cmdfile *file)
@@ -356,10 +366,8 @@ static int execute_step(const struct step *step, struct session *s, struct mk_er
     char copy[MAX_LINE];
     struct cmd_line line;
     snprintf(copy, sizeof copy, "%s", step->text);
-    const char *slash = strrchr(step->file, '/');
-    snprintf(s->script_dir, sizeof s->script_dir, "%.*s", slash ? (int)(slash - step->file) : 0,
-             step->file);
-    int st = (int)cmd_parse(copy, &line, err);
+    folder_of(step->file, s->script_dir, sizeof s->script_dir);
+    int st = (int)cmd_parse(copy, NULL, &line, err);
     if (st == MK_OK)
         st = cmd_execute(s, &line, err);
     if (st < 0 && err) {

@@ -12,16 +12,17 @@
 #include "mechkit/status.h"
 
 struct session;
+struct cmd_known;
 struct cmdfile;
 
-/* Reads and checks a file ("-": standard input). Every error is handed to `report` (in order, with
- * file and line); returns the first one. */
-MK_NODISCARD enum mk_status cmdfile_read(const char *path,
+/* Reads and checks a file ("-": standard input). `known`: what is chosen before its first line.
+ * Every error is handed to `report` (in order, with file and line); returns the first one. */
+MK_NODISCARD enum mk_status cmdfile_read(const char *path, const struct cmd_known *known,
                                          void (*report)(void *user, const struct mk_error *err),
                                          void *user, struct cmdfile **out, struct mk_error *err);
 /* The same as `source` does: a file only, no pipe and no standard input, which may keep whoever
  * reads them waiting. */
-MK_NODISCARD enum mk_status cmdfile_source(const char *path,
+MK_NODISCARD enum mk_status cmdfile_source(const char *path, const struct cmd_known *known,
                                            void (*report)(void *user, const struct mk_error *err),
                                            void *user, struct cmdfile **out, struct mk_error *err);
 void cmdfile_free(struct cmdfile *file);

@@ -296,9 +296,19 @@ static const char *after_source(const char *text)
 
 static int execute_file(struct host *h, const char *path, struct mk_error *err)
 {
+    const struct session *s = &h->session;
+    const struct cmd_known known = {
+        .keep_model = s->options.keep_model && s->options.model,
+        .have_setup = s->ctrl != NULL,
+        .have_model = s->have_model,
+        .have_believed = s->have_believed,
+        .setup = s->setup,
+        .model = s->have_model ? mk_plant(s->model.plant) : NULL,
+        .believed = s->have_believed ? mk_plant(s->believed.plant) : NULL,
+    };
     struct cmdfile *file;
     /* Each error is reported with its line, so nothing is left to say. */
-    if (cmdfile_source(path, on_file_error, h, &file, NULL) != MK_OK)
+    if (cmdfile_source(path, &known, on_file_error, h, &file, NULL) != MK_OK)
         return MK_OK;
     int st = (int)cmdfile_execute(file, &h->session, err);
     cmdfile_free(file);
@@ -314,7 +324,7 @@ static int execute_text(struct host *h, const char *text, struct mk_error *err)
     const char *path = after_source(line);
     if (path && *path)
         return execute_file(h, path, err);
-    int st = (int)cmd_parse(line, &parsed, err);
+    int st = (int)cmd_parse(line, NULL, &parsed, err);
     return st == MK_OK ? cmd_execute(&h->session, &parsed, err) : st;
 }
 

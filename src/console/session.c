@@ -78,14 +78,29 @@ static enum mk_status open_board_kind(struct session *s, struct mk_error *err)
     return MK_OK;
 }
 
-const char *session_find(const struct session *s, const char *path, char *buf, size_t size)
+const char *session_beside(const char *folder, const char *path, char *buf, size_t size)
 {
-    if (path[0] != '/' && s->script_dir[0]) {
-        int n = snprintf(buf, size, "%s/%s", s->script_dir, path);
+    if (path[0] != '/' && folder && folder[0]) {
+        int n = snprintf(buf, size, "%s/%s", folder, path);
         if (n > 0 && (size_t)n < size && access(buf, F_OK) == 0)
             return buf;
     }
     snprintf(buf, size, "%s", path);
+    return buf;
+}
+
+const char *session_find(const struct session *s, const char *path, char *buf, size_t size)
+{
+    return session_beside(s->script_dir, path, buf, size);
+}
+
+const char *session_signal(const char *folder, const char *text, char *buf, size_t size)
+{
+    const char *at = text + strspn(text, " \t");
+    if (*at != '@')
+        return text;
+    buf[0] = '@';
+    session_beside(folder, at + 1, buf + 1, size - 1);
     return buf;
 }
 
@@ -174,11 +189,24 @@ void session_close(struct session *s)
 
 /* --- setup ------------------------------------------------------------------------------- */
 
-static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *ops,
-                                   struct mk_error *err)
+enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **out,
+                                  struct mk_error *err)
 {
-    if (s->have_model)
+    char known[300] = "";
+    const struct mk_ctrl_ops *row;
+    *out = mk_ctrl_setup_by_name(name);
+    if (*out)
         return MK_OK;
+    for (int i = 0; (row = mk_ctrl_setup(i)) != NULL; i++) {
+        size_t used = strlen(known);
+        snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", row->name);
+    }
+    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'; there are %s", name, known);
+}
+
+enum mk_status session_own_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind *out,
+                               struct mk_error *err)
+{
     int kind = -1, kinds = 0;
     for (int k = 0; k < MK_PLANT_COUNT; k++)
         if (ops->plants & (1u << k)) {
@@ -190,8 +218,20 @@ static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *
                             "setup %s runs on several rigs: say which one with --model or the "
                             "command model",
                             ops->name);
-    mk_model_default((enum mk_plant_kind)kind, &s->model);
+    *out = (enum mk_plant_kind)kind;
     return MK_OK;
+}
+
+static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *ops,
+                                   struct mk_error *err)
+{
+    enum mk_plant_kind kind;
+    if (s->have_model)
+        return MK_OK;
+    enum mk_status st = session_own_rig(ops, &kind, err);
+    if (st == MK_OK)
+        mk_model_default(kind, &s->model);
+    return st;
 }
 
 static enum mk_status open_board(struct session *s, struct mk_error *err)
@@ -210,18 +250,11 @@ static enum mk_status open_board(struct session *s, struct mk_error *err)
 
 enum mk_status session_setup(struct session *s, const char *name, struct mk_error *err)
 {
-    const struct mk_ctrl_ops *ops = mk_ctrl_setup_by_name(name);
-    if (!ops) {
-        char known[300] = "";
-        const struct mk_ctrl_ops *row;
-        for (int i = 0; (row = mk_ctrl_setup(i)) != NULL; i++) {
-            size_t used = strlen(known);
-            snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", row->name);
-        }
-        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'; there are %s", name,
-                            known);
-    }
-    enum mk_status st = s->running ? session_halt(s, err) : MK_OK;
+    const struct mk_ctrl_ops *ops;
+    enum mk_status st = session_find_setup(name, &ops, err);
+    if (st != MK_OK)
+        return st;
+    st = s->running ? session_halt(s, err) : MK_OK;
     close_setup(s);
     s->setup = ops;
     if (st == MK_OK)
@@ -361,17 +394,13 @@ enum mk_status session_apply(struct session *s, struct mk_error *err)
 enum mk_status session_set_signal(struct session *s, const char *text, struct mk_error *err)
 {
     struct mk_signal *made;
-    char found[SESSION_PATH + 1] = "@";
-    const char *at = text + strspn(text, " \t");
-    if (*at == '@') {
-        session_find(s, at + 1, found + 1, sizeof found - 1);
-        text = found;
-    }
+    char found[SESSION_PATH + 1];
     if (s->running)
         return mk_error_set(err, MK_ERR_STATE,
                             "a signal cannot be exchanged while it runs: halt "
                             "first");
-    enum mk_status st = mk_signal_create(text, &made, err);
+    enum mk_status st =
+        mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
     if (st != MK_OK)
         return st;
     if (s->ctrl)

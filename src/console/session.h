@@ -106,6 +106,16 @@ MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *te
 /* A file that a command names: beside the command file if it is there, else as given. Returns buf.
  */
 const char *session_find(const struct session *s, const char *path, char *buf, size_t size);
+/* The same beside any folder; NULL or "": none. */
+const char *session_beside(const char *folder, const char *path, char *buf, size_t size);
+/* The text of a signal, its file (@FILE) looked for in this way: `text` or buf. */
+const char *session_signal(const char *folder, const char *text, char *buf, size_t size);
+/* MK_ERR_NOTFOUND (and *out NULL) says which setups there are. */
+MK_NODISCARD enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **out,
+                                               struct mk_error *err);
+/* The rig of a setup where no model says which; MK_ERR_USAGE: it runs on several. */
+MK_NODISCARD enum mk_status session_own_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind *out,
+                                            struct mk_error *err);
 MK_NODISCARD enum mk_status session_load_model(struct session *s, const char *path, bool believed,
                                                struct mk_error *err);
 

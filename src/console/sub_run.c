@@ -29,7 +29,7 @@ static const struct option_row option_rows[] = {
                     "report's parameters",
                     "virtual board in simulated time, as fast as it goes"),
     {"check", OPTION_FLAG(check), NULL,
-     "parse only: report every error in the script, run nothing"},
+     "report every mistake in the script that shows without a board, run nothing"},
     {"commands", OPTION_FLAG(commands), NULL, "list commands, conditions and setups"},
     {"quiet", OPTION_FLAG(quiet), NULL, "print errors only"},
     {0}};
@@ -79,6 +79,22 @@ static int list_commands(void)
     return EXIT_OK;
 }
 
+/* What the options say before the first line does. */
+static enum mk_status know_options(const struct session_options *o, struct cmd_known *known,
+                                   struct mk_error *err)
+{
+    struct mk_model model;
+    enum mk_status st = MK_OK;
+    *known = (struct cmd_known){.keep_model = o->keep_model && o->model,
+                                .have_model = o->model != NULL,
+                                .have_believed = o->believe != NULL};
+    if (o->model && (st = mk_model_read(o->model, &model, err)) == MK_OK)
+        known->model = mk_plant(model.plant);
+    if (o->believe && st == MK_OK && (st = mk_model_read(o->believe, &model, err)) == MK_OK)
+        known->believed = mk_plant(model.plant);
+    return st;
+}
+
 static int execute(struct options *o, const struct cmdfile *file)
 {
     struct session session;
@@ -120,7 +136,10 @@ static int run(int argc, char **argv)
     o.script = script.text[0];
     struct cmdfile *file;
     struct mk_error err = MK_ERROR_INIT;
-    if (cmdfile_read(o.script, report_script_error, NULL, &file, &err) != MK_OK)
+    struct cmd_known known;
+    if (know_options(&o.session, &known, &err) != MK_OK)
+        return report_error(&err);
+    if (cmdfile_read(o.script, &known, report_script_error, NULL, &file, &err) != MK_OK)
         return EXIT_BAD_FILE;
     if (o.check)
         printf("%s: %zu commands, no errors\n", o.script, cmdfile_command_count(file));

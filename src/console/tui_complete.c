@@ -69,6 +69,13 @@ static void offer_parameters(struct candidates *c, const struct host_status *sta
         offer(c, status->setup->param[i].name);
 }
 
+static void offer_limits(struct candidates *c)
+{
+    const char *name;
+    for (int i = 0; (name = cmd_limit_name(i)) != NULL; i++)
+        offer(c, name);
+}
+
 static void offer_words(struct candidates *c, const char *words)
 {
     char word[32];
@@ -100,8 +107,7 @@ static void offer_arguments(struct candidates *c, const char *name,
     else if (strcmp(name, "set") == 0)
         offer_parameters(c, status);
     else if (strcmp(name, "limit") == 0)
-        offer_words(c, "q1_min q1_max q2_min q2_max dq1_max dq2_max jump1 jump2 rest1 rest2 "
-                       "stuck_s stuck_u runaway_s");
+        offer_limits(c);
     else if (strncmp(name, "wait-", 5) == 0 || strcmp(name, "expect") == 0)
         offer_words(c, "balanced running idle faulted no-fault within for");
     else if (row && strchr(row->usage, '|'))

@@ -6,6 +6,7 @@
 
 #include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
+#include "ctrl/ctrl_rig.h"
 
 /* One row a setup: the order is the one of lists shown to people. */
 static const struct mk_ctrl_ops *const setups[] = {
@@ -85,18 +86,26 @@ static void list_plants(unsigned plants, char *buf, size_t size)
     }
 }
 
+enum mk_status mk_ctrl_check_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind rig,
+                                 struct mk_error *err)
+{
+    char rigs[128];
+    if (ops->plants & (1u << rig))
+        return MK_OK;
+    list_plants(ops->plants, rigs, sizeof rigs);
+    return mk_error_set(err, MK_ERR_INVALID, "setup %s is for %s, not for %s", ops->name, rigs,
+                        mk_plant(rig)->name);
+}
+
 static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
                                 double dt, struct mk_error *err)
 {
     enum mk_status st = mk_model_check(believed, err);
     if (st != MK_OK)
         return st;
-    if (!(ops->plants & (1u << believed->plant))) {
-        char rigs[128];
-        list_plants(ops->plants, rigs, sizeof rigs);
-        return mk_error_set(err, MK_ERR_INVALID, "setup %s is for %s, not for %s", ops->name, rigs,
-                            mk_plant(believed->plant)->name);
-    }
+    st = mk_ctrl_check_rig(ops, believed->plant, err);
+    if (st != MK_OK)
+        return st;
     if (!(dt > 0.0 && dt <= 0.1))
         return mk_error_set(err, MK_ERR_RANGE, "sample time %g s is outside 0 .. 0.1 s", dt);
     return MK_OK;

@@ -106,7 +106,7 @@ static bool play_line(struct play *p, const char *text)
     struct mk_error err = MK_ERROR_INIT;
     bool ran = p->session.running;
     snprintf(copy, sizeof copy, "%s", text);
-    int st = cmd_parse(copy, &line, &err);
+    int st = cmd_parse(copy, NULL, &line, &err);
     if (st == MK_OK)
         st = cmd_execute(&p->session, &line, &err);
     p->tally->commands++;
@@ -183,6 +183,7 @@ static void change_bytes(struct play *p)
 /* Reads the script as a file and executes it as `mechkit run` does. */
 static void play_file(struct play *p)
 {
+    static const struct cmd_known nothing;
     char path[600];
     struct cmdfile *file;
     struct session_options options = {
@@ -192,7 +193,7 @@ static void play_file(struct play *p)
         violate(p->violation, "%s: %s", path, strerror(errno));
         return;
     }
-    if (cmdfile_read(path, ignore_error, NULL, &file, NULL) != MK_OK) {
+    if (cmdfile_read(path, &nothing, ignore_error, NULL, &file, NULL) != MK_OK) {
         p->tally->refused++;
         return;
     }
