@@ -302,6 +302,21 @@ START_TEST(help_and_version_go_to_standard_output)
 }
 END_TEST
 
+START_TEST(help_manual_and_docs_agree_on_the_exit_codes)
+{
+    static const char *const files[] = {"man/mechkit.1.in", "docs/formats.md"};
+    const char *says = "or an output cannot be written, 2 wrong usage, 3 bad input file.";
+    ck_assert_ptr_nonnull(strstr(MECHKIT("--help").out, says));
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        char path[512];
+        snprintf(path, sizeof path, MK_SOURCE_DIR "/%s", files[i]);
+        char *text = slurp_file(path);
+        ck_assert_msg(text && strstr(text, says), "%s", files[i]);
+        free(text);
+    }
+}
+END_TEST
+
 START_TEST(wrong_usage_is_2_and_a_bad_file_3)
 {
     const char *script = scratch_text("bad.cmd", "setup pi-speed\nfly\n");
@@ -650,6 +665,7 @@ Suite *suite_console(void)
     tcase_add_test(t, what_is_sourced_is_a_file);
     tcase_add_test(t, a_script_may_come_from_a_pipe_but_not_for_ever);
     tcase_add_test(t, help_and_version_go_to_standard_output);
+    tcase_add_test(t, help_manual_and_docs_agree_on_the_exit_codes);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
     tcase_add_loop_test(t, what_is_known_without_a_board_is_told_before, 0,
                         (int)(sizeof known_before / sizeof known_before[0]));

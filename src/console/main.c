@@ -16,10 +16,10 @@ static void print_help(FILE *out)
     const struct subcommand *sub;
     for (int i = 0; (sub = subcommand_at(i)) != NULL; i++)
         fprintf(out, "  %-10s  %s\n", sub->name, sub->summary);
-    fputs(
-        "\n`mechkit COMMAND --help` says more. Exit codes: 0 success, 1 the run or check failed,\n"
-        "2 usage, 3 bad input file.\n",
-        out);
+    fputs("\n`mechkit COMMAND --help` says more. Exit codes: 0 success, 1 the run or the check "
+          "failed,\n"
+          "or an output cannot be written, 2 wrong usage, 3 bad input file.\n",
+          out);
 }
 
 static bool asks_for_help(int argc, char **argv)
