@@ -367,6 +367,18 @@ static const struct {
     {"believe furuta.ini\nsetup pendubot-mid\n",
      ":2: setup pendubot-mid is for pendubot, not for furuta"},
     {"setup open-loop\n", ":1: setup open-loop runs on several rigs"},
+    {"wait -1\n", ":1: expected seconds from 0 to 10000000, not '-1'"},
+    {"wait 1e8\n", ":1: expected seconds from 0 to 10000000, not '1e8'"},
+    {"wait-until balanced within -3\n",
+     ":1: expected seconds from 0 to 10000000 after 'within', not '-3'"},
+    {"wait-until balanced within 5 s\n",
+     ":1: expected seconds from 0 to 10000000 after 'within', not '5 s'"},
+    {"wait-until q1 > 1 within inf\n",
+     ":1: expected seconds from 0 to 10000000 after 'within', not 'inf'"},
+    {"expect balanced for x\n", ":1: expected seconds from 0 to 10000000 after 'for', not 'x'"},
+    {"expect |q2| < 0.1 for\n", ":1: expected seconds from 0 to 10000000 after 'for'\n"},
+    {"wait-until q1 within 2 50\n", ":1: condition 'q1 within 2 50': expected 'of'"},
+    {"expect q9 > 1 for x\n", ":1: condition 'q9 > 1 for x': unknown name"},
     {"input @nowhere.csv\n", ":1: nowhere.csv: cannot"},
 };
 
@@ -398,6 +410,8 @@ START_TEST(what_only_the_run_can_tell_is_left_to_it)
         "setup furuta\nstart\nhalt\nsave s.csv\nsetup furuta\nref @s.csv\n",
         "model furuta.ini\nsetup open-loop\n",
         "compare nowhere.csv\n",
+        "expect balanced\tfor  2\nwait-until balanced within  2\n",
+        "wait-until dq1 within 2% of 50\nexpect q1 within 1 of 2 for 3\n",
         "wait 1\n",
         "setup furuta\ngains 1 2 3 4\nset level 0.5\nlimit stuck_s 1\nfaults at 5 drop\n"};
     struct mk_model model;
@@ -477,6 +491,9 @@ START_TEST(a_failing_command_is_1_with_its_line)
     struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("out"));
     ck_assert_int_eq(o.code, 1);
     ck_assert_ptr_nonnull(strstr(o.err, "f.cmd:4: expect: expected dq1 > 1000"));
+    script = scratch_text("g.cmd", "setup pi-speed\nexpect running  for 2\n");
+    o = MECHKIT("run", script, "--fast", "--out", scratch("out"));
+    ck_assert_msg(strstr(o.err, "g.cmd:2: expect: expected running, but"), "%s", o.err);
     const char *idle = scratch_text("i.cmd", "wait 1\n");
     ck_assert_int_eq(MECHKIT("run", idle, "--fast").code, 1);
 }

@@ -32,6 +32,7 @@ extern "C" {
 #define MK_LOOP_RATE_MIN_HZ 100.0
 #define MK_LOOP_RATE_MAX_HZ 2000.0
 #define MK_LOOP_RATE_HZ 500.0
+#define MK_LOOP_WAIT_MAX_S 1e7
 
 enum mk_sample_flag {                   /* column `flags` of the log */
                       MK_FLAG_LATE = 1, /* woke more than half a period after its deadline */

@@ -58,15 +58,20 @@ enum mk_status cmd_check_seed(struct cmd_known *known, int argc, char **argv, st
     return cmd_seed(argv[0], &seed, err);
 }
 
+static bool read_seconds(const char *text, double *out)
+{
+    return mk_parse_double_z(text, out) && *out >= 0.0 && *out <= MK_LOOP_WAIT_MAX_S;
+}
+
 enum mk_status cmd_check_seconds(struct cmd_known *known, int argc, char **argv,
                                  struct mk_error *err)
 {
-    double x;
+    double seconds;
     (void)known, (void)argc;
-    if (cmd_number(argv[0], &x, err) != MK_OK)
-        return MK_ERR_PARSE;
-    return x >= 0.0 ? MK_OK
-                    : mk_error_set(err, MK_ERR_PARSE, "%s: seconds are not negative", argv[0]);
+    if (read_seconds(argv[0], &seconds))
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_PARSE, "expected seconds from 0 to %.0f, not '%s'",
+                        MK_LOOP_WAIT_MAX_S, argv[0]);
 }
 
 /* --- words ------------------------------------------------------------------------------- */
@@ -80,27 +85,46 @@ enum mk_status cmd_check_on_off(struct cmd_known *known, int argc, char **argv,
     return mk_error_set(err, MK_ERR_PARSE, "expected on or off, not '%s'", argv[0]);
 }
 
-/* The word `within` inside a condition is followed by `of`, so only the last one counts. */
+/* The blanks before the last such word of a text; NULL: there is none. *rest: what follows it. */
+static char *find_last(char *text, const char *word, char **rest)
+{
+    size_t n = strlen(word);
+    char *found = NULL;
+    for (char *at = strstr(text, word); at; at = strstr(at + 1, word))
+        if (at > text && strchr(" \t", at[-1]) && (!at[n] || strchr(" \t", at[n])))
+            found = at;
+    if (found)
+        *rest = found + n + strspn(found + n, " \t");
+    while (found && found > text && strchr(" \t", found[-1]))
+        found--;
+    return found;
+}
+
 bool cmd_split_seconds(char *text, const char *word, double *seconds)
 {
-    char pattern[16];
-    snprintf(pattern, sizeof pattern, " %s ", word);
-    char *found = NULL;
-    for (char *at = strstr(text, pattern); at; at = strstr(at + 1, pattern))
-        found = at;
-    if (!found || !mk_parse_double_z(found + strlen(pattern), seconds) || !(*seconds >= 0.0))
+    char *rest, *at = find_last(text, word, &rest);
+    if (!at || !read_seconds(rest, seconds))
         return false;
-    *found = '\0';
+    *at = '\0';
     return true;
 }
 
+/* A condition may hold `within` itself: a word that no seconds follow is taken for theirs where
+ * what stands before it is a condition already. */
 static enum mk_status check_condition(const char *condition, const char *word, struct mk_error *err)
 {
-    char text[512];
+    char text[1024], *rest;
     double seconds;
     snprintf(text, sizeof text, "%s", condition);
-    cmd_split_seconds(text, word, &seconds);
-    return condition_check(text, err);
+    if (cmd_split_seconds(text, word, &seconds))
+        return condition_check(text, err);
+    char *at = find_last(text, word, &rest);
+    if (at)
+        *at = '\0';
+    if (!at || condition_check(text, NULL) != MK_OK)
+        return condition_check(condition, err);
+    return mk_error_set(err, MK_ERR_PARSE, "expected seconds from 0 to %.0f after '%s'%s%s%s",
+                        MK_LOOP_WAIT_MAX_S, word, *rest ? ", not '" : "", rest, *rest ? "'" : "");
 }
 
 enum mk_status cmd_check_expect(struct cmd_known *known, int argc, char **argv,

@@ -260,7 +260,7 @@ enum mk_status mk_loop_wait(struct mk_loop *loop, double seconds,
 {
     struct mk_loop_snapshot s;
     mk_loop_get_snapshot(loop, &s);
-    if (!(seconds >= 0.0 && seconds <= 1e7))
+    if (!(seconds >= 0.0 && seconds <= MK_LOOP_WAIT_MAX_S))
         return mk_error_set(err, MK_ERR_RANGE, "cannot wait %g s", seconds);
     if (loop->host.running && !atomic_load_explicit(&loop->ended, memory_order_acquire))
         return loop->simulated ? wait_simulated(loop, seconds, until, user, cancel, err)
