@@ -516,6 +516,32 @@ START_TEST(the_same_seed_gives_byte_identical_logs)
 }
 END_TEST
 
+/* Where "a pendubot" stood, the inertia wheel was "a inertia-wheel". */
+START_TEST(the_article_suits_every_rig)
+{
+    const char *model = MK_SOURCE_DIR "/models/inertia-wheel.ini";
+    const char *script =
+        scratch_text("w.cmd", "setup pi-speed\nref 10\nstart\nwait 1\nhalt\nsave w.csv\n");
+    char out[256], log[300];
+    struct mk_model wheel;
+    struct mk_error err = MK_ERROR_INIT;
+    snprintf(out, sizeof out, "%s", scratch("wheel"));
+    snprintf(log, sizeof log, "%s/w.csv", out);
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(strstr(o.out, "setup pi-speed on the inertia-wheel, board"), "%s", o.out);
+    o = MECHKIT("design", "--model", model, "--at", "nowhere");
+    ck_assert_msg(strstr(o.err, "equilibria of the inertia-wheel are rest"), "%s", o.err);
+    o = MECHKIT("measure", "swing", "--model", model, log);
+    ck_assert_msg(strstr(o.err, "swing cannot be measured on the inertia-wheel"), "%s", o.err);
+    o = MECHKIT("import", log, "--rig", "inertia-wheel", "--out", scratch("i.csv"));
+    ck_assert_msg(strstr(o.out, "rows, taken for those of the inertia-wheel,"), "%s%s", o.out,
+                  o.err);
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &wheel);
+    ck_assert_int_eq(mk_model_add_effect(&wheel, "base-tilt", 0, &err), MK_ERR_INVALID);
+    ck_assert_msg(strstr(err.message, "makes no sense on the inertia-wheel"), "%s", err.message);
+}
+END_TEST
+
 START_TEST(saving_never_overwrites)
 {
     const char *script = scratch_text("v.cmd", "setup pi-speed\nrepeat 3\nstart\nwait 0.1\nhalt\n"
@@ -692,6 +718,7 @@ Suite *suite_console(void)
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
+    tcase_add_test(t, the_article_suits_every_rig);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);

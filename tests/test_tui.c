@@ -185,7 +185,7 @@ START_TEST(before_a_start_the_check_list_says_what_is_well)
     status.looked = status.still = true;
     status.q[0] = -M_PI / 2;
     event(HOST_COMMAND, "setup pendubot-mid");
-    event(HOST_SAYS, "setup pendubot-mid on a pendubot, board virtual");
+    event(HOST_SAYS, "setup pendubot-mid on the pendubot, board virtual");
     news();
     golden("ready", 24, 80);
 }

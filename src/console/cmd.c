@@ -13,7 +13,7 @@ static enum mk_status do_setup(struct session *s, int argc, char **argv, struct 
     (void)argc;
     enum mk_status st = session_setup(s, argv[0], err);
     if (st == MK_OK)
-        session_say(s, "setup %s on a %s, board %s", argv[0], mk_plant(s->model.plant)->name,
+        session_say(s, "setup %s on the %s, board %s", argv[0], mk_plant(s->model.plant)->name,
                     s->backend->name);
     return st;
 }

@@ -125,7 +125,7 @@ static int no_equilibrium(const struct mk_plant_info *plant, const char *name)
         size_t n = strlen(list);
         snprintf(list + n, sizeof list - n, "%s%s", i ? ", " : "", plant->equilibrium[i].name);
     }
-    return report_usage("design", "--at %s: the equilibria of a %s are %s", name, plant->name,
+    return report_usage("design", "--at %s: the equilibria of the %s are %s", name, plant->name,
                         list);
 }
 

@@ -82,8 +82,8 @@ static void print_column(const struct mk_import_column *c)
 static void print_map(const struct options *o, const struct mk_import_map *map,
                       const struct mk_table *table)
 {
-    printf("%s: %zu rows, taken for a %s%s\n", o->file, table->rows, mk_plant(map->rig)->name,
-           o->map ? "" : ", columns by their names");
+    printf("%s: %zu rows, taken for those of the %s%s\n", o->file, table->rows,
+           mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
         print_column(&map->column[i]);
     if (*table->left_out)

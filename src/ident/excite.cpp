@@ -350,10 +350,11 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
                                 "joint %d: speed limit and noise must be above 0", j + 1);
     }
     if (by_condition(o.criterion) && !fully_actuated(model))
-        return mk_error_set(err, MK_ERR_NOTSUP,
-                            "a %s cannot be led along a trajectory: it has a joint without motor; "
-                            "use criterion worst, a or d",
-                            plant->name);
+        return mk_error_set(
+            err, MK_ERR_NOTSUP,
+            "the %s cannot be led along a trajectory: it has a joint without motor; "
+            "use criterion worst, a or d",
+            plant->name);
     mk_signal *against = nullptr;
     enum mk_status st = o.against ? mk_signal_create(o.against, &against, err) : MK_OK;
     if (st != MK_OK)

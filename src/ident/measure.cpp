@@ -181,7 +181,7 @@ enum mk_status mk_measure(const char *kind, const mk_model *model, const mk_log 
     if (!row)
         return mk_error_set(err, MK_ERR_NOTFOUND, "there is no measurement '%s'", kind);
     if (!(row->info.plants & (1u << model->plant)))
-        return mk_error_set(err, MK_ERR_NOTSUP, "%s cannot be measured on a %s", kind,
+        return mk_error_set(err, MK_ERR_NOTSUP, "%s cannot be measured on the %s", kind,
                             mk_plant(model->plant)->name);
     enum mk_status st = mk_model_check(model, err);
     try {

@@ -52,7 +52,7 @@ static enum mk_status check_fit(const mk_model *model, const mk_effect_info *inf
 {
     const mk_plant_info *plant = mk_plant(model->plant);
     if (!(info->plants & (1u << model->plant)))
-        return mk_error_set(err, MK_ERR_INVALID, "effect '%s' makes no sense on a %s", info->name,
+        return mk_error_set(err, MK_ERR_INVALID, "effect '%s' makes no sense on the %s", info->name,
                             plant->name);
     if (info->joint_rule == MK_EFFECT_JOINT_NONE && joint != 0)
         return mk_error_set(err, MK_ERR_INVALID, "effect '%s' acts on the rig: leave out joint",
