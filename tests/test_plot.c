@@ -151,6 +151,26 @@ START_TEST(a_plot_without_a_file_is_drawn_in_the_terminal)
 }
 END_TEST
 
+/* The line of the catch is drawn after the label beside it, and columns are rounded. */
+START_TEST(the_line_of_the_catch_leaves_its_label_alone)
+{
+    enum { ROWS = 100 };
+    static char text[ROWS * 40], out[16384], says[40];
+    if (no_gnuplot("the_line_of_the_catch_leaves_its_label_alone"))
+        return;
+    for (int caught = 5; caught < ROWS; caught += 7) {
+        char *at = text + sprintf(text, "t,q1,u,phase\n");
+        for (int i = 0; i < ROWS; i++)
+            at +=
+                sprintf(at, "%.2f,%.3f,%d,%d\n", i * 0.1, sin(i * 0.3), i % 2, i < caught ? 1 : 2);
+        int code =
+            run_mechkit(out, sizeof out, "plot %s --size 80x20", scratch_text("c.csv", text));
+        snprintf(says, sizeof says, "caught at %.2f s", caught * 0.1);
+        ck_assert_msg(code == 0 && strstr(out, says), "%s: %d\n%.2000s", says, code, out);
+    }
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_written_says_so)
 {
     char out[1024];
@@ -208,6 +228,7 @@ Suite *suite_plot(void)
     tcase_set_timeout(c, 120);
     tcase_add_test(c, every_kind_of_plot_is_drawn);
     tcase_add_test(c, a_plot_without_a_file_is_drawn_in_the_terminal);
+    tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);

@@ -95,11 +95,11 @@ static void mark_hand_over(const struct layout *l, bool label)
         return;
     fprintf(l->f, "set arrow 1 from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 21\n",
             l->caught, l->caught);
-    if (label)
+    if (label) /* in front of the curves; characters of a terminal round onto the line */
         fprintf(l->f,
-                "set label 1 'caught at %.2f s' at first %.6g, graph 0.94 offset character 1,0 "
-                "font ',9'\n",
-                l->caught, l->caught);
+                "set label 1 'caught at %.2f s' at first %.6g, graph 0.94 offset character %d,0 "
+                "font ',9' front\n",
+                l->caught, l->caught, l->p->out ? 1 : 2);
     else
         fputs("unset label 1\n", l->f);
 }
