@@ -343,12 +343,21 @@ END_TEST
 
 START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
 {
-    truth::Case c = drawn(800037);
+    // Of the drive: a fit without it has the wheel's inertia wrong by much. Of an encoder's shaft:
+    // over whole logs there are optima a hair's breadth apart.
+    const uint64_t seeds[] = {810005, 800037, 848007};
+    truth::Wish wish;
+    wish.seed = seeds[_i];
+    if (_i != 1)
+        wish.effect = "backlash";
+    truth::Case c = truth::make_case(wish);
     ck_assert_str_eq(c.rig.effects[0].name.c_str(), "backlash");
     mk_explanation e = explained(c);
     ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
     ck_assert_str_eq(e.cause[0].effect->name, "backlash");
-    ck_assert_double_gt(e.closed, 0.9);
+    ck_assert_double_gt(e.closed, 0.97);
+    const double width = c.rig.effects[0].value.at("width");
+    ck_assert_double_eq_tol(e.cause[0].value[0], width, 0.02 * width);
 }
 END_TEST
 
@@ -408,7 +417,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named);
     tcase_add_test(t, a_motor_that_is_weaker_while_it_turns_is_unknown_with_its_formula);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
-    tcase_add_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray);
+    tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 3);
     suite_add_tcase(s, t);
     return s;
 }

@@ -451,6 +451,34 @@ START_TEST(a_motion_that_repeats_itself_is_known_by_its_counts)
 }
 END_TEST
 
+START_TEST(the_beginning_of_a_log_is_the_log_up_to_then)
+{
+    constexpr int ROWS = 200;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    std::vector<double> t, q, u;
+    for (int k = 0; k < ROWS; k++)
+        t.push_back(0.005 * k), q.push_back(std::sin(0.02 * k)), u.push_back(k % 7);
+    mk_record record = {};
+    record.rows = ROWS;
+    record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+    const mk::FitLog log = mk::fit_log(record, model, 0, ROWS);
+    for (double seconds : {0.0, 0.1, 0.5024, 1e9}) {
+        const mk::FitLog part = mk::beginning_of(log, seconds);
+        const size_t rows = seconds > 1.0 ? ROWS : (size_t)(seconds / 0.005 + 1e-9) + 1;
+        ck_assert_uint_eq(part.rows(), rows);
+        ck_assert_uint_eq(part.q[0].size(), rows);
+        ck_assert_uint_eq(part.weight[0].size(), rows);
+        ck_assert_uint_eq(part.u[0].size(), rows);
+        ck_assert(std::equal(part.q[0].begin(), part.q[0].end(), log.q[0].begin()));
+        ck_assert(std::equal(part.u[0].begin(), part.u[0].end(), log.u[0].begin()));
+        ck_assert_double_le(part.duration(), seconds);
+        ck_assert_int_eq(part.joints, log.joints);
+        ck_assert_double_eq(part.period, log.period);
+    }
+}
+END_TEST
+
 START_TEST(a_log_that_says_nothing_is_refused)
 {
     mk_model m;
@@ -491,6 +519,7 @@ Suite *suite_shoot(void)
     tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
     tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
     tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);
+    tcase_add_test(t, the_beginning_of_a_log_is_the_log_up_to_then);
     tcase_add_test(t, a_log_that_says_nothing_is_refused);
     suite_add_tcase(s, t);
     return s;

@@ -216,7 +216,7 @@ bool CauseSearch::follows(const Hypothesis &h) const
     bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
     double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * ROUGH : ROUGH;
     double most = touches ? std::min(rough, SMALL_PART * refit.drift) : 0.0;
-    return h.drift <= std::max(IMMATERIAL, most);
+    return h.drift <= std::max(IMMATERIAL, most) || (touches && search.meets_readings(h));
 }
 
 // Brings what is to be named to the front of the field; false if nothing there earns a name.

@@ -215,10 +215,18 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     for (size_t i = 0; i < all.size(); i++)
         if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
             tries.push_back(i);
-    std::vector<Trial> trials(tries.size());
-    for (size_t k = 0; k < tries.size(); k++)
-        trials[k].candidate = all[tries[k]];
+    std::vector<Trial> trials;
+    std::vector<Candidate> plays;
+    for (size_t i : tries) {
+        if (is_play(all[i].effect)) {
+            plays.push_back(all[i]);
+            continue;
+        }
+        trials.emplace_back();
+        trials.back().candidate = all[i];
+    }
     try_all(start, loose, trials);
+    try_plays(start, loose, plays, how.beat, trials);
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> finalists;
@@ -249,6 +257,14 @@ bool Search::complete(const Hypothesis &h) const
     // from another.
     constexpr double MORE = 1.5;
     return h.drift <= FLOOR && leaves_white_noise(logs, h) &&
+           beyond_scatter(logs, h.point.noise) < MORE;
+}
+
+bool Search::meets_readings(const Hypothesis &h) const
+{
+    constexpr double MORE = 1.5;
+    return std::all_of(h.point.nodes.begin(), h.point.nodes.end(),
+                       [](const FitNodes &n) { return n.row.size() == 1; }) &&
            beyond_scatter(logs, h.point.noise) < MORE;
 }
 

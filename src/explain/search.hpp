@@ -63,6 +63,8 @@ class Search
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
     // Whether nothing is left to be explained: next to no drift, and white noise.
     bool complete(const Hypothesis &h) const;
+    // Whether one stretch a log, which has no use for a drift, leaves the scatter of the readings.
+    bool meets_readings(const Hypothesis &h) const;
     // Whether a fit has switched the added effect off, or made it larger than it can be.
     static bool discredited(const Hypothesis &h);
     int tried() const { return tried_count; } // candidates of the last extension
@@ -106,6 +108,8 @@ class Search
     bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                  Trial &trial);
     void thin_out(std::vector<Trial> &trials);
+    void try_plays(const Hypothesis &start, const FitOptions &loose,
+                   const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials);
     std::vector<Hypothesis> compete(double from, double beat, double first_drift,
                                     std::vector<Trial> &finalists);
     FitOptions fit_options() const;

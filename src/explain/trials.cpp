@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "explain/plays.hpp"
 #include "explain/search.hpp"
 
 namespace mk
@@ -13,7 +14,6 @@ namespace
 {
 
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
-constexpr double FAR_OFF = 30.0; // log likelihood a reading that a play does not make up for
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
 FitPoint with_states(const FitPoint &from, const mk_model &model)
@@ -152,27 +152,16 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
             mk_model_parameter_count(&model) - candidate.effect->parameter_count + candidate.shape;
         free.erase(std::remove(free.begin(), free.end(), shape), free.end());
     }
-    FitPoint p;
-    // A trajectory that is chaotic is cut into pieces that are not.
-    double best = HUGE_VAL;
-    for (double stretch : {loose.hidden_stretch, 2.0}) {
-        Fit fit(logs, loose);
-        fit.options.hidden_stretch = stretch;
-        fit.options.max_iterations = how.iterations;
-        // A resonance goes from one optimum to the next.
-        if (candidate.linear && candidate.effect->state_count > 0)
-            fit.options.max_iterations *= 2;
-        FitPoint trial_point = trial.begun ? trial.point : fit.adopt(base.point, model);
-        if (fit.minimise(trial_point, free) && trial_point.cost < best) {
-            best = trial_point.cost;
-            p = std::move(trial_point);
-        }
-        trial.work += fit.work_done;
-        if (!is_play(candidate.effect) || trial.begun)
-            break;
-    }
+    Fit fit(logs, loose);
+    fit.options.max_iterations = how.iterations;
+    // A resonance goes from one optimum to the next.
+    if (candidate.linear && candidate.effect->state_count > 0)
+        fit.options.max_iterations *= 2;
+    FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
+    const bool fitted = fit.minimise(p, free);
+    trial.work += fit.work_done;
     trial.gain = -HUGE_VAL;
-    if (!std::isfinite(best))
+    if (!fitted || !std::isfinite(p.cost))
         return false;
     trial.gain = base.point.cost - p.cost - penalty(extra);
     trial.point = std::move(p);
@@ -246,17 +235,31 @@ void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vect
         Trial &t = trials[k];
         if (!t.half_way)
             return;
-        // A play that leads somewhere is near the data once its shape may move; further iterations
-        // take long.
-        if (is_play(t.candidate.effect)) {
-            go(t, {1, false});
-            if (t.gain < -FAR_OFF * reading_count)
-                return;
-        }
         go(t, {QUICK_ITERATIONS, false});
     });
     for (const Trial &t : trials)
         work += t.work;
+}
+
+void Search::try_plays(const Hypothesis &start, const FitOptions &loose,
+                       const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials)
+{
+    if (plays.empty() || cancelled)
+        return;
+    PlaySearch search(logs, loose, start.point, std::min(start.picture.evidence, beat));
+    for (PlayFit &fit : search.run(plays, options.threads, [&](double done) {
+             return tick(0.3 + 0.4 * done, "trying play");
+         })) {
+        Trial t;
+        t.candidate = fit.start;
+        const size_t extra =
+            fitted_parameters(fit.point.model).size() - fitted_parameters(start.point.model).size();
+        t.gain = start.picture.evidence - fit.score - penalty((int)extra);
+        t.point = std::move(fit.point);
+        t.begun = true;
+        trials.push_back(std::move(t));
+    }
+    work += search.work;
 }
 
 } // namespace mk

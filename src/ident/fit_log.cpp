@@ -343,6 +343,22 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
     return log;
 }
 
+FitLog beginning_of(const FitLog &log, double seconds)
+{
+    FitLog part = log;
+    const size_t rows =
+        (size_t)(std::upper_bound(log.t.begin(), log.t.end(), seconds) - log.t.begin());
+    part.t.resize(rows);
+    part.doubt.resize(std::min(rows, log.doubt.size()));
+    for (std::vector<double> &u : part.u)
+        u.resize(std::min(rows, u.size()));
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        part.q[j].resize(std::min(rows, part.q[j].size()));
+        part.weight[j].resize(std::min(rows, part.weight[j].size()));
+    }
+    return part;
+}
+
 double fit_log_noise(const FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];

@@ -44,6 +44,9 @@ std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longe
 // `first`, `last`: rows [first, last) of the record. Throws std::bad_alloc.
 FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last);
 
+// Its first seconds.
+FitLog beginning_of(const FitLog &log, double seconds);
+
 // Noise of the readings as their fast scatter shows it, rad; at least what quantisation makes.
 double fit_log_noise(const FitLog &log, int joint);
 
