@@ -130,13 +130,11 @@ inline void rhs_of(const Compiled<S> &c, const U &t, const S *x, const U *u, S *
     S r1 = f.tau[0] - sum.f1 - sum.m11 * f.base_acceleration;
     S r2 = f.tau[1] - sum.f2 - sum.m12 * f.base_acceleration;
     constexpr int J = Law::joints;
-    S a[2];
-    solve_joints(J, f.m11, f.m12, f.m22, r1, r2, a);
+    solve_joints(J, f.m11, f.m12, f.m22, r1, r2, f.a);
     if constexpr (J == 2)
-        write(dx, x[2], x[3], a[0], a[1]);
+        write(dx, x[2], x[3], f.a[0], f.a[1]);
     else
-        dx[0] = x[1], dx[1] = a[0];
-    f.a[0] = a[0], f.a[1] = a[1];
+        dx[0] = x[1], dx[1] = f.a[0];
     for (int i = 0; i < c.effect_count; i++)
         if (auto *stage = effect_ops<S>(c.at(i).index).derivative)
             stage(f, args_of(c.at(i), x), dx + c.at(i).state);

@@ -193,6 +193,40 @@ inline SparseDual<B> if_positive(const SparseDual<B> &x, const SparseDual<B> &a,
     }
 }
 
+// Accelerations as in rhs.hpp. D a = r gives D da = dr - dD a: the equations are solved, not
+// differentiated.
+template <class B>
+inline void solve_joints(int joints, const SparseDual<B> &m11, const SparseDual<B> &m12,
+                         const SparseDual<B> &m22, const SparseDual<B> &r1, const SparseDual<B> &r2,
+                         SparseDual<B> *a)
+{
+    if (joints == 1) {
+        a[0] = r1 / m11;
+        a[1] = SparseDual<B>(0.0);
+        return;
+    }
+    const B inv = 1.0 / (m11.v * m22.v - m12.v * m12.v);
+    const B i11 = m22.v * inv, i12 = -(m12.v * inv), i22 = m11.v * inv;
+    const B a1 = (m22.v * r1.v - m12.v * r2.v) * inv, a2 = (m11.v * r2.v - m12.v * r1.v) * inv;
+    a[0].v = a1, a[1].v = a2;
+    a[0].mask = a[1].mask = m11.mask | m12.mask | m22.mask | r1.mask | r2.mask;
+    SparseDual<B>::each(a[0].mask, [&](int i) {
+        B s1(0.0), s2(0.0);
+        if (r1.mask >> i & 1u)
+            s1 = r1.d[i];
+        if (r2.mask >> i & 1u)
+            s2 = r2.d[i];
+        if (m11.mask >> i & 1u)
+            s1 -= a1 * m11.d[i];
+        if (m12.mask >> i & 1u)
+            s1 -= a2 * m12.d[i], s2 -= a1 * m12.d[i];
+        if (m22.mask >> i & 1u)
+            s2 -= a2 * m22.d[i];
+        a[0].d[i] = i11 * s1 + i12 * s2;
+        a[1].d[i] = i12 * s1 + i22 * s2;
+    });
+}
+
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic pop
 #endif

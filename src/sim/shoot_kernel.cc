@@ -429,6 +429,17 @@ class Shooter
             seen[i] = at.v[i];
 #endif
     }
+    // Columns weighed and added; N of them, where the compiler knows how many (else 0).
+    template <int N>
+    void weigh(int n, const Base *by, const Base *const *from, Base *row) const
+    {
+        for (int d = 0; d < columns; d++) {
+            Base sum = Base(0.0);
+            for (int i = 0; i < (N ? N : n); i++)
+                sum += by[i] * from[i][d];
+            row[d] = sum;
+        }
+    }
     // The chain rule: derivatives by the columns of what laws made of `at`.
     void chain(const Scalar &number, const Point &at, Base *row) const
     {
@@ -440,12 +451,12 @@ class Shooter
             from[n] = at.d + s * columns;
             by[n++] = number.d[s];
         });
-        for (int d = 0; d < columns; d++) {
-            Base sum = Base(0.0);
-            for (int i = 0; i < n; i++)
-                sum += by[i] * from[i][d];
-            row[d] = sum;
-        }
+        if (n == 1)
+            weigh<1>(n, by, from, row);
+        else if (n == 4)
+            weigh<4>(n, by, from, row);
+        else
+            weigh<0>(n, by, from, row);
         Scalar::each(number.mask & ~((1u << ns) - 1u), [&](int d) { row[d] += number.d[d]; });
 #else
         (void)number, (void)at, (void)row;
@@ -517,7 +528,8 @@ class Shooter
             double from = left;
             left = from + (middle > reach ? middle - reach : 0.0);
             right = from + (middle + reach < length ? middle + reach : length);
-            return (long)(14.0 * (right - left) / (2.0 * reach)) + 1;
+            // A whole turn, by far the most frequent, must not be 14 or 15 steps by rounding.
+            return (long)(13.999 * (right - left) / (2.0 * reach)) + 1;
         }
         return 0;
     }
