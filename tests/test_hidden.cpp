@@ -341,6 +341,18 @@ START_TEST(a_shake_is_found_at_the_joint_and_the_frequency_where_it_is)
 }
 END_TEST
 
+START_TEST(stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has)
+{
+    truth::Case c = drawn(1960073);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "stiction");
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "stiction");
+    ck_assert_double_gt(e.closed, 0.99);
+}
+END_TEST
+
 START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
 {
     // Of the drive: a fit without it has the wheel's inertia wrong by much. Of an encoder's shaft:
@@ -417,6 +429,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named);
     tcase_add_test(t, a_motor_that_is_weaker_while_it_turns_is_unknown_with_its_formula);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
+    tcase_add_test(t,
+                   stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
     tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 3);
     suite_add_tcase(s, t);
     return s;

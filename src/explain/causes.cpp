@@ -99,6 +99,7 @@ void CauseSearch::add_causes()
         if (!found)
             return;
         consider_other_joint(round.field);
+        consider_bristles(round.field);
         if (rounds.empty())
             first = round.field;
         before = best;
@@ -285,6 +286,39 @@ void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
     search.polish(again[0], true);
     if (!Search::discredited(again[0]) && again[0].score < field[0].score)
         field.insert(field.begin(), again[0]);
+}
+
+// Dry friction comes to its level at once; bristles that are too soft do not, and start again from
+// where it is.
+void CauseSearch::consider_bristles(std::vector<Hypothesis> &field)
+{
+    const Candidate dry = field[0].added;
+    if (std::strcmp(dry.effect->name, "coulomb") != 0 || search.complete(field[0]))
+        return;
+    Hypothesis leader = field[0];
+    for (const Candidate &start : search.starts(best.point.model, "stiction", dry.joint)) {
+        Hypothesis h;
+        h.added = start;
+        mk_model less = field[0].point.model, more;
+        const double level = less.effect[less.effect_count - 1].value[dry.size];
+        const double ratio = level / start.value[mk_effect_parameter_index(start.effect, "level")];
+        for (double &value : h.added.value)
+            value *= ratio;
+        less.effect_count--;
+        if (!with_candidate(less, h.added, more) ||
+            !search.refit_at(more, field[0], field[0].drift, h))
+            continue;
+        search.polish(h, true);
+        if (!Search::discredited(h) && h.score < leader.score)
+            leader = h;
+    }
+    if (leader.added.effect == dry.effect)
+        return;
+    field.erase(
+        std::remove_if(field.begin(), field.end(),
+                       [&](const Hypothesis &h) { return same_cause(h.added, leader.added); }),
+        field.end());
+    field.insert(field.begin(), leader);
 }
 
 void CauseSearch::forget_lacks()

@@ -67,6 +67,7 @@ class CauseSearch
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
     void consider_other_joint(std::vector<Hypothesis> &field);
+    void consider_bristles(std::vector<Hypothesis> &field);
     void forget_lacks();
     void lead_home(Hypothesis &rival);
     bool stands_alone(const Round &round) const;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstring>
 #include <mutex>
 
 #include "base/parallel.hpp"
@@ -248,6 +249,15 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     }
     return compete(base.score, how.beat, how.small ? small_drift : std::max(base.drift, 0.1),
                    finalists);
+}
+
+std::vector<Candidate> Search::starts(const mk_model &model, const char *effect, int joint) const
+{
+    std::vector<Candidate> some;
+    for (const Candidate &c : candidates(model, data))
+        if (c.joint == joint && std::strcmp(c.effect->name, effect) == 0)
+            some.push_back(c);
+    return some;
 }
 
 bool Search::complete(const Hypothesis &h) const

@@ -61,6 +61,8 @@ class Search
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
+    // Where a search for an effect at a joint starts.
+    std::vector<Candidate> starts(const mk_model &model, const char *effect, int joint) const;
     // Whether nothing is left to be explained: next to no drift, and white noise.
     bool complete(const Hypothesis &h) const;
     // Whether one stretch a log, which has no use for a drift, leaves the scatter of the readings.
