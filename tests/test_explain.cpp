@@ -1,6 +1,8 @@
 // Effects hidden in data, which explain must find. The data come from a simulator of their own: a
 // pendulum as a torque balance in steps of 20 us, friction and contact resolved, quantised
 // readings.
+#include "explain/candidates.hpp"
+
 #include "suites.h"
 
 #include <cmath>
@@ -751,6 +753,47 @@ END_TEST
 
 // Before a search or a fit: what cannot be is refused, what is likely and what the metadata
 // contradict is said.
+START_TEST(one_law_has_one_name_at_every_joint)
+{
+    // Cogging once a revolution and an imbalance are the same torque at some joints.
+    const auto plant = (enum mk_plant_kind)_i;
+    mk_model bare;
+    mk_model_default(plant, &bare);
+    mk::DataRange range = {};
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        range.q_min[j] = -2.0, range.q_max[j] = 2.0, range.v_max[j] = 10.0;
+    range.u_max = 1.0, range.seconds = 10.0, range.torque = 0.5;
+    std::vector<mk::Candidate> waves, weights;
+    for (const mk::Candidate &c : mk::candidates(bare, range)) {
+        if (std::strcmp(c.effect->name, "cogging") == 0 && c.value[1] == 1.0)
+            waves.push_back(c);
+        if (std::strcmp(c.effect->name, "imbalance") == 0)
+            weights.push_back(c);
+    }
+    ck_assert_uint_gt(weights.size(), 0);
+    for (mk::Candidate wave : waves)
+        for (mk::Candidate weight : weights) {
+            if (wave.joint != weight.joint)
+                continue;
+            mk_model one, other;
+            wave.value[0] = weight.value[0] = 0.1;
+            wave.value[2] = -0.4, weight.value[1] = 0.4;
+            ck_assert(mk::with_candidate(bare, wave, one));
+            ck_assert(mk::with_candidate(bare, weight, other));
+            double apart = 0.0;
+            for (int k = 0; k < 5; k++) {
+                const double x[4] = {0.3 + 0.5 * k, -0.7 * k, 1.0 - 0.3 * k, 0.2 * k}, u[2] = {0.1};
+                double a[4], b[4];
+                mk_model_rhs(&one, 0.0, x, u, a);
+                mk_model_rhs(&other, 0.0, x, u, b);
+                for (int i = 0; i < mk_model_state_count(&bare); i++)
+                    apart = std::max(apart, std::fabs(a[i] - b[i]));
+            }
+            ck_assert_msg(apart > 1e-3, "%s at joint %d", mk_plant(plant)->name, wave.joint);
+        }
+}
+END_TEST
+
 START_TEST(what_is_wrong_with_a_log_is_said_first)
 {
     constexpr double TURN = 2.0 * M_PI;
@@ -882,6 +925,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
     tcase_add_test(t, a_fit_writes_over_no_log_and_says_first_what_it_cannot_write);
+    tcase_add_loop_test(t, one_law_has_one_name_at_every_joint, 0, MK_PLANT_COUNT);
     tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 15);
     suite_add_tcase(s, t);
 

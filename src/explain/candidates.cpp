@@ -121,7 +121,11 @@ Starts cable_hysteresis(const Setting &s)
 Starts cogging(const Setting &s)
 {
     Starts all;
-    for (int n = 1; n <= 48; n++)
+    // Where the joint turns in a plane that does not move itself, once a revolution is an
+    // imbalance.
+    const bool furuta = s.model->plant == MK_PLANT_FURUTA;
+    const int first = furuta == (s.j == 1) ? 2 : 1;
+    for (int n = first; n <= 48; n++)
         if (n <= 16 || n % 2 == 0)
             all.push_back({small(s), (double)n, 0.3});
     return all;
