@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "base/parallel.hpp"
 
@@ -100,6 +101,7 @@ void PlaySearch::begin(Attempt &a) const
     } else {
         a.point = fit.adopt(base, model);
     }
+    a.work = fit.work_done;
     for (FitNodes &nodes : a.point.nodes) {
         nodes.row.resize(1);
         nodes.x = Eigen::MatrixXd(nodes.x.leftCols(1));
@@ -155,6 +157,22 @@ bool PlaySearch::conclude(const Attempt &a, int threads, PlayFit &out)
     return out.score < least;
 }
 
+// Of attempts in the order of their scores: who goes on.
+size_t PlaySearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
+{
+    const double most = least / readings_of(logs) + (reach >= TELLING ? 0.0 : HOPELESS);
+    size_t left = 0;
+    for (size_t i = 0; i < attempts.size(); i++) {
+        Attempt &a = attempts[i];
+        for (size_t k = 0; k < i && a.running; k++)
+            a.running = !attempts[k].running || !attempts[k].beside(a);
+        const bool behind = followed && !a.follows;
+        a.running = a.running && left < places(reach) && !behind && !(a.score > most);
+        left += a.running;
+    }
+    return left;
+}
+
 std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int threads,
                                      const std::function<bool(double)> &go_on)
 {
@@ -166,14 +184,14 @@ std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int t
                 attempts.back().start = starts[i];
                 attempts.back().from = from;
             }
-    const double least_score = least / readings_of(logs);
     double longest = 0.0;
     for (const FitLog *log : logs)
         longest = std::max(longest, log->duration());
     // Pieces take longest.
     parallel_for(threads, attempts.size(),
                  [&](size_t i) { begin(attempts[attempts.size() - 1 - i]); });
-    bool whole = false, followed = false;
+    const std::vector<Attempt> fresh = attempts;
+    bool whole = false, followed = false, again = false;
     for (double reach = FIRST; !whole; reach *= followed ? FAR_LONGER : LONGER) {
         whole = reach >= longest;
         if (!go_on(std::log(reach / FIRST) / std::log(std::max(longest / FIRST, 2.0))))
@@ -195,23 +213,27 @@ std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int t
                          [](const Attempt &a, const Attempt &b) { return a.score < b.score; });
         const bool told = reach >= TELLING;
         followed = told && std::any_of(attempts.begin(), attempts.end(),
-                                       [](const Attempt &a) { return a.follows; });
-        size_t taken = 0;
-        for (size_t i = 0; i < attempts.size(); i++) {
-            Attempt &a = attempts[i];
-            for (size_t k = 0; k < i && a.running; k++)
-                a.running = !attempts[k].running || !attempts[k].beside(a);
-            const bool behind = followed && !a.follows;
-            const bool nothing = a.score > least_score + (told ? 0.0 : HOPELESS);
-            a.running = a.running && taken < places(reach) && !behind && !nothing;
-            taken += a.running;
+                                       [](const Attempt &a) { return a.running && a.follows; });
+        const size_t left = thin_out(attempts, reach, followed);
+        // What says little may lead astray: once more from here.
+        const double furthest = std::accumulate(
+            attempts.begin(), attempts.end(), 0.0,
+            [](double most, const Attempt &a) { return std::max(most, a.parted ? a.reach : 0.0); });
+        if (told && left == 0 && !whole && !again && furthest > 0.0 && furthest < TELLING) {
+            again = true;
+            attempts.insert(attempts.end(), fresh.begin(), fresh.end());
+            std::for_each(fresh.begin(), fresh.end(), [&](const Attempt &a) { work -= a.work; });
         }
     }
+    std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt &a, const Attempt &b) {
+        return a.running > b.running || (a.running == b.running && a.reach > b.reach);
+    });
+    constexpr size_t ENOUGH = 2;
     std::vector<PlayFit> found;
     for (const Attempt &a : attempts) {
         work += a.work;
         PlayFit one;
-        if ((a.running || a.parted) && conclude(a, threads, one))
+        if ((a.running || a.parted) && found.size() < ENOUGH && conclude(a, threads, one))
             found.push_back(std::move(one));
     }
     std::sort(found.begin(), found.end(),

@@ -50,6 +50,7 @@ class PlaySearch
     void begin(Attempt &a) const;
     void advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
                  int threads) const;
+    size_t thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const;
     bool conclude(const Attempt &a, int threads, PlayFit &out);
 };
 
