@@ -16,16 +16,21 @@ constexpr double DRIFT = 3.0; // next to no use for it in one stretch a log
 // Beginnings of the logs, s: the first, and from one to the next before and after an attempt
 // follows.
 constexpr double FIRST = 0.7, LONGER = 1.5, FAR_LONGER = 2.0;
-constexpr double TELLING = 1.5;  // after which a play shows whether it is one
-constexpr double HOPELESS = 1.0; // log likelihood a reading that it is behind before that
-constexpr double NOISY = 2.0;    // noise over scatter of what does not follow
-constexpr double PARTED = 0.1;   // log likelihood a reading that a longer beginning may cost
-constexpr double PIECE = 1.0;    // s, where trajectories of whole logs lead nowhere
+constexpr double TELLING = 1.5; // after which a play shows whether it is one
+constexpr double NOISY = 2.0;   // noise over scatter of what does not follow
+constexpr double PARTED = 0.1;  // log likelihood a reading that a longer beginning may cost
+constexpr double PIECE = 1.0;   // s, where trajectories of whole logs lead nowhere
 
 // Attempts that go on after a beginning.
 size_t places(double reach)
 {
     return reach < 1.0 ? 6 : reach < TELLING ? 4 : reach < 4.0 ? 2 : 1;
+}
+
+// Log likelihood a reading by which an attempt may be behind what is to be beaten.
+double allowance(double reach)
+{
+    return reach < 1.0 ? 1.0 : reach < TELLING ? 0.5 : 0.0;
 }
 
 double readings_of(const std::vector<const FitLog *> &logs)
@@ -160,7 +165,7 @@ bool PlaySearch::conclude(const Attempt &a, int threads, PlayFit &out)
 // Of attempts in the order of their scores: who goes on.
 size_t PlaySearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
 {
-    const double most = least / readings_of(logs) + (reach >= TELLING ? 0.0 : HOPELESS);
+    const double most = least / readings_of(logs) + allowance(reach);
     size_t left = 0;
     for (size_t i = 0; i < attempts.size(); i++) {
         Attempt &a = attempts[i];
