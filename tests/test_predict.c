@@ -14,7 +14,8 @@
 #include "support/program.h"
 
 /* A log of the model itself, sampled at 500 Hz and rounded to counts (0: exact). */
-static struct mk_log *record(const struct mk_model *m, double count, double seconds)
+static struct mk_log *record_from(const struct mk_model *m, const double *q0, double count,
+                                  double seconds)
 {
     struct mk_log *log;
     struct mk_sim *sim;
@@ -25,7 +26,7 @@ static struct mk_log *record(const struct mk_model *m, double count, double seco
     q[1] = mk_log_add_column(log, "q2");
     double v[2] = {0.5, -0.3}, x[MK_MAX_STATES], y[2];
     ck_assert_int_eq(mk_sim_create(m, NULL, &sim, NULL), MK_OK);
-    mk_model_initial_state(m, mk_plant(m->plant)->rest, v, x);
+    mk_model_initial_state(m, q0, v, x);
     ck_assert_int_eq(mk_sim_reset(sim, 0, x, NULL), MK_OK);
     for (size_t k = 0; k < rows; k++) {
         double command[2] = {1.5 * sin(6 * 0.002 * (double)k), 0};
@@ -38,6 +39,11 @@ static struct mk_log *record(const struct mk_model *m, double count, double seco
     }
     mk_sim_destroy(sim);
     return log;
+}
+
+static struct mk_log *record(const struct mk_model *m, double count, double seconds)
+{
+    return record_from(m, mk_plant(m->plant)->rest, count, seconds);
 }
 
 static struct mk_log *predict(const struct mk_model *m, const struct mk_log *log, double window,
@@ -89,6 +95,82 @@ START_TEST(a_wrong_model_shows_in_the_figures)
     mk_log_free(predict(&m, log, 0, &right));
     mk_log_free(predict(&wrong, log, 0, &off));
     ck_assert_double_gt(off.nrmse[0], 10 * right.nrmse[0]);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Squared error of a free run over rows [first, last), from a state that is off by `by` in one of
+ * its coordinates. */
+static double squares_from(const struct mk_model *m, const struct mk_log *log,
+                           const struct mk_log *prediction, size_t first, size_t last, int which,
+                           double by)
+{
+    static const char *const column[] = {"q1", "q2", "dq1", "dq2"};
+    const double *t = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
+    double x[MK_MAX_STATES], y[2], sum = 0;
+    struct mk_sim *sim;
+    for (int i = 0; i < 4; i++)
+        x[i] = mk_log_get(prediction, column[i])[first] + (i == which ? by : 0);
+    ck_assert_int_eq(mk_sim_create(m, NULL, &sim, NULL), MK_OK);
+    double before[2] = {first > 0 ? u[first - 1] : 0, 0};
+    ck_assert_int_eq(mk_sim_reset(sim, t[first], x, before), MK_OK);
+    for (size_t k = first; k < last; k++) {
+        double command[2] = {u[k], 0};
+        mk_sim_measure(sim, y);
+        for (int j = 0; j < 2; j++)
+            sum += pow(mk_log_get(log, column[j])[k] - y[j], 2);
+        if (k + 1 < last)
+            ck_assert_int_eq(mk_sim_advance(sim, t[k + 1], command, NULL), MK_OK);
+    }
+    mk_sim_destroy(sim);
+    return sum;
+}
+
+/* No state near it does better, although the model is wrong by far more than the readings' noise:
+ * what is left is the model's error and no start state's. */
+START_TEST(a_window_starts_where_a_wrong_model_meets_its_readings_best)
+{
+    struct mk_model m, wrong;
+    struct mk_predict_figures f;
+    const bool falls = _i == 1; /* from where it is unstable, besides */
+    const double top[2] = {0.0, 0.01};
+    mk_model_default(falls ? MK_PLANT_FURUTA : MK_PLANT_PENDUBOT, &m);
+    const double *from = falls ? top : mk_plant(m.plant)->rest;
+    wrong = m;
+    wrong.parameter[3] *= 1.3;
+    wrong.parameter[0] *= 0.8;
+    struct mk_log *log = record_from(&m, from, 2 * M_PI / 2000, 4),
+                  *out = predict(&wrong, log, 0.5, &f);
+    ck_assert_double_gt(f.rms[0], 2 * M_PI / 2000);
+    for (size_t w = 0; w < 8; w++) {
+        const size_t first = w * 250, last = first + 250;
+        const double least = squares_from(&wrong, log, out, first, last, 0, 0);
+        for (int i = 0; i < 4; i++)
+            for (int side = -1; side <= 1; side += 2) {
+                const double by = side * (i < 2 ? 2e-3 : 2e-2);
+                ck_assert_double_gt(squares_from(&wrong, log, out, first, last, i, by),
+                                    least * (1 - 1e-3));
+            }
+    }
+    mk_log_free(out);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_window_knows_nothing_of_later_readings)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 2 * M_PI / 4000, 3), *out = predict(&m, log, 1.0, &f);
+    for (size_t k = 1000; k < log->rows; k++)
+        log->columns[1].data[k] += 0.3 * sin(0.1 * (double)k);
+    struct mk_log *again = predict(&m, log, 1.0, &f);
+    for (size_t k = 0; k < 1000; k++)
+        for (size_t c = 1; c < 5; c++)
+            ck_assert_double_eq(out->columns[c].data[k], again->columns[c].data[k]);
+    mk_log_free(again);
+    mk_log_free(out);
     mk_log_free(log);
 }
 END_TEST
@@ -267,6 +349,8 @@ Suite *suite_predict(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_model_predicts_its_own_log);
     tcase_add_test(t, a_wrong_model_shows_in_the_figures);
+    tcase_add_loop_test(t, a_window_starts_where_a_wrong_model_meets_its_readings_best, 0, 2);
+    tcase_add_test(t, a_window_knows_nothing_of_later_readings);
     tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
     tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);

@@ -44,7 +44,9 @@ const struct subcommand sub_simulate = {
     .synopsis = "--model M.ini --input LOG.csv [--out PRED.csv] [options]",
     .about =
         "Drives the model by the log's command (zero-order hold) from the log's start and writes\n"
-        "t,q1,q2,dq1,dq2 on the log's own time base.",
+        "t,q1,q2,dq1,dq2 on the log's own time base. The start state of a window is fitted to the\n"
+        "readings of that window (without --window: of the first second), so that what is left is\n"
+        "the model's error.",
     .options = option_rows,
     .argument = "log",
     .run = run,
@@ -70,6 +72,10 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
     cJSON_AddItemToObject(root, "window_s",
                           o->predict.window_s > 0.0 ? mk_json_number(o->predict.window_s)
                                                     : cJSON_CreateNull());
+    cJSON_AddStringToObject(root, "start_states",
+                            o->predict.window_s > 0.0
+                                ? "fitted to the readings of each window"
+                                : "fitted to the readings of the first second");
     cJSON_AddItemToObject(root, "windows", mk_json_number((double)f->windows));
     cJSON_AddItemToObject(root, "failed", mk_json_number((double)failed));
     cJSON_AddItemToObject(root, "rows", mk_json_number((double)f->rows));

@@ -54,14 +54,27 @@ static void commands_before(const struct mk_record *rec, size_t row, double *u)
     }
 }
 
-/* One window [first, last): start state from readings of this and earlier windows' side too, but
- * never from later ones. */
+/* Readings that the start state of a run over a whole log is fitted to, s: a prediction of the
+ * rest, no fit to it. */
+#define FIRST_READINGS_S 1.0
+
+/* The row behind those that the start state of a run over [first, last) is fitted to. */
+static size_t fitted_to(const struct prediction *p, size_t first, size_t last)
+{
+    const struct mk_record *rec = &p->rec;
+    size_t end = last;
+    while (!p->window && end > first + 1 && rec->t[end - 1] - rec->t[first] > FIRST_READINGS_S)
+        end--;
+    return end;
+}
+
+/* One window [first, last). */
 static enum mk_status run_window(struct prediction *p, size_t first, size_t last,
                                  struct mk_error *err)
 {
     const struct mk_record *rec = &p->rec;
     double x[MK_MAX_STATES], u[MK_MAX_INPUTS];
-    enum mk_status st = mk_start_state(p->finder, last, first, x, err);
+    enum mk_status st = mk_start_state(p->finder, first, fitted_to(p, first, last), x, err);
     if (st != MK_OK)
         return st;
     commands_before(rec, first, u);

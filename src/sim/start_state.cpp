@@ -1,3 +1,16 @@
+// The state from which a free run over a window starts: least squares over the window's own
+// readings.
+//
+// A free run measures a model only if its start state is the best that the model allows: angles
+// and speeds read off the log carry the readings' noise into the whole window, most of all the
+// speeds. So the start state x0 is a nuisance, the same for every model:
+//     x0 = argmin sum_k |W (y_k - h(x(t_k; x0)))|^2 + |(z0 - z)/s|^2 ,
+// y_k the readings of the window, W one over the resolution of each encoder, z0 the states of
+// effects, known (z) from a run of the model through the readings before the window. Levenberg and
+// Marquardt's method with exact derivatives, on longer and longer beginnings of the window: over a
+// short one the trajectory is nearly linear in x0, and its optimum is where the next one starts (a
+// progressive horizon). Nothing asks how well the model fits: one that cannot follow its readings
+// gets its best start all the same.
 #include "sim/start_state.h"
 
 #include <Eigen/Dense>
@@ -15,105 +28,65 @@ struct mk_start_finder {
     const mk_record *record;
     const mk_model *model;
     std::vector<double> t, u[MK_MAX_INPUTS], w[MK_MAX_JOINTS];
-    double noise[MK_MAX_JOINTS]; // what quantisation and scatter make, rad
+    double oldest = 0.0; // age of the oldest reading (sensor delays), s
     mk::ShootData data;
 };
 
 namespace
 {
 
-constexpr double HIDDEN_STD = 0.05; // of effects' states before any reading
-constexpr double PASSES = 1.15;     // rms of readings beside a trajectory, standard deviations
-constexpr double STEP = 2.5e-3;     // s
+constexpr double HIDDEN_STD = 0.05;      // s above: of effects' states after the run up to them
+constexpr double STEP = 2.5e-3;          // longest integration step, s
+constexpr double FIRST_HORIZON = 0.05;   // s
+constexpr double LONGER = 2.0;           // from one horizon to the next
+constexpr size_t FEWEST_READINGS = 12;   // rows of a horizon
+constexpr double SETTLED_ROUGHLY = 1e-2; // relative decrease at which a horizon is done,
+constexpr double SETTLED = 1e-7;         // and the whole window
+constexpr int MOST_STEPS = 25;
 
-// Noise by fourth differences; at least what rounding and a little jitter make.
-double noise_of(const double *q, size_t n, double count)
-{
-    std::vector<double> d;
-    for (size_t k = 0; k + 4 < n; k++) {
-        double x = q[k] - 4.0 * q[k + 1] + 6.0 * q[k + 2] - 4.0 * q[k + 3] + q[k + 4];
-        if (!std::isnan(x))
-            d.push_back(std::fabs(x));
-    }
-    double fast = 0.0;
-    if (!d.empty()) {
-        auto mid = d.begin() + (std::ptrdiff_t)(d.size() / 2);
-        std::nth_element(d.begin(), mid, d.end());
-        fast = *mid / (0.6745 * std::sqrt(70.0));
-    }
-    return std::max(0.4 * count, 1.3 * fast);
-}
-
-// A run of the model through readings, around the row wanted.
-class Search
+// Free runs of the model from row `from`, held against readings.
+class WindowFit
 {
   public:
-    Search(const mk_start_finder &finder, size_t from_row, size_t to_row)
+    WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_row)
         : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
     {
-        size_t capacity = 2 * (to - from) + 64;
+        const size_t capacity = MK_MAX_JOINTS * (to - from) + 64;
         residual.resize(capacity);
         jac.resize(capacity * (size_t)ns);
         x_end.resize((size_t)ns);
         jac_end.resize((size_t)(ns * ns));
     }
 
-    // Gauss-Newton from x, whose effects' states are a guess too; false when the model runs away.
-    // rms is in standard deviations.
-    bool solve(VectorXd &x, double &rms)
+    // From x to the least squares over the window; hidden states near those of x. False, and x as
+    // it was, if the model runs away from there even over a short beginning.
+    bool solve(VectorXd &x)
     {
-        const VectorXd rest = x;
-        int joints = mk_model_joints(f.model);
-        double cost = HUGE_VAL;
-        for (int i = 0; i < 12; i++) {
-            MatrixXd H;
-            VectorXd g;
-            double now = 0.0;
-            if (!linearise(x, H, g, now, rms))
-                return false;
-            for (long s = 2 * joints; s < ns; s++) {
-                H(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
-                g(s) += (rest(s) - x(s)) / (HIDDEN_STD * HIDDEN_STD);
-            }
-            if (cost - now < 1e-4 * now)
-                return true;
-            cost = now;
-            H.diagonal() *= 1.0 + 1e-6;
-            x += H.ldlt().solve(g);
-            if (!x.allFinite())
-                return false;
+        const VectorXd known = x;
+        const double length = f.t[to - 1] - f.t[from];
+        bool any = false;
+        for (double horizon = FIRST_HORIZON;; horizon *= LONGER) {
+            const bool all = horizon >= length;
+            size_t last = to;
+            while (!all && last > from + FEWEST_READINGS && f.t[last - 1] - f.t[from] > horizon)
+                last--;
+            VectorXd longer = x;
+            if (!descend(longer, known, last, all ? SETTLED : SETTLED_ROUGHLY))
+                break;
+            x = longer;
+            any = true;
+            if (all)
+                break;
         }
-        return true;
+        return any;
     }
-    // The same where nothing moves and has not for long: angles alone are to be found.
-    bool solve_at_rest(VectorXd &x, double &rms)
+    // Sum of squares over the window; infinite where the model runs away.
+    double cost(const VectorXd &x)
     {
-        constexpr double SIDE = 1e-6; // rad
-        int joints = mk_model_joints(f.model);
-        VectorXd q = x.head(joints);
-        double cost = HUGE_VAL;
-        for (int i = 0; i < 12; i++) {
-            x = resting(q);
-            MatrixXd H, turn(ns, joints);
-            VectorXd g;
-            double now = 0.0;
-            if (!linearise(x, H, g, now, rms))
-                return false;
-            if (cost - now < 1e-4 * now)
-                return true;
-            cost = now;
-            for (int j = 0; j < joints; j++) {
-                VectorXd beside = q;
-                beside(j) += SIDE;
-                turn.col(j) = (resting(beside) - x) / SIDE;
-            }
-            MatrixXd small = turn.transpose() * H * turn;
-            small.diagonal() *= 1.0 + 1e-6;
-            q += small.ldlt().solve(turn.transpose() * g);
-            if (!q.allFinite())
-                return false;
-        }
-        return true;
+        MatrixXd H;
+        VectorXd g;
+        double sum = HUGE_VAL;
+        return linearise(x, to, H, g, sum) ? sum : HUGE_VAL;
     }
     // Where the trajectory from x is at a row.
     bool carry(VectorXd &x, size_t row)
@@ -133,29 +106,70 @@ class Search
     size_t from, to;
     std::vector<double> residual, jac, x_end, jac_end;
 
-    VectorXd resting(const VectorXd &q) const
+    // Levenberg and Marquardt over rows [from, last): (H + l diag H) d = g.
+    bool descend(VectorXd &x, const VectorXd &known, size_t last, double settled)
     {
-        const double still[MK_MAX_JOINTS] = {0.0, 0.0};
-        VectorXd x(ns);
-        mk_model_initial_state(f.model, q.data(), still, x.data());
-        return x;
-    }
-    // Normal equations of the readings about the trajectory from x.
-    bool linearise(const VectorXd &x, MatrixXd &H, VectorXd &g, double &sum, double &rms)
-    {
-        mk::ShootTask task = task_from(x, f.t[to - 1], true);
-        mk::shoot(task);
-        if (!task.finite || task.row_count < (size_t)ns)
+        constexpr double LEAST = 1e-9, MOST = 1e6, EASIER = 0.1, HARDER = 10.0; // l
+        const long joints = mk_model_joints(f.model);
+        double damping = 1e-4;
+        MatrixXd H;
+        VectorXd g;
+        double now = HUGE_VAL;
+        if (!normal_equations(x, known, last, H, g, now))
             return false;
-        long n = (long)task.row_count;
+        for (int i = 0; i < MOST_STEPS && damping < MOST; i++) {
+            MatrixXd damped = H;
+            damped.diagonal() *= 1.0 + damping;
+            damped.diagonal().head(2 * joints).array() += 1e-9;
+            const VectorXd trial = x + damped.ldlt().solve(g);
+            MatrixXd H_there;
+            VectorXd g_there;
+            double there = HUGE_VAL;
+            if (!trial.allFinite() ||
+                !normal_equations(trial, known, last, H_there, g_there, there) || !(there <= now)) {
+                damping *= HARDER;
+                continue;
+            }
+            const bool done = now - there <= settled * now;
+            x = trial;
+            H = H_there, g = g_there, now = there;
+            damping = std::max(EASIER * damping, LEAST);
+            if (done)
+                break;
+        }
+        return true;
+    }
+    // Readings and what is known of hidden states: H = J'J + 1/s^2, g = J'r + (z - z0)/s^2.
+    bool normal_equations(const VectorXd &x, const VectorXd &known, size_t last, MatrixXd &H,
+                          VectorXd &g, double &sum)
+    {
+        if (!linearise(x, last, H, g, sum))
+            return false;
+        constexpr double PRECISION = 1.0 / (HIDDEN_STD * HIDDEN_STD);
+        for (long s = 2 * mk_model_joints(f.model); s < ns; s++) {
+            const double off = known(s) - x(s);
+            H(s, s) += PRECISION;
+            g(s) += off * PRECISION;
+            sum += off * off * PRECISION;
+        }
+        return true;
+    }
+    // J'J, J'r and r'r of the readings of rows [from, last) about the trajectory from x.
+    bool linearise(const VectorXd &x, size_t last, MatrixXd &H, VectorXd &g, double &sum)
+    {
+        const double end = std::max(f.t[last - 1] - f.oldest, f.t[from]);
+        mk::ShootTask task = task_from(x, end, true);
+        mk::shoot(task);
+        if (!task.finite)
+            return false;
+        const long n = (long)task.row_count;
         using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
         Eigen::Map<const RowMajor> J(jac.data(), n, ns);
         Eigen::Map<const VectorXd> r(residual.data(), n);
         H = J.transpose() * J;
         g = J.transpose() * r;
         sum = r.squaredNorm();
-        rms = std::sqrt(sum / (double)n);
-        return true;
+        return std::isfinite(sum);
     }
     mk::ShootTask task_from(const VectorXd &x, double end, bool derivatives)
     {
@@ -200,12 +214,15 @@ try {
     }
     for (int j = 0; j < mk_model_joints(model); j++) {
         const double *q = record->q[j];
-        f->noise[j] = noise_of(q, record->rows, 6.283185307179586 / model->encoder_cpr[j]);
+        const double counts_per_unit = model->encoder_cpr[j] / 6.283185307179586;
         for (size_t k = 0; k < record->rows; k++)
-            f->w[j].push_back(std::isnan(q[k]) ? 0.0 : 1.0 / f->noise[j]);
+            f->w[j].push_back(std::isnan(q[k]) ? 0.0 : counts_per_unit);
         f->data.q[j] = q;
         f->data.w[j] = f->w[j].data();
     }
+    for (int e = 0; e < model->effect_count; e++)
+        if (mk_effect(model->effect[e].index)->stages & MK_STAGE_SENSOR_DELAY)
+            f->oldest += model->effect[e].value[0];
     return f;
 } catch (const std::bad_alloc &) {
     return nullptr;
@@ -233,8 +250,8 @@ static void remember(const mk_start_finder &f, size_t last, size_t back, size_t 
         size_t next = k + 1;
         while (next < row && f.t[next] - f.t[k] < piece)
             next++;
-        Search search(f, k, next + 1);
-        if (!search.carry(run, next))
+        WindowFit piece_run(f, k, next + 1);
+        if (!piece_run.carry(run, next))
             return;
         k = next;
     }
@@ -256,55 +273,44 @@ static bool first_guess(const mk_start_finder &f, size_t last, size_t row, Vecto
     return true;
 }
 
-// The state at `row` on the model's trajectory through the readings from `before` to `after`
-// seconds around it; false when no trajectory goes through them.
-static bool through_readings(const mk_start_finder &f, size_t last, size_t row, double before,
-                             double after, double *x)
+// Readings of the far side of a play show where the near side is only after a while: the state at
+// `row` on the trajectory that fits the readings from `before` seconds earlier on, none at `last`
+// or later.
+static bool from_earlier(const mk_start_finder &f, size_t row, size_t last, double before,
+                         VectorXd &x)
 {
-    size_t from = row, to = row;
+    size_t from = row;
     while (from > 0 && f.t[row] - f.t[from - 1] <= before)
         from--;
-    while (to < last && f.t[to] - f.t[row] <= after)
-        to++;
-    VectorXd guess(mk_model_state_count(f.model));
-    double rms = 0.0;
-    if (to - from < 12 || !first_guess(f, last, from, guess))
+    if (from == row || !first_guess(f, last, from, x))
         return false;
-    Search search(f, from, to);
-    // Most logs begin before anything moves, or with a release.
-    VectorXd still = guess;
-    if (from == 0 && search.solve_at_rest(still, rms) && rms < PASSES)
-        guess = still;
-    else if (!search.solve(guess, rms) || !(rms < PASSES))
-        return false;
-    if (!search.carry(guess, row))
-        return false;
-    std::copy(guess.data(), guess.data() + guess.size(), x);
-    return true;
+    WindowFit fit(f, from, last);
+    return fit.solve(x) && fit.carry(x, row);
 }
 
-enum mk_status mk_start_state(mk_start_finder *f, size_t last, size_t row, double *x, mk_error *err)
+enum mk_status mk_start_state(mk_start_finder *f, size_t first, size_t last, double *x,
+                              mk_error *err)
 try {
-    int ns = mk_model_state_count(f->model);
-    enum mk_status st = mk_record_state_at(f->record, f->model, 0, last, row, 0, x, err);
+    const int ns = mk_model_state_count(f->model);
+    enum mk_status st = mk_record_state_at(f->record, f->model, 0, last, first, 0, x, err);
     if (st != MK_OK)
         return st;
-    VectorXd plain(ns);
-    if (first_guess(*f, last, row, plain))
-        std::copy(plain.data(), plain.data() + ns, x);
-    // Readings of the far side of a play show where the near side is only after a while.
-    struct Span {
-        double before, after;
-    };
-    static const Span usual[] = {{0.25, 0.25}, {0.125, 0.125}, {0.0625, 0.0625}};
-    static const Span hidden[] = {{20.0, 0.25}, {4.0, 0.25}, {2.0, 0.25}, {1.0, 0.25}};
+    VectorXd best = Eigen::Map<VectorXd>(x, ns), guess(ns);
+    if (first_guess(*f, last, first, guess))
+        best = guess;
+    WindowFit window(*f, first, last);
+    window.solve(best);
+    double least = window.cost(best);
     if (mk_model_hides_joint(f->model))
-        for (const Span &span : hidden)
-            if (through_readings(*f, last, row, span.before, span.after, x))
-                return MK_OK;
-    for (const Span &span : usual)
-        if (through_readings(*f, last, row, span.before, span.after, x))
-            return MK_OK;
+        for (double before : {0.5, 2.0, 8.0}) { // s
+            if (!from_earlier(*f, first, last, before, guess))
+                continue;
+            window.solve(guess);
+            const double other = window.cost(guess);
+            if (other < least)
+                least = other, best = guess;
+        }
+    std::copy(best.data(), best.data() + ns, x);
     return MK_OK;
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start state");

@@ -1,4 +1,4 @@
-// The state of the rig at a row of a log, by running the model through the readings around it.
+// The state from which a free run of a model over a window of a log starts.
 #ifndef MECHKIT_SIM_START_STATE_H
 #define MECHKIT_SIM_START_STATE_H
 
@@ -15,10 +15,12 @@ struct mk_start_finder *mk_start_finder_create(const struct mk_record *record,
                                                const struct mk_model *model);
 void mk_start_finder_destroy(struct mk_start_finder *finder);
 
-/* State at `row` from the readings within a quarter second around it, none at `last` or later. The
- * model is run through them from half way back; where it cannot follow them as closely as a
- * polynomial can, fewer are used, in the end the polynomial alone (mk_record_state_at). */
-enum mk_status mk_start_state(struct mk_start_finder *finder, size_t last, size_t row, double *x,
+/* State at row `first` from which a free run of the model fits the readings of rows [first, last)
+ * best: least squares of all joints' readings in counts, over all states. Where the model runs away
+ * within them, over as many as it lasts. Later rows are never looked at; earlier ones tell where
+ * effects that remember the past stand. MK_ERR_RANGE when there are too few readings, MK_ERR_NOMEM.
+ */
+enum mk_status mk_start_state(struct mk_start_finder *finder, size_t first, size_t last, double *x,
                               struct mk_error *err);
 
 #ifdef __cplusplus
