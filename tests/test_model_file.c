@@ -47,6 +47,7 @@ START_TEST(a_model_that_is_written_reads_back_equal)
     for (int i = 0; i < 4; i++)
         ck_assert_int_eq(mk_model_add_effect(&m, names[i], joints[i], &err), MK_OK);
     m.effect[2].value[0] = 0.1 / 7.0;
+    m.effect[2].spread[0] = 0.01 / 7.0;
     const char *path = scratch("w.ini");
     ck_assert_int_eq(mk_model_write(path, &m, "two lines\nof comment", &err), MK_OK);
     ck_assert_msg(mk_model_read(path, &back, &err) == MK_OK, "%s", err.message);
@@ -57,10 +58,12 @@ START_TEST(a_model_that_is_written_reads_back_equal)
     for (int i = 0; i < 4; i++) {
         bool found = false;
         for (int k = 0; k < 4; k++)
-            found = found || (back.effect[k].index == m.effect[i].index &&
-                              back.effect[k].joint == m.effect[i].joint &&
-                              memcmp(back.effect[k].value, m.effect[i].value,
-                                     sizeof m.effect[i].value) == 0);
+            found =
+                found ||
+                (back.effect[k].index == m.effect[i].index &&
+                 back.effect[k].joint == m.effect[i].joint &&
+                 memcmp(back.effect[k].value, m.effect[i].value, sizeof m.effect[i].value) == 0 &&
+                 memcmp(back.effect[k].spread, m.effect[i].spread, sizeof m.effect[i].spread) == 0);
         ck_assert(found);
     }
 }
@@ -99,6 +102,15 @@ START_TEST(bad_models_are_refused_with_their_line)
     expect_error(WHEEL "[rig]\ncolour = red\n", MK_ERR_PARSE, 8, "unknown key 'colour'");
     expect_error(WHEEL "[wheels]\nn = 1\n", MK_ERR_PARSE, 8, "unknown section [wheels]");
     expect_error(WHEEL "p1 = 2\n", MK_ERR_PARSE, 7, "twice");
+    const char *friction = WHEEL "[effect.coulomb]\njoint = 1\nlevel = 0.1\n";
+    char text[512];
+    snprintf(text, sizeof text, "%slevel_spread = -0.1\n", friction);
+    expect_error(text, MK_ERR_RANGE, 10, "from log to log");
+    snprintf(text, sizeof text, "%slevel_spread = some\n", friction);
+    expect_error(text, MK_ERR_PARSE, 10, "number");
+    expect_error(WHEEL "[effect.cogging]\njoint = 1\namplitude = 0.1\ncycles = 4\n"
+                       "cycles_spread = 1\nphase = 0\n",
+                 MK_ERR_PARSE, 11, "cannot differ from log to log");
     expect_error(WHEEL "[effect.warp]\nx = 1\n", MK_ERR_PARSE, 8, "no effect 'warp'");
     expect_error(WHEEL "[effect.viscous]\njoint = 1\n", MK_ERR_PARSE, 8, "coefficient is missing");
     expect_error(WHEEL "[effect.viscous]\njoint = 3\ncoefficient = 1\n", MK_ERR_PARSE, 8, "joint");

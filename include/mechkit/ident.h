@@ -63,8 +63,16 @@ struct mk_ident_parameter {
     bool excited;     /* the data say something about it */
 };
 
+/* What a log has of its own of a parameter whose spread from log to log is above 0. */
+struct mk_own_value {
+    int parameter; /* its number */
+    size_t log;    /* number of the log among those given */
+    double value, std_error;
+};
+#define MK_MAX_OWN_VALUES 256
+
 struct mk_ident_result {
-    struct mk_model model; /* fitted: values and standard errors filled in */
+    struct mk_model model; /* fitted: values, spreads and standard errors filled in */
     char method[24];
     int parameter_count;
     struct mk_ident_parameter parameter[MK_MAX_FIT_PARAMETERS];
@@ -74,6 +82,8 @@ struct mk_ident_result {
     double condition_number_scaled; /* the same with columns scaled to unit norm */
     double cost;                    /* what the method minimises, at the estimate */
     double noise[MK_MAX_JOINTS]; /* standard deviation of the readings' noise, rad; NaN unknown */
+    int own_count;
+    struct mk_own_value own[MK_MAX_OWN_VALUES]; /* by log; what does not fit is left out */
     int iterations;
     bool converged;
     size_t rows; /* readings used */
@@ -94,6 +104,10 @@ MK_NODISCARD enum mk_status mk_identify(const struct mk_model *model,
 /* Value of parameter `index` of a model, numbered as above (range checked by the caller). */
 double mk_model_parameter(const struct mk_model *model, int index);
 void mk_model_set_parameter(struct mk_model *model, int index, double value);
+/* Its standard deviation from log to log; 0 where all logs share it, as base parameters always are.
+ */
+double mk_model_parameter_spread(const struct mk_model *model, int index);
+void mk_model_set_parameter_spread(struct mk_model *model, int index, double spread);
 /* Its row: unit, range; name written to `name`. */
 const struct mk_parameter_info *mk_model_parameter_info(const struct mk_model *model, int index,
                                                         char *name, size_t size);

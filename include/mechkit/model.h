@@ -144,6 +144,9 @@ struct mk_effect_use {
     int index; /* into the table: mk_effect(index) */
     int joint; /* 1-based as in the file; 0: none, or all */
     double value[MK_MAX_EFFECT_PARAMETERS];
+    /* Standard deviation, from log to log, of the values that logs have of their own about
+     * value[i], in its unit (a random effect: Pinheiro and Bates 2000). 0: all logs share one. */
+    double spread[MK_MAX_EFFECT_PARAMETERS];
 };
 
 /* --- a model -------------------------------------------------------------------------------- */
@@ -182,6 +185,11 @@ MK_NODISCARD enum mk_status mk_model_check(const struct mk_model *model, struct 
  * MK_ERR_INVALID (joint or plant do not fit), MK_ERR_RANGE (too many). */
 MK_NODISCARD enum mk_status mk_model_add_effect(struct mk_model *model, const char *name, int joint,
                                                 struct mk_error *err);
+
+/* Whether a parameter may have a value of its own in every log: no count, no phase, no constant. */
+bool mk_parameter_may_differ(const struct mk_parameter_info *info);
+/* Whether some parameter of the model has (a spread above 0). */
+bool mk_model_has_own_values(const struct mk_model *model);
 
 /* Index of parameter `name` of the plant / of an effect; -1 when there is none. */
 int mk_plant_parameter_index(const struct mk_plant_info *plant, const char *name);

@@ -137,17 +137,31 @@ MK_NODISCARD enum mk_status mk_record_state_at(const struct mk_record *rec,
 
 struct mk_predict_options {
     double window_s; /* 0: one free run from the first row */
+    /* Figures of the second half of the log only, as they always are of a model with own values:
+     * so that other models can be held beside it. */
+    bool second_half;
     struct mk_sim_config sim;
 };
-struct mk_predict_figures {
-    double rms[MK_MAX_JOINTS];   /* rad, over rows with a reading */
-    double nrmse[MK_MAX_JOINTS]; /* rms / std of the reading */
-    size_t windows;
-    size_t rows; /* compared */
+/* What a log has of its own of a parameter with a spread (struct mk_effect_use). */
+struct mk_own_estimate {
+    int effect, parameter;   /* model->effect[effect].value[parameter] */
+    double value, std_error; /* its own value, in the parameter's unit */
 };
-/* Free-run prediction. *out gets columns t, q1, (q2,) dq1, (dq2,) and `window` when windowed; the
- * caller frees it. A window in which the solver fails is filled with NaN from there on and counted
- * in *failed (may be NULL). */
+#define MK_MAX_OWN_ESTIMATES 12
+struct mk_predict_figures {
+    double rms[MK_MAX_JOINTS];   /* rad, over rows with a reading from from_s on */
+    double nrmse[MK_MAX_JOINTS]; /* rms / std of these readings */
+    size_t windows;
+    size_t rows;   /* compared */
+    double from_s; /* s from the first row; 0 where all rows count */
+    int own_count;
+    struct mk_own_estimate own[MK_MAX_OWN_ESTIMATES];
+};
+/* Free-run prediction. Parameters with a spread get the values that the first half of the log says
+ * (least squares of free runs over its windows, with the spread as prior); the figures are then
+ * those of the windows that begin in the second half. *out gets columns t, q1, (q2,) dq1, (dq2,)
+ * and `window` when windowed; the caller frees it. A window in which the solver fails is filled
+ * with NaN from there on and counted in *failed (may be NULL). */
 MK_NODISCARD enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
                                        const struct mk_predict_options *options,
                                        struct mk_log **out, struct mk_predict_figures *figures,

@@ -92,7 +92,23 @@ static void print_correlation(const struct mk_ident_result *r)
                r->parameter[b].name);
 }
 
-static void print_result(const struct mk_ident_result *r)
+/* Of parameters with a value of their own in every log. */
+static void print_own_values(const struct mk_ident_result *r, const char *const *files)
+{
+    for (int i = 0; i < r->parameter_count; i++) {
+        const double spread = mk_model_parameter_spread(&r->model, i);
+        if (!(spread > 0.0))
+            continue;
+        printf("  %s, a value of its own in every log, %.3g %s from log to log:\n",
+               r->parameter[i].name, spread, r->parameter[i].unit);
+        for (int k = 0; k < r->own_count; k++)
+            if (r->own[k].parameter == i)
+                printf("    %-40s %12.5g +- %.2g\n", files[r->own[k].log], r->own[k].value,
+                       r->own[k].std_error);
+    }
+}
+
+static void print_result(const struct mk_ident_result *r, const char *const *files)
 {
     printf("%s: %zu readings, %d iterations, %.2f s\n", r->method, r->rows, r->iterations,
            r->seconds);
@@ -106,6 +122,7 @@ static void print_result(const struct mk_ident_result *r)
             printf("%12.3g %8.3f", p->std_error, 100.0 * p->std_error / fabs(p->value));
         printf("   %.6g\n", p->initial);
     }
+    print_own_values(r, files);
     for (int j = 0; j < mk_model_joints(&r->model); j++)
         printf("  noise of q%d: %.3g rad\n", j + 1, r->noise[j]);
     printf("  condition number %.3g, scaled %.3g\n", r->condition_number,
@@ -148,7 +165,26 @@ static enum mk_status compare(const struct mk_model *given, const struct mk_mode
     return MK_OK;
 }
 
-static cJSON *result_json(const struct mk_ident_result *r)
+static void add_own_values(cJSON *to, const struct mk_ident_result *r, int parameter,
+                           const char *const *files)
+{
+    const double spread = mk_model_parameter_spread(&r->model, parameter);
+    if (!(spread > 0.0))
+        return;
+    cJSON_AddItemToObject(to, "spread", mk_json_number(spread));
+    cJSON *list = cJSON_AddArrayToObject(to, "own_values");
+    for (int k = 0; k < r->own_count; k++) {
+        if (r->own[k].parameter != parameter)
+            continue;
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "file", files[r->own[k].log]);
+        cJSON_AddItemToObject(one, "value", mk_json_number(r->own[k].value));
+        cJSON_AddItemToObject(one, "stderr", mk_json_number(r->own[k].std_error));
+        cJSON_AddItemToArray(list, one);
+    }
+}
+
+static cJSON *result_json(const struct mk_ident_result *r, const char *const *files)
 {
     cJSON *o = cJSON_CreateObject(), *all = cJSON_AddObjectToObject(o, "parameters");
     for (int i = 0; i < r->parameter_count; i++) {
@@ -165,6 +201,7 @@ static cJSON *result_json(const struct mk_ident_result *r)
         cJSON_AddItemToObject(one, "crb", mk_json_number(p->crb));
         cJSON_AddBoolToObject(one, "fixed", p->fixed);
         cJSON_AddStringToObject(one, "unit", p->unit);
+        add_own_values(one, r, i, files);
     }
     cJSON_AddStringToObject(o, "method", r->method);
     cJSON_AddItemToObject(o, "condition_number", mk_json_number(r->condition_number));
@@ -277,8 +314,8 @@ static int identify(struct job *j)
         return report_output_error(&err);
     if (fit(j, &err) != MK_OK)
         return report_error(&err);
-    print_result(&j->result);
-    j->json = result_json(&j->result);
+    print_result(&j->result, (const char *const *)j->o.input.text);
+    j->json = result_json(&j->result, (const char *const *)j->o.input.text);
     if (compare_all(j, &err) != MK_OK)
         return report_error(&err);
     return write_output(j, &err) == MK_OK ? EXIT_OK : report_output_error(&err);

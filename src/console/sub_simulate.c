@@ -59,6 +59,27 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+static void add_own_values(cJSON *root, const struct mk_model *model,
+                           const struct mk_predict_figures *f)
+{
+    if (f->own_count == 0)
+        return;
+    cJSON *list = cJSON_AddArrayToObject(root, "own_values");
+    for (int i = 0; i < f->own_count; i++) {
+        const struct mk_own_estimate *own = &f->own[i];
+        const struct mk_effect_use *use = &model->effect[own->effect];
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "effect", mk_effect(use->index)->name);
+        cJSON_AddItemToObject(one, "joint",
+                              use->joint > 0 ? mk_json_number(use->joint) : cJSON_CreateNull());
+        cJSON_AddStringToObject(one, "parameter",
+                                mk_effect(use->index)->parameter[own->parameter].name);
+        cJSON_AddItemToObject(one, "value", mk_json_number(own->value));
+        cJSON_AddItemToObject(one, "stderr", mk_json_number(own->std_error));
+        cJSON_AddItemToArray(list, one);
+    }
+}
+
 static enum mk_status write_figures(const struct options *o, const struct mk_model *model,
                                     const struct mk_predict_figures *f, size_t failed,
                                     double seconds, struct mk_error *err)
@@ -81,6 +102,9 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
     cJSON_AddItemToObject(root, "rows", mk_json_number((double)f->rows));
     cJSON_AddItemToObject(root, "rms", mk_json_numbers(f->rms, n));
     cJSON_AddItemToObject(root, "nrmse", mk_json_numbers(f->nrmse, n));
+    if (f->from_s > 0.0)
+        cJSON_AddItemToObject(root, "from_s", mk_json_number(f->from_s));
+    add_own_values(root, model, f);
     cJSON_AddItemToObject(root, "seconds", mk_json_number(seconds));
     enum mk_status st = mk_json_write(o->json, root, err);
     cJSON_Delete(root);
@@ -92,6 +116,18 @@ static void print_figures(const struct options *o, const struct mk_model *model,
 {
     printf("%s: %zu rows, %zu window%s\n", o->input, f->rows, f->windows,
            f->windows == 1 ? "" : "s");
+    for (int i = 0; i < f->own_count; i++) {
+        const struct mk_own_estimate *own = &f->own[i];
+        const struct mk_effect_use *use = &model->effect[own->effect];
+        const struct mk_effect_info *info = mk_effect(use->index);
+        printf("  %s", info->name);
+        if (use->joint > 0)
+            printf(" at joint %d", use->joint);
+        printf(": %s of this log %.4g +- %.2g, from its first half\n",
+               info->parameter[own->parameter].name, own->value, own->std_error);
+    }
+    if (f->from_s > 0.0)
+        printf("  errors of the second half, from %.3g s on:\n", f->from_s);
     for (int j = 0; j < mk_model_joints(model); j++)
         printf("  q%d: rms error %.4g rad, %.4g of its standard deviation\n", j + 1, f->rms[j],
                f->nrmse[j]);

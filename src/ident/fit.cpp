@@ -62,6 +62,37 @@ std::vector<int> fitted_parameters(const mk_model &model)
     return free;
 }
 
+std::vector<int> own_parameters(const mk_model &model)
+{
+    std::vector<int> own;
+    if (!mk_model_has_own_values(&model))
+        return own;
+    for (int i = 0; i < mk_model_parameter_count(&model); i++)
+        if (mk_model_parameter_spread(&model, i) > 0.0)
+            own.push_back(i);
+    return own;
+}
+
+mk_model model_of_source(const FitPoint &point, int source)
+{
+    mk_model m = point.model;
+    const std::vector<int> own = own_parameters(m);
+    for (size_t i = 0; i < own.size(); i++) {
+        const mk_parameter_info *info = mk_model_parameter_info(&m, own[i], nullptr, 0);
+        const double more =
+            (size_t)source < point.own.size() ? point.own[(size_t)source]((long)i) : 0.0;
+        const double value = mk_model_parameter(&m, own[i]) + more;
+        mk_model_set_parameter(&m, own[i], std::min(std::max(value, info->min), info->max));
+        mk_model_set_parameter_spread(&m, own[i], 0.0);
+    }
+    return m;
+}
+
+const mk_model &Fit::model_of(const FitPoint &point, size_t log) const
+{
+    return point.own.empty() ? point.model : data[log].model;
+}
+
 double Fit::scale_of(const mk_model &model, int number)
 {
     char name[64];
@@ -90,6 +121,8 @@ void Fit::lay_data(const FitPoint &point)
     for (size_t l = 0; l < logs.size(); l++) {
         LogData &d = data[l];
         d.shoot = {};
+        if (!point.own.empty())
+            d.model = model_of_source(point, logs[l]->source);
         d.shoot.rows = logs[l]->rows();
         d.shoot.t = logs[l]->t.data();
         for (int i = 0; i < MK_MAX_INPUTS; i++)
@@ -139,7 +172,7 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         s.x_end.resize(ns);
         s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
         ShootTask task = {};
-        task.model = &point.model;
+        task.model = &model_of(point, l);
         task.data = &data[l].shoot;
         task.begin = s.begin;
         task.end = s.end;
@@ -163,7 +196,12 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         task.jac = jac;
         jac += task.row_capacity * (size_t)columns;
     }
-    shoot(batch.task.data(), (int)batch.task.size());
+    // Those of one model go side by side.
+    for (size_t done = 0, next = 0; done < batch.task.size(); done = next) {
+        while (next < batch.task.size() && batch.task[next].model == batch.task[done].model)
+            next++;
+        shoot(&batch.task[done], (int)(next - done));
+    }
     for (const Job *job = first; job < last; job++)
         compress(batch.task[(size_t)(job - first)], point.noise, job->first, job->second);
 }
@@ -380,10 +418,11 @@ double Fit::total_cost(const FitPoint &point) const
         }
         VectorXd x0 = point.nodes[l].x.col(0);
         double rest[MK_MAX_STATES];
-        mk_model_initial_state(&point.model, x0.data(), x0.data() + joints, rest);
+        mk_model_initial_state(&model_of(point, l), x0.data(), x0.data() + joints, rest);
         for (long s = 2 * joints; s < x0.size(); s++)
             sum += 0.5 * std::pow((x0(s) - rest[s]) / (HIDDEN_STD * freedom(s)), 2);
     }
+    sum += own_cost(point);
     return std::isfinite(sum) ? sum : HUGE_VAL;
 }
 
@@ -393,88 +432,181 @@ static double log_root_det(const Eigen::LLT<MatrixXd> &factor)
     return MatrixXd(factor.matrixL()).diagonal().array().log().sum();
 }
 
-FitPicture Fit::eliminate(const FitPoint &point, int free_count, double damping)
+// The states of one log are eliminated one after the other: with (A, C, a) what is known of the
+// next state x and its coupling to the parameters p,
+//     x'A x/2 + x'C p - a'x ,
+// each stretch adds its normal equations, x is eliminated, and what is known is carried through the
+// stretch's end (jacobian F) and widened by the process noise.
+void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPicture &out)
 {
-    FitPicture out;
-    long ns = mk_model_state_count(&point.model), nf = free_count;
-    int joints = mk_model_joints(&point.model);
-    out.information.setZero(nf, nf);
-    out.gradient.setZero(nf);
-    const VectorXd freedom = state_freedom(point.model);
     MatrixXd &D = out.information;
     VectorXd &d = out.gradient;
-    for (size_t l = 0; l < logs.size(); l++) {
-        VectorXd x0 = point.nodes[l].x.col(0);
-        double rest[MK_MAX_STATES];
-        mk_model_initial_state(&point.model, x0.data(), x0.data() + joints, rest);
-        MatrixXd A = MatrixXd::Identity(ns, ns) * 1e-9, C = MatrixXd::Zero(ns, nf);
-        VectorXd a = VectorXd::Zero(ns);
-        for (long s = 2 * joints; s < ns; s++) {
-            double std = HIDDEN_STD * freedom(s);
-            A(s, s) += 1.0 / (std * std);
-            a(s) += (rest[s] - x0(s)) / (std * std);
-        }
-        for (size_t i = 0; i < work[l].size(); i++) {
-            Segment &s = work[l][i];
+    const long ns = mk_model_state_count(&point.model), nf = d.size();
+    const int joints = mk_model_joints(&point.model);
+    const VectorXd freedom = state_freedom(point.model);
+    VectorXd x0 = point.nodes[l].x.col(0);
+    double rest[MK_MAX_STATES];
+    mk_model_initial_state(&model_of(point, l), x0.data(), x0.data() + joints, rest);
+    MatrixXd A = MatrixXd::Identity(ns, ns) * 1e-9, C = MatrixXd::Zero(ns, nf);
+    VectorXd a = VectorXd::Zero(ns);
+    for (long s = 2 * joints; s < ns; s++) {
+        double std = HIDDEN_STD * freedom(s);
+        A(s, s) += 1.0 / (std * std);
+        a(s) += (rest[s] - x0(s)) / (std * std);
+    }
+    for (size_t i = 0; i < work[l].size(); i++) {
+        Segment &s = work[l][i];
+        A += s.normal.topLeftCorner(ns, ns);
+        C += s.normal.topRightCorner(ns, nf);
+        D += s.normal.bottomRightCorner(nf, nf);
+        a += s.right.head(ns);
+        if (damping > 0.0)
+            A.diagonal() += damping * s.normal.diagonal().head(ns);
+        d += s.right.tail(nf);
+        Eigen::LLT<MatrixXd> factor(A);
+        s.P = factor.solve(MatrixXd::Identity(ns, ns));
+        out.volume += log_root_det(factor);
+        s.C = C;
+        s.a = a;
+        D -= C.transpose() * s.P * C;
+        d -= C.transpose() * s.P * a;
+        out.relief += 0.5 * a.dot(s.P * a);
+        if (s.last)
+            break;
+        s.F = s.jac_end.topRows(ns).transpose();
+        const MatrixXd &F = s.F;
+        MatrixXd B = s.jac_end.bottomRows(nf).transpose();
+        VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
+        MatrixXd S = F * s.P * F.transpose();
+        const VectorXd push = process_variance(point, l, i);
+        S.diagonal() += push;
+        Eigen::LLT<MatrixXd> spread(S);
+        s.A_next = spread.solve(MatrixXd::Identity(ns, ns));
+        out.volume += log_root_det(spread);
+        s.mu = gap + F * s.P * a;
+        out.relief += 0.5 * (gap.cwiseAbs2().cwiseQuotient(push).sum() - s.mu.dot(s.A_next * s.mu));
+        s.G = B - F * s.P * C;
+        D += s.G.transpose() * s.A_next * s.G;
+        d -= s.G.transpose() * s.A_next * s.mu;
+        A = s.A_next;
+        C = -s.A_next * s.G;
+        a = s.A_next * s.mu;
+    }
+}
+
+FitPicture Fit::eliminate(const FitPoint &point, const std::vector<int> &free, double damping)
+{
+    FitPicture out;
+    const long nf = (long)free.size();
+    out.information.setZero(nf, nf);
+    out.gradient.setZero(nf);
+    for (const std::vector<Segment> &segments : work)
+        for (const Segment &s : segments)
             if (!s.finite)
                 return out;
-            A += s.normal.topLeftCorner(ns, ns);
-            C += s.normal.topRightCorner(ns, nf);
-            D += s.normal.bottomRightCorner(nf, nf);
-            a += s.right.head(ns);
-            if (damping > 0.0)
-                A.diagonal() += damping * s.normal.diagonal().head(ns);
-            d += s.right.tail(nf);
-            Eigen::LLT<MatrixXd> factor(A);
-            s.P = factor.solve(MatrixXd::Identity(ns, ns));
-            out.volume += log_root_det(factor);
-            s.C = C;
-            s.a = a;
-            D -= C.transpose() * s.P * C;
-            d -= C.transpose() * s.P * a;
-            out.relief += 0.5 * a.dot(s.P * a);
-            if (s.last)
-                break;
-            s.F = s.jac_end.topRows(ns).transpose();
-            const MatrixXd &F = s.F;
-            MatrixXd B = s.jac_end.bottomRows(nf).transpose();
-            VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
-            MatrixXd S = F * s.P * F.transpose();
-            const VectorXd push = process_variance(point, l, i);
-            S.diagonal() += push;
-            Eigen::LLT<MatrixXd> spread(S);
-            s.A_next = spread.solve(MatrixXd::Identity(ns, ns));
-            out.volume += log_root_det(spread);
-            s.mu = gap + F * s.P * a;
-            out.relief +=
-                0.5 * (gap.cwiseAbs2().cwiseQuotient(push).sum() - s.mu.dot(s.A_next * s.mu));
-            s.G = B - F * s.P * C;
-            D += s.G.transpose() * s.A_next * s.G;
-            d -= s.G.transpose() * s.A_next * s.mu;
-            A = s.A_next;
-            C = -s.A_next * s.G;
-            a = s.A_next * s.mu;
+    sources.assign(point.own.size(), {});
+    for (size_t l = 0; l < logs.size(); l++) {
+        if (sources.empty()) {
+            eliminate_log(point, l, damping, out);
+            continue;
         }
+        FitPicture part;
+        part.information.setZero(nf, nf);
+        part.gradient.setZero(nf);
+        eliminate_log(point, l, damping, part);
+        out.volume += part.volume;
+        out.relief += part.relief;
+        Source &source = sources[(size_t)logs[l]->source];
+        if (source.d.size() == 0)
+            source.D = part.information, source.d = part.gradient;
+        else
+            source.D += part.information, source.d += part.gradient;
     }
+    eliminate_own(point, free, out);
+    MatrixXd &D = out.information;
     D = 0.5 * (D + D.transpose().eval());
     for (size_t l = 0; l < logs.size(); l++)
-        for (int j = 0; j < joints; j++)
+        for (int j = 0; j < mk_model_joints(&point.model); j++)
             for (double w : logs[l]->weight[j])
                 out.volume += w * w * std::log(point.noise[j]);
-    out.finite = D.allFinite() && d.allFinite() && std::isfinite(out.volume);
+    out.finite = D.allFinite() && out.gradient.allFinite() && std::isfinite(out.volume);
     return out;
 }
 
-// Moves the states along with a step of the parameters (backward sweep).
+// Steps of own values are in the same scaled units as those of their means.
+void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, FitPicture &out)
+{
+    const std::vector<int> own = own_parameters(point.model);
+    for (size_t n = 0; n < sources.size(); n++) {
+        Source &s = sources[n];
+        if (s.d.size() == 0)
+            continue; // no piece of this log is fitted
+        for (size_t i = 0; i < own.size(); i++)
+            for (size_t f = 0; f < free.size(); f++)
+                if (free[f] == own[i])
+                    s.place.push_back((long)f), s.which.push_back(i);
+        out.information += s.D;
+        out.gradient += s.d;
+        if (s.place.empty())
+            continue;
+        MatrixXd M = s.D(s.place, s.place);
+        s.K = s.D(Eigen::all, s.place);
+        s.beta = s.d(s.place);
+        for (size_t i = 0; i < s.place.size(); i++) {
+            const int number = own[s.which[i]];
+            const double unit =
+                scale_of(point.model, number) / mk_model_parameter_spread(&point.model, number);
+            M((long)i, (long)i) += unit * unit;
+            s.beta((long)i) -= point.own[n]((long)s.which[i]) /
+                               mk_model_parameter_spread(&point.model, number) * unit;
+            out.volume -= std::log(unit);
+        }
+        Eigen::LLT<MatrixXd> factor(M);
+        s.P = factor.solve(MatrixXd::Identity(M.rows(), M.cols()));
+        out.volume += log_root_det(factor);
+        out.information -= s.K * s.P * s.K.transpose();
+        out.gradient -= s.K * s.P * s.beta;
+        out.relief += 0.5 * s.beta.dot(s.P * s.beta);
+    }
+}
+
+// The prior of the own values.
+double Fit::own_cost(const FitPoint &point) const
+{
+    double sum = 0.0;
+    const std::vector<int> own = own_parameters(point.model);
+    for (const VectorXd &b : point.own)
+        for (size_t i = 0; i < own.size(); i++)
+            sum += 0.5 * std::pow(b((long)i) / mk_model_parameter_spread(&point.model, own[i]), 2);
+    return sum;
+}
+
+// Moves the states and the own values along with a step of the parameters (backward sweep).
 void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
 {
+    std::vector<VectorXd> own_step; // of the parameters as a source sees them
+    const std::vector<int> own = own_parameters(point.model);
+    for (size_t n = 0; n < sources.size(); n++) {
+        const Source &s = sources[n];
+        VectorXd seen = step;
+        if (!s.place.empty()) {
+            const VectorXd b = s.P * (length * s.beta - s.K.transpose() * step);
+            for (size_t i = 0; i < s.place.size(); i++) {
+                seen(s.place[i]) += b((long)i);
+                point.own[n]((long)s.which[i]) +=
+                    b((long)i) * scale_of(point.model, own[s.which[i]]);
+            }
+        }
+        own_step.push_back(std::move(seen));
+    }
     for (size_t l = 0; l < logs.size(); l++) {
+        const VectorXd &by = own_step.empty() ? step : own_step[(size_t)logs[l]->source];
         VectorXd next;
         for (size_t i = work[l].size(); i-- > 0;) {
             const Segment &s = work[l][i];
-            VectorXd right = length * s.a - s.C * step;
+            VectorXd right = length * s.a - s.C * by;
             if (!s.last) {
-                right += s.F.transpose() * (s.A_next * (next - length * s.mu - s.G * step));
+                right += s.F.transpose() * (s.A_next * (next - length * s.mu - s.G * by));
             }
             next = s.P * right;
             point.nodes[l].x.col((long)i) += next;
@@ -493,27 +625,29 @@ double Fit::cost(const FitPoint &point)
 FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
 {
     shoot_all(point, free, true);
-    FitPicture p = eliminate(point, (int)free.size(), 0.0);
+    FitPicture p = eliminate(point, free, 0.0);
     add_surprise(point, free, p);
     p.cost = total_cost(point);
     p.evidence = p.cost + p.volume;
     return p;
 }
 
+// Parameters differ by many orders of magnitude: inverted with a unit diagonal.
+static MatrixXd inverse_of(const MatrixXd &information)
+{
+    const VectorXd root = information.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    const MatrixXd unit = root.asDiagonal() * information * root.asDiagonal();
+    const MatrixXd inverse = unit.ldlt().solve(MatrixXd::Identity(unit.rows(), unit.cols()));
+    return root.asDiagonal() * inverse * root.asDiagonal();
+}
+
 MatrixXd Fit::covariance(const mk_model &model, const FitPicture &picture,
                          const std::vector<int> &free)
 {
-    long n = (long)free.size();
-    // Parameters differ by many orders of magnitude: solved with a unit diagonal.
-    VectorXd root(n), scale(n);
-    for (long i = 0; i < n; i++) {
-        root(i) = std::sqrt(std::max(picture.information(i, i), 1e-300));
-        scale(i) = scale_of(model, free[(size_t)i]) / root(i);
-    }
-    MatrixXd unit =
-        root.cwiseInverse().asDiagonal() * picture.information * root.cwiseInverse().asDiagonal();
-    MatrixXd inverse = unit.ldlt().solve(MatrixXd::Identity(n, n));
-    return scale.asDiagonal() * inverse * scale.asDiagonal();
+    VectorXd scale((long)free.size());
+    for (size_t i = 0; i < free.size(); i++)
+        scale((long)i) = scale_of(model, free[i]);
+    return scale.asDiagonal() * inverse_of(picture.information) * scale.asDiagonal();
 }
 
 FitResiduals Fit::residuals(const FitPoint &point)
@@ -550,6 +684,66 @@ double Fit::update_noise(FitPoint &point)
         double next = std::max(point.noise[j] * ratio, 1e-9);
         change = std::max(change, std::fabs(next / point.noise[j] - 1.0));
         point.noise[j] = next;
+    }
+    return change;
+}
+
+std::vector<OwnValue> Fit::own_values(const FitPoint &point, const FitPicture &picture) const
+{
+    std::vector<OwnValue> all;
+    const std::vector<int> own = own_parameters(point.model);
+    const MatrixXd cov = own.empty() ? MatrixXd() : inverse_of(picture.information);
+    for (size_t n = 0; n < sources.size(); n++) {
+        const Source &s = sources[n];
+        if (s.place.empty())
+            continue;
+        // b = P (beta - K'p): var b = P + P K' cov K P, var (p + b) likewise with p in the bracket.
+        const MatrixXd by = -s.P * s.K.transpose();
+        for (size_t i = 0; i < s.place.size(); i++) {
+            const long k = (long)i;
+            const double unit = scale_of(point.model, own[s.which[i]]);
+            VectorXd of_b = by.row(k), of_value = of_b;
+            of_value(s.place[i]) += 1.0;
+            OwnValue v;
+            v.number = own[s.which[i]];
+            v.source = (int)n;
+            v.deviation = point.own[n]((long)s.which[i]);
+            v.deviation_error = unit * std::sqrt(std::max(s.P(k, k) + of_b.dot(cov * of_b), 0.0));
+            v.value = mk_model_parameter(&point.model, v.number) + v.deviation;
+            v.std_error = unit * std::sqrt(std::max(s.P(k, k) + of_value.dot(cov * of_value), 0.0));
+            all.push_back(v);
+        }
+    }
+    return all;
+}
+
+// The spread of largest marginal likelihood, by MacKay's fixed point: spread^2 = sum b^2 / sum
+// (1 - var b / spread^2), the numerator what the own values are, the denominator how many of them
+// the data determine. (With well determined values and a free mean: the sample variance.)
+double Fit::update_spreads(FitPoint &point, const FitPicture &picture)
+{
+    constexpr double LEAST = 1e-3; // of the parameter's scale: next to no spread
+    double change = 0.0;
+    const std::vector<OwnValue> values = own_values(point, picture);
+    for (int number : own_parameters(point.model)) {
+        const double before = mk_model_parameter_spread(&point.model, number);
+        double squares = 0.0, determined = 0.0;
+        int count = 0;
+        for (const OwnValue &v : values) {
+            if (v.number != number)
+                continue;
+            squares += v.deviation * v.deviation;
+            determined += std::max(1.0 - std::pow(v.deviation_error / before, 2), 0.0);
+            count++;
+        }
+        // One log tells nothing about how logs differ.
+        if (count < 2)
+            continue;
+        const double least = LEAST * scale_of(point.model, number);
+        const double next = std::max(std::sqrt(squares / std::max(determined, 1e-3)), least);
+        const double now = std::min(std::max(next, 0.1 * before), 10.0 * before);
+        change = std::max(change, std::fabs(now / before - 1.0));
+        mk_model_set_parameter_spread(&point.model, number, now);
     }
     return change;
 }

@@ -7,6 +7,11 @@
 // data and shows where it had to be pushed. Stretches are eliminated one after the other (a
 // square-root-free information filter and smoother with the parameters as a border), so that the
 // work grows with the length of the data. H. G. Bock 1987; J. Rauch, F. Tung, C. Striebel 1965.
+//
+// A parameter that the model says to have a value of its own in every log (a spread above 0) is a
+// random effect: value_l = mean + b_l, b_l ~ N(0, spread^2). The mean is one of the free
+// parameters, the b_l are eliminated log by log as states are, and the spread is where the
+// likelihood with the b_l integrated out is largest (Pinheiro, Bates: Mixed-Effects Models, 2000).
 // docs/identification.md.
 #ifndef MECHKIT_IDENT_FIT_HPP
 #define MECHKIT_IDENT_FIT_HPP
@@ -51,6 +56,8 @@ struct FitNodes {
 struct FitPoint {
     mk_model model;
     std::vector<FitNodes> nodes; // one a log
+    // By source: what its own values are beyond the model's, in the order of own_parameters(model).
+    std::vector<Eigen::VectorXd> own;
     double noise[MK_MAX_JOINTS] = {0.0, 0.0};
     double step = 0.0; // longest integration step that is short enough here, s; 0: as the options
     double cost = 0.0; // minus log likelihood, up to a constant
@@ -81,6 +88,18 @@ struct FitResiduals {
 // counts, no parameter that its term does not use.
 std::vector<int> fitted_parameters(const mk_model &model);
 
+// Numbers of the parameters that have a value of their own in every log.
+std::vector<int> own_parameters(const mk_model &model);
+// The model with the own values of one source in it, within their ranges; no spread any more.
+mk_model model_of_source(const FitPoint &point, int source);
+
+// An own value of a source: its deviation b from the mean, mean + b, and their standard errors.
+struct OwnValue {
+    int number, source;
+    double deviation, deviation_error;
+    double value, std_error;
+};
+
 class Fit
 {
   public:
@@ -106,6 +125,10 @@ class Fit
     FitResiduals residuals(const FitPoint &point);
     // Sets the noise of each joint to what the residuals show; returns the largest relative change.
     double update_noise(FitPoint &point);
+    // The same for the spreads of own values, after a picture of the point.
+    double update_spreads(FitPoint &point, const FitPicture &picture);
+    // Own values at a point of which a picture has just been taken.
+    std::vector<OwnValue> own_values(const FitPoint &point, const FitPicture &picture) const;
 
     FitOptions options;
     int iterations = 0;     // of the last minimise
@@ -140,10 +163,12 @@ class Fit
     struct Batch;       // stretches that are shot together
     struct Corrections; // of what long steps make
     struct LogData;
+    struct Source; // of own values, at one point
 
     std::vector<const FitLog *> logs;
     std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
+    std::vector<Source> sources;            // by number
     std::shared_ptr<const Corrections> correction;
     double settled_by = HUGE_VAL; // work_done at which settle() shall have an end
 
@@ -152,6 +177,7 @@ class Fit
 
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
+    void adopt_own(const FitPoint &from, FitPoint &to) const;
     void doubt_command(const FitPoint &point, size_t log, size_t node);
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
@@ -169,7 +195,11 @@ class Fit
     double surprise(const FitPoint &point, int number, double &slope) const;
     void add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const;
     Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;
-    FitPicture eliminate(const FitPoint &point, int free_count, double damping);
+    FitPicture eliminate(const FitPoint &point, const std::vector<int> &free, double damping);
+    void eliminate_log(const FitPoint &point, size_t log, double damping, FitPicture &out);
+    void eliminate_own(const FitPoint &point, const std::vector<int> &free, FitPicture &out);
+    const mk_model &model_of(const FitPoint &point, size_t log) const;
+    double own_cost(const FitPoint &point) const;
     void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;
 
   public:

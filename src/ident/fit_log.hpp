@@ -25,6 +25,7 @@ struct FitLog {
     double repeating[MK_MAX_JOINTS] = {1.0, 1.0};
     double period; // median time between rows, s
     int joints;
+    int source = 0; // number of the log that this is a piece of: pieces of one share own values
 
     size_t rows() const { return t.size(); }
     double duration() const { return t.empty() ? 0.0 : t.back(); }

@@ -239,7 +239,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             if (attempt >= 2 && contact) {
                 state_damping = std::max(10.0 * state_damping, 1e-3);
                 shoot_all(point, free, true);
-                p = eliminate(point, (int)free.size(), state_damping);
+                p = eliminate(point, free, state_damping);
                 add_surprise(point, free, p);
             }
             if (attempt >= (contact ? 7 : 2))
@@ -332,6 +332,15 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
         found = minimise_finely(point, free);
     if (found)
         result = picture(point, free);
+    constexpr int SPREAD_ROUNDS = 4;
+    constexpr double SAME_SPREAD = 0.02;
+    for (int round = 0; found && !point.own.empty() && round < SPREAD_ROUNDS; round++) {
+        if (!result.finite || update_spreads(point, result) < SAME_SPREAD)
+            break;
+        found = minimise_finely(point, free);
+        if (found)
+            result = picture(point, free);
+    }
     correction.reset();
     settled_by = HUGE_VAL;
     return found && result.finite;
@@ -356,7 +365,7 @@ bool Fit::plunge(FitPoint &point, const std::vector<int> &free, double first, do
     // evidence goes with the drift.
     for (double &d : options.drift)
         d = MORE * last;
-    const FitPicture more = eliminate(point, (int)free.size(), 0.0);
+    const FitPicture more = eliminate(point, free, 0.0);
     found = total_cost(point) + more.volume > result.evidence;
     for (double &d : options.drift)
         d = last;

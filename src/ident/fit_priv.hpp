@@ -12,6 +12,7 @@ constexpr double SHORTER = 0.4; // from one step length to the next
 // One log as the kernel takes it.
 struct Fit::LogData {
     ShootData shoot;
+    mk_model model; // with the log's own values, where there are any
     std::vector<double> weight[MK_MAX_JOINTS];
 };
 
@@ -31,6 +32,20 @@ struct Fit::Segment {
     // From the elimination, for the way back.
     Eigen::MatrixXd F, P, C, A_next, G;
     Eigen::VectorXd a, mu;
+};
+
+// The own values of one source, beside the quadratic of its logs in the free parameters p:
+//     p' D p / 2 - d' p ,  D and d with the logs' states eliminated.
+// An own value b adds to its mean, so that it sees the same derivatives: with E the columns of the
+// means, p stands for p + E b here, and b has the prior b0 + b ~ N(0, spread^2).
+struct Fit::Source {
+    Eigen::MatrixXd D;
+    Eigen::VectorXd d;
+    std::vector<long> place;   // of each own value's mean among the free parameters
+    std::vector<size_t> which; // and the own value's number
+    // After elimination: b = P (beta - K' p), P = (E'DE + 1/spread^2)^-1, K = D E.
+    Eigen::MatrixXd P, K;
+    Eigen::VectorXd beta;
 };
 
 // What short steps change in a stretch.

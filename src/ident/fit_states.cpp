@@ -1,6 +1,7 @@
 // Fit: where stretches start, and the states there.
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/parallel.hpp"
 #include "ident/fit_priv.hpp"
@@ -10,6 +11,19 @@ namespace mk
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+
+// Joint of the effect that a parameter belongs to; -1 of a base parameter.
+static int joint_of(const mk_model &model, int number)
+{
+    number -= mk_plant(model.plant)->parameter_count;
+    for (int e = 0; number >= 0 && e < model.effect_count; e++) {
+        const int count = mk_effect(model.effect[e].index)->parameter_count;
+        if (number < count)
+            return model.effect[e].joint;
+        number -= count;
+    }
+    return -1;
+}
 
 static std::vector<size_t> node_rows(const FitLog &log, double stretch)
 {
@@ -66,10 +80,37 @@ FitPoint Fit::start(const mk_model &model)
     return adopt(p, model);
 }
 
+// Own values of parameters that both models have; others start at their means.
+void Fit::adopt_own(const FitPoint &from, FitPoint &to) const
+{
+    const std::vector<int> own = own_parameters(to.model), known = own_parameters(from.model);
+    to.own.clear();
+    if (own.empty())
+        return;
+    int count = 0;
+    for (const FitLog *log : logs)
+        count = std::max(count, log->source + 1);
+    to.own.assign((size_t)count, VectorXd::Zero((long)own.size()));
+    for (size_t i = 0; i < own.size(); i++) {
+        char name[64];
+        (void)mk_model_parameter_info(&to.model, own[i], name, sizeof name);
+        const int joint = joint_of(to.model, own[i]);
+        for (size_t k = 0; k < known.size(); k++) {
+            char other[64];
+            (void)mk_model_parameter_info(&from.model, known[k], other, sizeof other);
+            if (std::strcmp(name, other) != 0 || joint != joint_of(from.model, known[k]))
+                continue;
+            for (size_t n = 0; n < std::min(to.own.size(), from.own.size()); n++)
+                to.own[n]((long)i) = from.own[n]((long)k);
+        }
+    }
+}
+
 FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
 {
     FitPoint p = from;
     p.model = model;
+    adopt_own(from, p);
     if (p.step > 0.0 && mk_model_event_count(&model) > 0)
         p.step = std::min(std::max(p.step, SHORTER * longest_step(model)), longest_step(model));
     int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);

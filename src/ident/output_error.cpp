@@ -101,12 +101,16 @@ std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
     for (const mk_record &record : problem.records)
         all += record.rows;
     std::vector<FitLog> logs;
+    int source = -1;
     for (const mk_record &record : problem.records) {
+        source++;
         size_t rows = all > MOST_ROWS ? std::min(record.rows, left / logs_left) : record.rows;
         for (const Piece &piece : fitted_pieces(record, problem.model, hole))
-            if (piece.first + Piece::FEWEST_ROWS <= rows)
+            if (piece.first + Piece::FEWEST_ROWS <= rows) {
                 logs.push_back(
                     fit_log(record, problem.model, piece.first, std::min(piece.last, rows)));
+                logs.back().source = source;
+            }
         left -= std::min(left, rows);
         logs_left--;
     }
@@ -275,6 +279,9 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         r.noise[j] = j < mk_model_joints(&r.model) ? point.noise[j] : UNKNOWN;
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
+    for (const OwnValue &v : fit.own_values(point, picture))
+        if (r.own_count < MK_MAX_OWN_VALUES)
+            r.own[r.own_count++] = {v.number, (size_t)v.source, v.value, v.std_error};
     drift = fit.options.drift[0];
     warn_of_drift(drift, r);
     if (drift < SUSPICIOUS_DRIFT)

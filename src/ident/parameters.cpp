@@ -54,6 +54,19 @@ void mk_model_set_parameter(mk_model *model, int index, double value)
         model->effect[p.effect].value[p.parameter] = value;
 }
 
+double mk_model_parameter_spread(const mk_model *model, int index)
+{
+    Place p = place_of(*model, index);
+    return p.effect < 0 ? 0.0 : model->effect[p.effect].spread[p.parameter];
+}
+
+void mk_model_set_parameter_spread(mk_model *model, int index, double spread)
+{
+    Place p = place_of(*model, index);
+    if (p.effect >= 0)
+        model->effect[p.effect].spread[p.parameter] = spread;
+}
+
 const mk_parameter_info *mk_model_parameter_info(const mk_model *model, int index, char *name,
                                                  size_t size)
 {

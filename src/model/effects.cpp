@@ -47,6 +47,20 @@ int mk_effect_parameter_index(const mk_effect_info *effect, const char *name)
     return -1;
 }
 
+bool mk_parameter_may_differ(const mk_parameter_info *info)
+{
+    return info->fit == MK_FIT_FREE || info->fit == MK_FIT_CENTRE;
+}
+
+bool mk_model_has_own_values(const mk_model *model)
+{
+    for (int e = 0; e < model->effect_count; e++)
+        for (double spread : model->effect[e].spread)
+            if (spread > 0.0)
+                return true;
+    return false;
+}
+
 static enum mk_status check_fit(const mk_model *model, const mk_effect_info *info, int joint,
                                 mk_error *err)
 {

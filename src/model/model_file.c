@@ -32,6 +32,9 @@ static enum mk_status get_number(struct reader *r, struct mk_ini_entry *e, doubl
     return MK_OK;
 }
 
+/* Ends the key of a parameter's spread from log to log. */
+#define SPREAD "_spread"
+
 /* Far beyond what any rig has in any unit; arithmetic with more than that ends in nonsense. */
 #define MOST 1e9
 
@@ -182,6 +185,26 @@ static enum mk_status unknown_effect(struct reader *r, const struct mk_ini_entry
                        "there is no effect '%s'; there are %s", name, known);
 }
 
+/* KEY_spread = S: every log has a value of its own, S from log to log. */
+static enum mk_status get_spread(struct reader *r, const char *section,
+                                 const struct mk_parameter_info *p, double *out)
+{
+    char key[MK_INI_TEXT];
+    snprintf(key, sizeof key, "%s" SPREAD, p->name);
+    struct mk_ini_entry *e = find(r, section, key);
+    if (!e)
+        return MK_OK;
+    enum mk_status st = get_number(r, e, out);
+    if (st == MK_OK && !mk_parameter_may_differ(p))
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                           "%s: %s cannot differ from log to log (%s)", e->key, p->name, p->help);
+    if (st == MK_OK && *out < 0.0)
+        return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                           "%s = %s: a standard deviation from log to log is at least 0", e->key,
+                           e->value);
+    return st == MK_OK && *out > MOST ? too_large(r, e, "") : st;
+}
+
 static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct mk_ini_entry *first)
 {
     char name[MK_INI_TEXT];
@@ -211,6 +234,8 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct m
                                "[%s] %s is missing (%s)", first->section, info->parameter[i].name,
                                info->parameter[i].help);
         st = get_ranged(r, e, &info->parameter[i], &use->value[i]);
+        if (st == MK_OK)
+            st = get_spread(r, first->section, &info->parameter[i], &use->spread[i]);
         if (st != MK_OK)
             return st;
     }
@@ -310,8 +335,14 @@ static void write_effects(FILE *f, const struct mk_model *m)
             fprintf(f, "\n[effect.%s.%d]\n", info->name, nth);
         if (use->joint > 0)
             fprintf(f, "joint = %d\n", use->joint);
-        for (int k = 0; k < info->parameter_count; k++)
+        for (int k = 0; k < info->parameter_count; k++) {
             put(f, info->parameter[k].name, use->value[k]);
+            if (use->spread[k] > 0.0) {
+                char key[MK_INI_TEXT];
+                snprintf(key, sizeof key, "%s" SPREAD, info->parameter[k].name);
+                put(f, key, use->spread[k]);
+            }
+        }
     }
 }
 

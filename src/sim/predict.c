@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "sim/own_values.h"
 #include "sim/predict.h"
 #include "sim/start_state.h"
 
@@ -115,13 +116,34 @@ static enum mk_status run_windows(struct prediction *p, double window_s, size_t 
     return *failed == *windows ? st : MK_OK;
 }
 
-static void compare(const struct prediction *p, struct mk_predict_figures *out)
+/* First row of the log's second half. */
+static size_t middle(const struct mk_record *rec)
+{
+    const double half = 0.5 * (rec->t[0] + rec->t[rec->rows - 1]);
+    size_t row = 0;
+    while (row + 1 < rec->rows && rec->t[row] < half)
+        row++;
+    return row;
+}
+
+/* First row of the first window that begins there; without windows that row. */
+static size_t first_judged(const struct prediction *p)
+{
+    size_t row = middle(&p->rec);
+    while (p->window && row > 0 && row < p->rec.rows && p->window[row] == p->window[row - 1])
+        row++;
+    return row < p->rec.rows ? row : middle(&p->rec);
+}
+
+/* Rows from `from` on. */
+static void compare(const struct prediction *p, size_t from, struct mk_predict_figures *out)
 {
     const struct mk_record *rec = &p->rec;
+    out->from_s = rec->t[from] - rec->t[0];
     for (int j = 0; j < p->joints; j++) {
         double sum = 0.0, squares = 0.0, error = 0.0;
         size_t n = 0, compared = 0;
-        for (size_t k = 0; k < rec->rows; k++) {
+        for (size_t k = from; k < rec->rows; k++) {
             double y = rec->q[j][k];
             if (isnan(y))
                 continue;
@@ -133,7 +155,7 @@ static void compare(const struct prediction *p, struct mk_predict_figures *out)
             compared++;
         }
         double mean = n ? sum / (double)n : 0.0;
-        for (size_t k = 0; k < rec->rows; k++)
+        for (size_t k = from; k < rec->rows; k++)
             if (!isnan(rec->q[j][k]))
                 squares += (rec->q[j][k] - mean) * (rec->q[j][k] - mean);
         out->rms[j] = compared ? sqrt(error / (double)compared) : (double)NAN;
@@ -180,11 +202,21 @@ void mk_free_run_tolerances(const struct mk_model *model, double *rtol, double *
     *atol = contact ? fmin(model->atol, fmax(1e-3 * model->atol, FINEST_ATOL)) : model->atol;
 }
 
+/* Of the free runs that own values are found by: as long as those that are asked for, but no longer
+ * than a model of a real rig is good for. */
+static double own_window(double window_s)
+{
+    const double usual = 0.5, longest = 2.0; /* s */
+    return window_s > 0.0 ? fmin(window_s, longest) : usual;
+}
+
 static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
                               const struct mk_predict_options *options, bool states,
                               struct mk_log **out, struct mk_predict_figures *figures,
                               size_t *failed, struct mk_error *err)
 {
+    struct mk_model own;
+    const double window_s = options ? options->window_s : 0.0;
     struct prediction p = {.model = model, .joints = mk_model_joints(model)};
     struct mk_predict_figures figs;
     struct mk_log *made = NULL;
@@ -199,18 +231,24 @@ static enum mk_status predict(const struct mk_model *model, const struct mk_log 
     enum mk_status st = mk_record_from_log(log, model, &p.rec, err);
     if (st == MK_OK && p.rec.rows < 2)
         st = mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "a prediction needs at least 2 rows");
+    if (st == MK_OK && mk_model_has_own_values(model)) {
+        st = mk_find_own_values(&p.rec, model, middle(&p.rec), own_window(window_s), &own, figs.own,
+                                &figs.own_count, err);
+        p.model = &own;
+    }
     if (st == MK_OK)
         st = mk_log_create(p.rec.rows, &made);
     if (st == MK_OK)
-        st = add_columns(&p, made, options && options->window_s > 0.0, states);
+        st = add_columns(&p, made, window_s > 0.0, states);
     if (st == MK_OK)
-        st = mk_sim_create(model, &config, &p.sim, err);
-    if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, model)))
+        st = mk_sim_create(p.model, &config, &p.sim, err);
+    if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, p.model)))
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
     if (st == MK_OK)
-        st = run_windows(&p, options ? options->window_s : 0.0, &figs.windows, &bad, err);
+        st = run_windows(&p, window_s, &figs.windows, &bad, err);
     if (st == MK_OK) {
-        compare(&p, &figs);
+        const bool half = p.model != model || (options && options->second_half);
+        compare(&p, half ? first_judged(&p) : 0, &figs);
         *out = made;
         made = NULL;
         if (figures)
