@@ -513,11 +513,23 @@ START_TEST(output_error_cuts_out_a_hole_of_seconds)
             ck_assert_double_lt(p.std_error, 1e-3 * m.parameter[i]);
         }
     }
-    /* A motor that warms does not start cold again after it. */
+}
+END_TEST
+
+START_TEST(a_motor_that_warms_does_not_start_cold_again_after_a_hole)
+{
+    mk_model m = rig(MK_PLANT_PENDUBOT);
     ck_assert_int_eq(mk_model_add_effect(&m, "gain-drift", 0, nullptr), MK_OK);
-    Fit first(m, with_hole(*whole, 600, 1000, Hole::rows), "output-error");
-    ck_assert(first.status == MK_OK && first.warns("in 1 piece"));
-    ck_assert_uint_le(first.r->rows, 2 * 600);
+    m.effect[0].value[0] = 0.3, m.effect[0].value[1] = 3.0;
+    Run run;
+    run.seconds = 8, run.rate = 200;
+    Log whole = with_noise(*record(m, run), 4.5e-4, 1);
+    Fit f(m, with_hole(*whole, 600, 1000, Hole::rows), "output-error");
+    ck_assert(f.status == MK_OK && f.warns("in 2 pieces") && !f.warns("follow"));
+    for (int i = 0; i < 9; i++) {
+        const mk_ident_parameter &p = f.r->parameter[i];
+        ck_assert_double_lt(fabs(p.value - mk_model_parameter(&m, i)), 4 * p.std_error);
+    }
 }
 END_TEST
 
@@ -668,6 +680,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, output_error_warns_of_swapped_columns_and_of_degrees);
     tcase_add_test(c, output_error_does_not_take_a_wrong_zero_for_noise);
     tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
+    tcase_add_test(c, a_motor_that_warms_does_not_start_cold_again_after_a_hole);
     tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
     tcase_add_test(c, equations_that_miss_the_data_are_told);
     tcase_add_test(c, a_command_beyond_the_limit_is_told);

@@ -2,6 +2,7 @@
 // against the truth.
 #include "suites.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -479,6 +480,43 @@ START_TEST(the_beginning_of_a_log_is_the_log_up_to_then)
 }
 END_TEST
 
+// A friction that rises with time rises in a piece of a log as it does there in the whole log.
+START_TEST(a_piece_of_a_log_keeps_the_time_of_the_log)
+{
+    constexpr size_t ROWS = 251, MIDDLE = 125;
+    Bench b(MK_PLANT_PENDULUM, 0.004, (int)ROWS);
+    b.model.parameter[mk_plant(MK_PLANT_PENDULUM)->parameter_count - 1] = 0.3; // Coulomb friction
+    add(b.model, "friction-drift", 1, {2.0, 0.2});
+    mk_record record = {};
+    record.rows = ROWS;
+    record.t = b.t.data(), record.q[0] = b.zero.data(), record.u[0] = b.u.data();
+    const mk::FitLog whole = mk::fit_log(record, b.model, 0, ROWS),
+                     piece = mk::fit_log(record, b.model, MIDDLE, ROWS, 3);
+    ck_assert_int_eq(whole.source, 0);
+    ck_assert_double_eq(whole.start, 0.0);
+    ck_assert_int_eq(piece.source, 3);
+    ck_assert_double_eq_tol(piece.start, b.t[MIDDLE], 1e-12);
+    const double x0[2] = {0.5, 0.0};
+    double middle[2], end[2], from_piece[2];
+    auto shoot_over = [&](const mk::FitLog &log, double stop, const double *x, double *x_end) {
+        mk::ShootData data = {};
+        data.rows = log.rows(), data.start = log.start, data.t = log.t.data();
+        data.u[0] = log.u[0].data(), data.q[0] = log.q[0].data();
+        const std::vector<double> weight(log.rows(), 0.0);
+        data.w[0] = weight.data();
+        mk::ShootTask k = {};
+        k.model = &b.model, k.data = &data, k.end = stop, k.x = x, k.x_end = x_end, k.step = 1e-3;
+        mk::shoot(k);
+        ck_assert(k.finite);
+    };
+    shoot_over(whole, b.t[MIDDLE], x0, middle);
+    shoot_over(whole, b.t[ROWS - 1], x0, end);
+    shoot_over(piece, b.t[ROWS - 1] - b.t[MIDDLE], middle, from_piece);
+    for (int s = 0; s < 2; s++)
+        ck_assert_double_eq_tol(from_piece[s], end[s], 1e-9);
+}
+END_TEST
+
 START_TEST(a_log_that_says_nothing_is_refused)
 {
     mk_model m;
@@ -520,6 +558,7 @@ Suite *suite_shoot(void)
     tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
     tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);
     tcase_add_test(t, the_beginning_of_a_log_is_the_log_up_to_then);
+    tcase_add_test(t, a_piece_of_a_log_keeps_the_time_of_the_log);
     tcase_add_test(t, a_log_that_says_nothing_is_refused);
     suite_add_tcase(s, t);
     return s;

@@ -57,6 +57,7 @@ class Filter
     {
         data = {};
         data.rows = log.rows();
+        data.start = log.start;
         data.t = log.t.data();
         for (int i = 0; i < MK_MAX_INPUTS; i++)
             data.u[i] = log.u[i].empty() ? nullptr : log.u[i].data();
@@ -154,7 +155,7 @@ class Filter
         for (const Regressor &r : regressors) {
             double q = r.joint >= 0 && r.joint < joints ? x(r.joint) : 0.0,
                    v = r.joint >= 0 && r.joint < joints ? x(joints + r.joint) : 0.0;
-            series[j].with[i++].push_back(r.value(q, v, log.u[0][k], t));
+            series[j].with[i++].push_back(r.value(q, v, log.u[0][k], log.start + t));
         }
     }
 };

@@ -40,7 +40,7 @@ void find_pushes(const std::vector<const FitLog *> &training, const mk_model &gi
             }
             mk_plant_mass(&bare, q, v, mass, h);
             mk_push push = {};
-            push.t = training[l]->t[nodes.row[i]] - 0.5 * span;
+            push.t = training[l]->start + training[l]->t[nodes.row[i]] - 0.5 * span;
             push.u = training[l]->u[0][(nodes.row[i] + nodes.row[i - 1]) / 2];
             for (int j = 0; j < n; j++) {
                 push.q[j] = q[j];

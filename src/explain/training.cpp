@@ -161,7 +161,7 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
                                "no %zu rows without a long hole in them: too few to explain "
                                "anything",
                                FEWEST);
-        logs.push_back(fit_log(record, model, used[i].first, used[i].last));
+        logs.push_back(fit_log(record, model, used[i].first, used[i].last, (int)i));
         out.given_s += logs.back().duration();
         st = check_motion(logs.back(), given[i], "explain", err);
         if (st != MK_OK)
@@ -226,7 +226,7 @@ enum mk_status TrainingData::take_part(const mk_model &model, double most_s,
         size_t last = used[log].first;
         while (last < used[log].last && record.t[last] - record.t[used[log].first] <= seconds)
             last++;
-        part.push_back(fit_log(record, model, used[log].first, last));
+        part.push_back(fit_log(record, model, used[log].first, last, (int)log));
     }
     logs = std::move(part);
     return MK_OK;

@@ -124,6 +124,7 @@ void Fit::lay_data(const FitPoint &point)
         if (!point.own.empty())
             d.model = model_of_source(point, logs[l]->source);
         d.shoot.rows = logs[l]->rows();
+        d.shoot.start = logs[l]->start;
         d.shoot.t = logs[l]->t.data();
         for (int i = 0; i < MK_MAX_INPUTS; i++)
             d.shoot.u[i] = logs[l]->u[i].data();

@@ -322,9 +322,12 @@ std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longe
     return pieces;
 }
 
-FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last)
+FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last,
+               int source)
 {
     FitLog log;
+    log.source = source;
+    log.start = record.t[first] - record.t[0];
     log.joints = mk_model_joints(&model);
     log.period = median_period(record.t + first, last - first);
     Builder builder(record, log, first, last);

@@ -13,7 +13,9 @@ namespace mk
 {
 
 struct FitLog {
-    std::vector<double> t; // from the first row on, s
+    int source = 0;        // number of the log that it is a piece of: they share own values
+    double start = 0.0;    // of the piece, s from the start of its log: effects may depend on it
+    std::vector<double> t; // from the piece's first row on, s
     std::vector<double> u[MK_MAX_INPUTS], q[MK_MAX_JOINTS];
     std::vector<double> weight[MK_MAX_JOINTS]; // 0..1 by reading: how much of an own reading it is
     std::vector<double> doubt;                 // uncertainty of the command at a row, command units
@@ -25,7 +27,6 @@ struct FitLog {
     double repeating[MK_MAX_JOINTS] = {1.0, 1.0};
     double period; // median time between rows, s
     int joints;
-    int source = 0; // number of the log that this is a piece of: pieces of one share own values
 
     size_t rows() const { return t.size(); }
     double duration() const { return t.empty() ? 0.0 : t.back(); }
@@ -42,8 +43,10 @@ struct Piece {
 // are left out. `longest`: raised to the longest hole, s. Throws std::bad_alloc.
 std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest);
 
-// `first`, `last`: rows [first, last) of the record. Throws std::bad_alloc.
-FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last);
+// `first`, `last`: rows [first, last) of the record, which is log number `source` of those given.
+// Throws std::bad_alloc.
+FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last,
+               int source = 0);
 
 // Its first seconds.
 FitLog beginning_of(const FitLog &log, double seconds);

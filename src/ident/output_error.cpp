@@ -72,27 +72,6 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
 // Rows that are fitted, of all logs together: what a fit may cost in memory and time.
 constexpr size_t MOST_ROWS = 1000000;
 
-// Whether an effect's time counts from the start of a log.
-bool depends_on_time(const mk_model &model)
-{
-    const double q[MK_MAX_JOINTS] = {0.7, 0.7}, v[MK_MAX_JOINTS] = {1.0, 1.0};
-    const double u[MK_MAX_INPUTS] = {0.5 * model.u_max, 0.0};
-    double x[MK_MAX_STATES], early[MK_MAX_STATES], late[MK_MAX_STATES];
-    mk_model_initial_state(&model, q, v, x);
-    mk_model_rhs(&model, 0.0, x, u, early);
-    mk_model_rhs(&model, 1e3, x, u, late);
-    return !std::equal(early, early + 2 * mk_model_joints(&model), late);
-}
-
-// Where an effect depends on the time since the start, only the first piece.
-std::vector<Piece> fitted_pieces(const mk_record &record, const mk_model &model, double &longest)
-{
-    std::vector<Piece> pieces = pieces_of(record, record.rows, longest);
-    if (pieces.size() > 1 && depends_on_time(model))
-        pieces.erase(pieces.begin() + 1, pieces.end());
-    return pieces;
-}
-
 // The logs as they are fitted: in pieces where they have holes, and of each at most the first rows.
 std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
 {
@@ -101,16 +80,13 @@ std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
     for (const mk_record &record : problem.records)
         all += record.rows;
     std::vector<FitLog> logs;
-    int source = -1;
-    for (const mk_record &record : problem.records) {
-        source++;
+    for (size_t i = 0; i < problem.records.size(); i++) {
+        const mk_record &record = problem.records[i];
         size_t rows = all > MOST_ROWS ? std::min(record.rows, left / logs_left) : record.rows;
-        for (const Piece &piece : fitted_pieces(record, problem.model, hole))
-            if (piece.first + Piece::FEWEST_ROWS <= rows) {
-                logs.push_back(
-                    fit_log(record, problem.model, piece.first, std::min(piece.last, rows)));
-                logs.back().source = source;
-            }
+        for (const Piece &piece : pieces_of(record, record.rows, hole))
+            if (piece.first + Piece::FEWEST_ROWS <= rows)
+                logs.push_back(fit_log(record, problem.model, piece.first,
+                                       std::min(piece.last, rows), (int)i));
         left -= std::min(left, rows);
         logs_left--;
     }

@@ -19,7 +19,8 @@ constexpr int SHOOT_MAX_COLUMNS =
 // The log as the kernel sees it; arrays of `rows`.
 struct ShootData {
     size_t rows;
-    const double *t;                // s, from the log's first row on
+    double start;                   // s from the start of the log to the first row here
+    const double *t;                // s, from the first row here on
     const double *u[MK_MAX_INPUTS]; // held commands, no NaN; u[1] may be NULL
     const double *q[MK_MAX_JOINTS]; // readings
     const double *w[MK_MAX_JOINTS]; // weight of a reading (1 / standard deviation); 0: ignore it

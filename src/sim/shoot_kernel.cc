@@ -128,7 +128,7 @@ class Shooter
             x.d[i] = Base(0.0);
         for (int i = 0; i < columns; i++)
             passed.d[i] = Base(0.0);
-        u[0] = u[1] = now = Base(0.0);
+        u[0] = u[1] = now = start = Base(0.0);
     }
     int parameters_done() const
     {
@@ -174,6 +174,7 @@ class Shooter
     Point y, f1; // the same at the end of a step
     Point k2, k3, k4, between, older;
     Base u[MK_MAX_INPUTS], now;
+    Base start;                     // of each lane's rows in their log, s
     Scalar seen[MK_MAX_STATES];     // the state as laws see it
     Base before[MK_MAX_STATES];     // slopes under the last command
     Row passed;                     // of the start of a step at an instant where a law switched
@@ -188,6 +189,11 @@ class Shooter
     int speed_count = 0;
     bool slopes_known = false; // f0 belongs to x
 
+    // The time that laws see: it counts from the start of the log, whose rows may begin later.
+    Base in_log(const Base &t) const
+    {
+        return start + t;
+    }
     // Makes a parameter depend on its column.
     void vary(Scalar &parameter, int column, double slope)
     {
@@ -281,6 +287,7 @@ class Shooter
         l.now = l.task->begin;
         put(now, i, l.now);
         const ShootData &d = *l.task->data;
+        put(start, i, d.start);
         long row = first_row(l, late);
         bool on_edge = row < (long)d.rows && d.t[row] + late <= l.task->begin + 1e-9;
         set_command(i, on_edge ? row : row - 1);
@@ -410,7 +417,7 @@ class Shooter
     {
         Scalar dx[MK_MAX_STATES];
         look_at(at);
-        rhs_of<Law>(c, t, seen, u, dx);
+        rhs_of<Law>(c, in_log(t), seen, u, dx);
         for (int i = 0; i < ns; i++) {
             f.v[i] = base_of(dx[i]);
             chain(dx[i], at, f.d + i * columns);
@@ -418,7 +425,7 @@ class Shooter
     }
     void bare_slopes(const Base &t, const Base *at, Base *dx) const
     {
-        rhs_of<Law>(bare, t, at, u, dx);
+        rhs_of<Law>(bare, in_log(t), at, u, dx);
     }
     void look_at(const Point &at)
     {
@@ -508,7 +515,7 @@ class Shooter
             double at[MK_MAX_STATES];
             for (int s = 0; s < c.state_count; s++)
                 at[s] = state(i, s);
-            double rate = fastest_rate(plain, l.now, at) * length / 1.6;
+            double rate = fastest_rate(plain, l.task->data->start + l.now, at) * length / 1.6;
             count = rate > (double)count ? (long)(rate < 24.0 ? rate + 1.0 : 24.0) : count;
         }
         l.steps = count;
@@ -663,7 +670,7 @@ class Shooter
     {
         Scalar g[MK_MAX_EVENTS];
         look_at(y);
-        mk::events(c, end, seen, g);
+        mk::events(c, in_log(end), seen, g);
         for (int e = 0; e < c.event_count; e++) {
             bool wanted = false;
             for (int i = 0; i < W; i++)
@@ -691,8 +698,8 @@ class Shooter
     {
         Base ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
         bool any = false;
-        mk::events(bare, now, x.v, ga);
-        mk::events(bare, now + h, y_end, gb);
+        mk::events(bare, in_log(now), x.v, ga);
+        mk::events(bare, in_log(now + h), y_end, gb);
         for (int i = 0; i < W; i++) {
             which[i] = -1;
             double share = 1.0;
@@ -714,7 +721,7 @@ class Shooter
         for (int round = 0; round < 3; round++) {
             Base at[MK_MAX_STATES], g[MK_MAX_EVENTS];
             bare_runge_kutta(guess, at);
-            mk::events(bare, now + guess, at, g);
+            mk::events(bare, in_log(now + guess), at, g);
             guess -= pick(g, which) / rate;
             guess = if_positive(guess, guess, 1e-3 * h);
             guess = if_positive(h - guess, guess, 0.999 * h);
@@ -873,7 +880,7 @@ class Shooter
         Scalar reading[MK_MAX_JOINTS];
         Row row;
         look_at(*at);
-        measure(c, r.t, seen, reading);
+        measure(c, in_log(r.t), seen, reading);
         chain(reading[j], *at, row.d);
         for (int i = 0; i < W; i++) {
             if (r.row[i] < 0)
