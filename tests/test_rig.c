@@ -104,6 +104,40 @@ START_TEST(an_encoder_offset_survives_zeroing)
 }
 END_TEST
 
+/* What a hanging rig reads just after zeroing is its encoder's zero. */
+START_TEST(every_zeroing_draws_values_that_logs_have_of_their_own)
+{
+    enum { N = 2000 };
+    struct mk_error err = MK_ERROR_INIT;
+    double sum = 0, squares = 0;
+    int32_t first[2] = {0};
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    ck_assert_int_eq(mk_model_add_effect(&model, "encoder-offset", 1, &err), MK_OK);
+    model.effect[0].value[0] = 0.05;
+    model.effect[0].spread[0] = 0.03;
+    config.seed = 7;
+    for (int again = 0; again < 2; again++) {
+        ck_assert_int_eq(mk_rig_create(&model, &config, &rig, &err), MK_OK);
+        mk_rig_counts(rig, &first[again]);
+        if (again == 0)
+            mk_rig_destroy(rig);
+    }
+    ck_assert_int_eq(first[0], first[1]); /* the seed repeats them */
+    for (int k = 0; k < N; k++) {
+        int32_t count[MK_MAX_JOINTS];
+        mk_rig_zero(rig);
+        mk_rig_counts(rig, count);
+        const double zero = mk_rig_model(rig)->effect[0].value[0];
+        ck_assert_int_eq(count[0], lround(zero * COUNTS_PER_RAD));
+        ck_assert(!mk_model_has_own_values(mk_rig_model(rig)));
+        sum += zero, squares += zero * zero;
+    }
+    const double mean = sum / N, sd = sqrt(squares / N - mean * mean);
+    ck_assert_double_eq_tol(mean, 0.05, 5 * 0.03 / sqrt(N));
+    ck_assert_double_eq_tol(sd, 0.03, 5 * 0.03 / sqrt(2.0 * N));
+}
+END_TEST
+
 START_TEST(counters_wrap_at_24_bits)
 {
     /* 9000 rad/s without friction pass 2^23 counts after 1.46 s. */
@@ -214,6 +248,7 @@ Suite *suite_rig(void)
     tcase_add_test(t, zeroing_takes_the_place_where_the_rig_is);
     tcase_add_test(t, a_start_off_rest_is_zero_at_power_up);
     tcase_add_test(t, an_encoder_offset_survives_zeroing);
+    tcase_add_test(t, every_zeroing_draws_values_that_logs_have_of_their_own);
     tcase_add_test(t, counters_wrap_at_24_bits);
     tcase_add_test(t, the_amplifier_saturates);
     tcase_add_test(t, no_time_changes_nothing_and_backwards_is_refused);

@@ -48,12 +48,15 @@ MK_NODISCARD enum mk_status mk_rig_advance(struct mk_rig *rig, double dt_s, doub
 void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS]);
 
 /* Zeroes the counters where the links truly are now: what the model says about the encoders (an
- * `encoder-offset`) stays in the readings. */
+ * `encoder-offset`) stays in the readings. A new log begins: parameters with a value of their own
+ * in every log (a spread) get one, normally distributed about the model's, by the seed; within
+ * their ranges. RT. */
 void mk_rig_zero(struct mk_rig *rig);
 
 /* Truth, for tests and demos: time, state (borrowed). */
 double mk_rig_time(const struct mk_rig *rig);
 const double *mk_rig_state(const struct mk_rig *rig);
+/* With the values of the present log in it, no spread. */
 const struct mk_model *mk_rig_model(const struct mk_rig *rig);
 
 #pragma GCC visibility pop

@@ -56,6 +56,12 @@ void mk_sim_destroy(struct mk_sim *sim); /* NULL allowed */
 MK_NODISCARD enum mk_status mk_sim_reset(struct mk_sim *sim, double t, const double *x,
                                          const double *u_past);
 
+/* From now on with other values of the same plant and effects (mk_sim_create's checks hold for them
+ * too); commands that are on their way keep their times. Allocates nothing. MK_ERR_INVALID for
+ * another structure, MK_ERR_RANGE. */
+MK_NODISCARD enum mk_status mk_sim_set_values(struct mk_sim *sim, const struct mk_model *model,
+                                              struct mk_error *err);
+
 /* Advances to t_end (> now) while the command issued from now on is u (2 values, held). What acts
  * on the rig is that command after the model's input delay. MK_ERR_NUMERIC when the solver gives
  * up. */

@@ -10,10 +10,12 @@
 #define TURN_RAD (2.0 * 3.14159265358979323846)
 
 struct mk_rig {
-    struct mk_model model;
+    struct mk_model given; /* with spreads from log to log */
+    struct mk_model model; /* as it is in this log */
     struct mk_rig_config config;
     struct mk_sim *sim;
     struct mk_random random;
+    struct mk_random own; /* of values that a log has of its own */
     int joints;
     double counts_per_rad[MK_MAX_JOINTS];
     double rest[MK_MAX_JOINTS];
@@ -44,7 +46,7 @@ enum mk_status mk_rig_create(const struct mk_model *model, const struct mk_rig_c
     struct mk_rig *rig = calloc(1, sizeof *rig);
     if (!rig)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the virtual rig");
-    rig->model = *model;
+    rig->given = *model;
     if (config)
         rig->config = *config;
     rig->joints = mk_model_joints(model);
@@ -72,6 +74,7 @@ void mk_rig_destroy(struct mk_rig *rig)
 enum mk_status mk_rig_restart(struct mk_rig *rig, struct mk_error *err)
 {
     double q[MK_MAX_JOINTS] = {0}, x[MK_MAX_STATES] = {0};
+    rig->model = rig->given;
     for (int j = 0; j < rig->joints; j++)
         q[j] = rig->rest[j] + rig->config.start[j];
     mk_model_initial_state(&rig->model, q, rig->config.start_v, x);
@@ -84,6 +87,7 @@ enum mk_status mk_rig_restart(struct mk_rig *rig, struct mk_error *err)
     if (st != MK_OK)
         return mk_error_set(err, st, "the virtual rig cannot start from this position");
     rig->random.state = rig->config.seed;
+    rig->own.state = ~rig->config.seed;
     mk_rig_zero(rig);
     return MK_OK;
 }
@@ -114,8 +118,30 @@ void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS])
     }
 }
 
+/* Draws the values of a new log. */
+static void draw_own_values(struct mk_rig *rig)
+{
+    rig->model = rig->given;
+    for (int e = 0; e < rig->model.effect_count; e++) {
+        struct mk_effect_use *use = &rig->model.effect[e];
+        for (int k = 0; k < mk_effect(use->index)->parameter_count; k++) {
+            const struct mk_parameter_info *info = &mk_effect(use->index)->parameter[k];
+            if (!(use->spread[k] > 0.0))
+                continue;
+            use->value[k] += use->spread[k] * mk_random_normal(&rig->own);
+            use->value[k] = fmax(info->min, fmin(info->max, use->value[k]));
+            use->spread[k] = 0.0;
+        }
+    }
+    /* Values within their ranges make no other structure, and no effect changes the mass matrix
+     * for the worse: this cannot fail. */
+    (void)!mk_sim_set_values(rig->sim, &rig->model, NULL);
+}
+
 void mk_rig_zero(struct mk_rig *rig)
 {
+    if (mk_model_has_own_values(&rig->given))
+        draw_own_values(rig);
     const double *x = mk_sim_state(rig->sim);
     for (int j = 0; j < rig->joints; j++)
         rig->zero[j] = quantise(rig, j, x[j], 0.0);

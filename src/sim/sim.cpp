@@ -158,6 +158,27 @@ void mk_sim_destroy(mk_sim *sim)
     delete sim;
 }
 
+enum mk_status mk_sim_set_values(mk_sim *sim, const mk_model *model, mk_error *err)
+{
+    const mk_model &now = sim->system.model;
+    bool same = now.plant == model->plant && now.effect_count == model->effect_count;
+    for (int e = 0; same && e < model->effect_count; e++)
+        same = now.effect[e].index == model->effect[e].index &&
+               now.effect[e].joint == model->effect[e].joint;
+    if (!same)
+        return mk_error_set(err, MK_ERR_INVALID, "values of a model with other effects");
+    enum mk_status st = mk_model_check(model, err);
+    if (st != MK_OK)
+        return st;
+    sim->system.model = *model;
+    sim->system.compiled = mk::compile<double>(*model);
+    sim->delay = mk_model_command_delay(model);
+    sim->age[0] = sim->age[1] = 0.0;
+    find_ages(sim);
+    sim->fresh = true;
+    return MK_OK;
+}
+
 static double mechanical_energy(const mk_sim *sim)
 {
     const mk_model *m = &sim->system.model;
