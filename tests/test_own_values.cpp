@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "mechkit/explain.h"
 #include "mechkit/ident.h"
 #include "mechkit/sim.h"
 #include "support/cases.hpp"
@@ -26,7 +27,7 @@ mk_model pendubot()
     return m;
 }
 
-truth::OwnedLog record(const double *zero, uint64_t seed)
+truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0)
 {
     truth::Rig rig;
     truth::Recording how;
@@ -35,6 +36,8 @@ truth::OwnedLog record(const double *zero, uint64_t seed)
     rig.p.assign(m.parameter, m.parameter + 7);
     for (int j = 1; j <= 2; j++)
         rig.effects.push_back({"encoder-offset", j, {{"offset", zero[j - 1]}}});
+    if (friction > 0.0)
+        rig.effects.push_back({"coulomb", 2, {{"level", friction}}});
     how.seconds = 6.0;
     how.input = seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
@@ -154,6 +157,58 @@ START_TEST(a_new_logs_own_values_come_from_its_first_half)
 }
 END_TEST
 
+// What explain says of logs with these zeros on a rig whose joint 2 rubs, which its model lacks.
+std::unique_ptr<mk_explanation> explained(const double (*zero)[2], double friction)
+{
+    std::vector<truth::OwnedLog> logs;
+    std::vector<const mk_log *> view, held;
+    for (int i = 0; i < LOGS; i++)
+        logs.push_back(record(zero[i], 41 + (uint64_t)i, friction));
+    for (int i = 0; i + 1 < LOGS; i++)
+        view.push_back(logs[(size_t)i].get());
+    held.push_back(logs.back().get());
+    auto e = std::make_unique<mk_explanation>();
+    mk_model m = with_zeros(0.0);
+    m.effect_count = 0;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(
+        mk_explain(&m, view.data(), view.size(), held.data(), 1, nullptr, e.get(), &err) == MK_OK,
+        "%s", err.message);
+    return e;
+}
+
+START_TEST(explain_tells_zeros_of_every_log_from_a_cause)
+{
+    const auto e = explained(ZERO, 0.02);
+    ck_assert_int_eq(e->verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_eq(e->log_value_count, 2);
+    ck_assert_int_eq(e->cause_count, 1);
+    ck_assert_str_eq(e->cause[0].effect->name, "coulomb");
+    ck_assert_int_eq(e->cause[0].joint, 2);
+    ck_assert_int_eq(e->per_log_count, 2 * (LOGS - 1));
+    for (int i = 0; i < e->per_log_count; i++)
+        ck_assert_double_eq_tol(e->per_log[i].value,
+                                ZERO[e->per_log[i].log][e->per_log[i].joint - 1], 1e-3);
+    for (int j = 0; j < 2; j++) {
+        ck_assert_str_eq(e->log_value[j].effect->name, "encoder-offset");
+        ck_assert_double_gt(e->log_value[j].spread[0], 5e-3);
+        ck_assert_double_lt(e->after[j], 0.5 * e->refitted[j]);
+    }
+    ck_assert(e->offered && mk_model_has_own_values(&e->extended));
+}
+END_TEST
+
+START_TEST(explain_claims_no_zeros_where_logs_do_not_differ)
+{
+    const double same[LOGS][2] = {{0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}};
+    const auto with_friction = explained(same, 0.02), clean = explained(same, 0.0);
+    ck_assert_int_eq(with_friction->log_value_count, 0);
+    ck_assert_int_eq(with_friction->verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_eq(clean->log_value_count, 0);
+    ck_assert_int_eq(clean->verdict, MK_VERDICT_PARAMETERS);
+}
+END_TEST
+
 } // namespace
 
 Suite *suite_own_values(void)
@@ -164,6 +219,8 @@ Suite *suite_own_values(void)
     tcase_add_test(t, a_fit_finds_the_zero_of_every_log_and_how_they_spread);
     tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, a_new_logs_own_values_come_from_its_first_half);
+    tcase_add_test(t, explain_tells_zeros_of_every_log_from_a_cause);
+    tcase_add_test(t, explain_claims_no_zeros_where_logs_do_not_differ);
     suite_add_tcase(s, t);
     return s;
 }

@@ -18,6 +18,7 @@ extern "C" {
 #pragma GCC visibility push(default)
 
 #define MK_MAX_CAUSES 4
+#define MK_MAX_LOG_VALUES 4
 #define MK_MAX_RIVALS 12
 
 enum mk_verdict {
@@ -33,10 +34,22 @@ struct mk_cause {
     int joint; /* 1-based; 0: no joint */
     double value[MK_MAX_EFFECT_PARAMETERS];
     double std_error[MK_MAX_EFFECT_PARAMETERS]; /* NaN: not determined, or not fitted */
+    /* From log to log, of a value that every log has of its own; `value` is then the mean. 0: all
+     * logs share it. */
+    double spread[MK_MAX_EFFECT_PARAMETERS];
     double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
     double confidence; /* 0..0.99, against its best rival */
 };
+
+/* A parameter that differs from log to log, in one of them. */
+struct mk_per_log {
+    int log; /* number among those learned from */
+    const struct mk_effect_info *effect;
+    int joint, parameter;    /* of the effect */
+    double value, std_error; /* of this log, in the parameter's unit */
+};
+#define MK_MAX_PER_LOG 128
 
 struct mk_rival {
     const struct mk_effect_info *effect;
@@ -110,6 +123,15 @@ struct mk_explanation {
     int cause_count;
     struct mk_cause cause[MK_MAX_CAUSES]; /* most important first; for "unknown": what the structure
                                              consists of */
+    /* What differs from log to log, found before any cause: causes too, each with a spread. The
+     * refitted model has one value for all logs, that is none; `extended` has them. */
+    int log_value_count;
+    struct mk_cause log_value[MK_MAX_LOG_VALUES];
+    int per_log_count;
+    struct mk_per_log per_log[MK_MAX_PER_LOG];
+    /* How far dry friction can hold each joint from where it would hang, rad; NaN: it hangs
+     * nowhere. That is how far off a zero may be that is taken there. */
+    double held_off[MK_MAX_JOINTS];
     int rival_count;
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
     bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain

@@ -26,6 +26,32 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
             c->delta_bic, c->confidence);
 }
 
+/* "encoder-offset at joint 1 differs from log to log by 0.038 rad: ..." */
+static void print_log_value(FILE *out, const struct mk_explanation *e, const struct mk_cause *c)
+{
+    for (int k = 0; k < c->effect->parameter_count; k++) {
+        const struct mk_parameter_info *info = &c->effect->parameter[k];
+        if (!(c->spread[k] > 0.0))
+            continue;
+        fprintf(out, "  %s", c->effect->name);
+        if (c->joint > 0)
+            fprintf(out, " at joint %d", c->joint);
+        fprintf(out, " has another %s in every log, %.2g %s apart (standard deviation):\n   ",
+                info->name, c->spread[k], mk_model_unit(&e->given, info->unit));
+        for (int i = 0; i < e->per_log_count; i++)
+            if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint)
+                fprintf(out, " log %d %.3g +- %.1g%s", e->per_log[i].log + 1, e->per_log[i].value,
+                        e->per_log[i].std_error, i + 1 < e->per_log_count ? "," : "");
+        fprintf(out, "\n    evidence: BIC %.0f better than one value for all logs\n", c->delta_bic);
+        const double held = c->joint > 0 ? e->held_off[c->joint - 1] : 0.0;
+        if (strcmp(c->effect->name, "encoder-offset") == 0 && held > 0.0)
+            fprintf(out,
+                    "    The counters are zeroed where the rig hangs; friction can hold this joint "
+                    "%.2g rad from there.\n",
+                    held);
+    }
+}
+
 static void print_rivals(FILE *out, const struct mk_explanation *e)
 {
     int shown = 0;
@@ -150,6 +176,8 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict == MK_VERDICT_EFFECT)
         for (int i = 0; i < e->cause_count; i++)
             print_cause(out, &e->given, &e->cause[i]);
+    for (int i = 0; i < e->log_value_count; i++)
+        print_log_value(out, e, &e->log_value[i]);
     if (e->verdict == MK_VERDICT_PARAMETERS)
         print_values(out, e);
     print_rivals(out, e);
@@ -181,7 +209,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->offered)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);
-    else if (e->cause_count > 0)
+    else if (e->cause_count + e->log_value_count > 0)
         print_declined(out, e);
     print_control(out, e);
     print_one_step(out, e);

@@ -388,6 +388,7 @@ bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
     for (int i = 0; i < c.effect->parameter_count; i++)
         use.value[i] =
             std::min(std::max(c.value[i], c.effect->parameter[i].min), c.effect->parameter[i].max);
+    use.spread[c.size] = c.spread;
     return true;
 }
 

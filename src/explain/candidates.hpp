@@ -30,6 +30,7 @@ struct Candidate {
     int size;
     double most = HUGE_VAL; // of it, for any rig
     int shape = -1;         // parameter that says little before the size is about right
+    double spread = 0.0;    // of `size` from log to log; 0: all logs share it
 };
 
 // All candidates for a model that may have effects already.

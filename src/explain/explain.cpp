@@ -13,6 +13,7 @@
 #include "explain/gain.hpp"
 #include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
+#include "explain/log_values.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
 
@@ -53,6 +54,10 @@ class Explainer
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
+        const mk_model plain = refit.point.model;
+        values = find_log_values(model, {logs, logs + log_count}, out.window_s, *search, refit);
+        refit = values.fit;
+        data.second_half = !values.found.empty();
         put_back_lost_counts(so, refit);
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
@@ -64,14 +69,20 @@ class Explainer
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
-        Verdict verdict(model, training, *causes, lost, out);
+        Verdict verdict(values.model, training, *causes, lost, out);
         verdict.decide();
+        out.given = model;
+        out.refit = plain;
+        describe_log_values(values, causes->best, training, options.threads, out);
+        if (out.log_value_count > 0 && out.verdict < MK_VERDICT_EFFECT)
+            out.verdict = MK_VERDICT_EFFECT;
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
-            measure_gain(model, options, data, training, *causes, verdict, out, err);
+            measure_gain(values.model, options, data, training, *causes, verdict, out, err);
         if (measured == MK_OK)
-            propose_experiment(model, training, causes->best, verdict.rivals(), options.next, out);
+            propose_experiment(values.model, training, causes->best, verdict.rivals(), options.next,
+                               out);
         return measured;
     }
 
@@ -82,18 +93,19 @@ class Explainer
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
+    LogValues values;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
 
     void search_causes(const Hypothesis &refit)
     {
-        causes = std::make_unique<CauseSearch>(model, *search, refit);
+        causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         causes->give_up_early = lost.joint == 0; // look_closer() goes on
         causes->run();
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
-        lost = find_lost_counts(model, training, so, refit, ENOUGH);
+        lost = find_lost_counts(values.model, training, so, refit, ENOUGH);
         if (lost.joint > 0)
             use_mended_logs(so, refit);
     }
@@ -122,7 +134,7 @@ class Explainer
             training.push_back(&log);
         causes.reset();
         search = std::make_unique<Search>(training, so);
-        if (!search->refit(model, nullptr, refit))
+        if (!search->refit(values.model, nullptr, refit))
             refit = lost.fit;
     }
     // A model that does not follow its data bends within a stretch, and what it misses there is
@@ -146,7 +158,7 @@ class Explainer
         if (!closer->refit(causes->refit.point.model, nullptr, refit) ||
             !closer->refit(left.point.model, nullptr, same))
             return;
-        auto again = std::make_unique<CauseSearch>(model, *closer, refit);
+        auto again = std::make_unique<CauseSearch>(values.model, *closer, refit);
         again->run();
         if (closer->cancelled)
             search->cancelled = true;
@@ -164,7 +176,7 @@ class Explainer
     {
         if (causes->rounds.size() != 1 || search->cancelled)
             return;
-        const HeldOut held(data.held, out.window_s);
+        const HeldOut held(data.held, out.window_s, data.second_half);
         std::vector<Hypothesis> &field = causes->rounds[0].field;
         HeldOutFigures best;
         if (is_library(field[0].added.effect) ||
@@ -193,7 +205,7 @@ class Explainer
     // data what the others gain.
     void shed_what_misleads()
     {
-        const HeldOut held(data.held, out.window_s);
+        const HeldOut held(data.held, out.window_s, data.second_half);
         HeldOutFigures refitted, all;
         if (causes->rounds.size() < 2 || search->cancelled || causes->explained() ||
             held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)

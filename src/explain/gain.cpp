@@ -45,9 +45,9 @@ struct Gain {
         // Where no model can say anything so far ahead, as of an unstable rig, less far.
         constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
         for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
-            const HeldOut held(data.held, out.window_s);
+            const HeldOut held(data.held, out.window_s, data.second_half);
             before = refitted = after = {};
-            enum mk_status st = held.figures(causes.refit.point.model, refitted, err);
+            enum mk_status st = held.figures(out.refit, refitted, err);
             // An extension that runs away everywhere is a bad one, not an error.
             if (st == MK_OK && (st = held.figures(out.extended, after, err)) == MK_ERR_NUMERIC) {
                 after.square[0] = HUGE_VAL;
@@ -58,7 +58,7 @@ struct Gain {
                 lost_track = lost_track || (after.nrmse(j) > 1.0 && refitted.nrmse(j) > 1.0);
             if (st == MK_OK && lost_track && !options.window_s && out.window_s > SHORTEST)
                 continue;
-            return st == MK_OK ? held.figures(model, before, err) : st;
+            return st == MK_OK ? held.figures(out.given, before, err) : st;
         }
     }
     // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
@@ -111,22 +111,25 @@ struct Gain {
         enum mk_status st = predict_held_out(before, refitted, after, err);
         if (st != MK_OK)
             return st;
-        const HeldOut held(data.held, out.window_s);
-        out.offered = out.cause_count > 0 && !clearly_worse(after, refitted) &&
-                      !misleads(held, refitted, after);
+        const HeldOut held(data.held, out.window_s, data.second_half);
+        const bool found = out.cause_count + out.log_value_count > 0;
+        out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
         // A formula is worth having for what it predicts only.
         if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
             out.offered = false;
-        if (out.cause_count > 0 && !out.offered) {
+        if (found && !out.offered) {
             for (int j = 0; j < mk_model_joints(&model); j++)
                 out.declined[j] = after.nrmse(j);
             verdict.withdraw();
-            after = refitted;
+            after = {};
+            st = held.figures(out.extended, after, err);
+            if (st != MK_OK)
+                return st;
         }
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
-        if (out.verdict == MK_VERDICT_UNKNOWN && out.cause_count == 0 && at_noise(held, refitted)) {
+        if (out.verdict == MK_VERDICT_UNKNOWN && !found && at_noise(held, refitted)) {
             out.verdict = verdict.values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
             out.structure[0] = 0;
         }
@@ -138,7 +141,7 @@ struct Gain {
         if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
             out.verdict = MK_VERDICT_PARAMETERS;
         if (out.verdict == MK_VERDICT_NONE) {
-            out.extended = model;
+            out.extended = out.given;
             after = before;
         }
         for (int j = 0; j < mk_model_joints(&model); j++) {

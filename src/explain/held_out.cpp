@@ -7,13 +7,15 @@ namespace mk
 
 enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *err) const
 {
-    for (const mk_log *log : logs) {
+    for (size_t i = 0; i < logs.size(); i++) {
         mk_predict_options o = {};
         o.window_s = window_s;
+        o.second_half = half;
+        mk_predict_figures figures;
         mk_log *prediction = nullptr;
-        enum mk_status st = mk_predict(&m, log, &o, &prediction, nullptr, nullptr, err);
+        enum mk_status st = mk_predict(&m, logs[i], &o, &prediction, &figures, nullptr, err);
         if (st == MK_OK)
-            add_windows(m, *log, *prediction, f);
+            add_windows(m, (int)i, *prediction, figures.from_s, f);
         mk_log_free(prediction);
         if (st != MK_OK)
             return st;
@@ -21,9 +23,10 @@ enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *
     return MK_OK;
 }
 
-void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &prediction,
+void HeldOut::add_windows(const mk_model &m, int number, const mk_log &prediction, double from_s,
                           HeldOutFigures &f) const
 {
+    const mk_log &log = *logs[(size_t)number];
     mk_record record;
     const double *window = mk_log_get(&prediction, "window");
     if (!window || mk_record_from_log(&log, &m, &record, nullptr) != MK_OK)
@@ -40,8 +43,8 @@ void HeldOut::add_windows(const mk_model &m, const mk_log &log, const mk_log &pr
         for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
             const size_t place = first + (size_t)window[k];
             if (place >= f.window.size())
-                f.window.resize(place + 1, 0.0);
-            if (std::isnan(record.q[j][k]))
+                f.window.resize(place + 1, 0.0), f.log.resize(place + 1, number);
+            if (std::isnan(record.q[j][k]) || record.t[k] - record.t[0] < from_s)
                 continue;
             const double off = std::isfinite(q[k]) ? (q[k] - record.q[j][k]) / sd : LOST;
             f.window[place] += std::max(off * off, rounding * rounding);
@@ -64,6 +67,33 @@ bool clearly_worse(const HeldOutFigures &a, const HeldOutFigures &b)
         return a.total() > b.total();
     double mean = sum / n, error = std::sqrt(std::max(squares / n - mean * mean, 0.0) / n);
     return mean > std::max(2.0 * error, std::log(1.02));
+}
+
+LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b)
+{
+    LogRatio r;
+    double sum = 0.0, squares = 0.0;
+    const size_t count = std::min(a.window.size(), b.window.size());
+    for (size_t first = 0, i = 0; i <= count; i++) {
+        if (i < count && a.log[i] == a.log[first])
+            continue;
+        double of_log = 0.0, windows = 0.0;
+        for (; first < i; first++)
+            if (a.window[first] > 0.0 && b.window[first] > 0.0)
+                of_log += std::log(a.window[first] / b.window[first]), windows += 1.0;
+        if (!(windows > 0.0))
+            continue;
+        of_log /= windows;
+        sum += of_log, squares += of_log * of_log;
+        r.logs++;
+        r.better += of_log < 0.0;
+    }
+    if (r.logs == 0)
+        return r;
+    r.mean = sum / r.logs;
+    if (r.logs > 1)
+        r.error = std::sqrt(std::max(squares / r.logs - r.mean * r.mean, 0.0) / (r.logs - 1));
+    return r;
 }
 
 double HeldOut::deviation(const mk_model &model, int joint) const

@@ -17,7 +17,9 @@ namespace mk
 struct HeldOutFigures {
     double square[MK_MAX_JOINTS] = {0.0, 0.0}; // over the variance of the readings
     double rows[MK_MAX_JOINTS] = {0.0, 0.0};
-    std::vector<double> window; // squared error by window, over the variance of the readings
+    std::vector<double> window; // squared error by window, over the variance of the readings; 0:
+                                // not judged
+    std::vector<int> log;       // by window: number of its log
     double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows[j], 1.0)); }
     double total() const { return nrmse(0) * nrmse(0) + nrmse(1) * nrmse(1); }
 };
@@ -25,8 +27,10 @@ struct HeldOutFigures {
 class HeldOut
 {
   public:
-    // The logs must outlive it. Windows of `window_s` seconds.
-    HeldOut(const std::vector<const mk_log *> &held, double window) : logs(held), window_s(window)
+    // The logs must outlive it. Windows of `window_s` seconds; `second_half`: those of the logs'
+    // second halves, so that models with values of their own in every log can be compared.
+    HeldOut(const std::vector<const mk_log *> &held, double window, bool second_half = false)
+        : logs(held), window_s(window), half(second_half)
     {
     }
     enum mk_status figures(const mk_model &model, HeldOutFigures &f, mk_error *err) const;
@@ -36,10 +40,19 @@ class HeldOut
   private:
     const std::vector<const mk_log *> &logs;
     double window_s;
+    bool half;
 
-    void add_windows(const mk_model &m, const mk_log &log, const mk_log &prediction,
+    void add_windows(const mk_model &m, int number, const mk_log &prediction, double from_s,
                      HeldOutFigures &f) const;
 };
+
+// How much better `a` predicts than `b`: mean over logs of the log's mean of log(error of a / error
+// of b) of its windows, and the standard error of that mean.
+struct LogRatio {
+    double mean = 0.0, error = HUGE_VAL;
+    int logs = 0, better = 0; // in how many of them it is below 0
+};
+LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b);
 
 // Whether `a` predicts worse than `b` beyond chance: by the ratio of errors window by window, so
 // that a window from which nobody can predict does not decide.

@@ -307,6 +307,10 @@ std::string sentence(const mk_explanation &e)
     case MK_VERDICT_EFFECT:
         for (int i = 0; i < e.cause_count; i++)
             s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
+        for (int i = 0; i < e.log_value_count; i++)
+            s += (s.empty() ? "" : ", and ") +
+                 cause_name(e.log_value[i].effect, e.log_value[i].joint) +
+                 " of its own in every log";
         return "The model lacks " + s + ".";
     default:
         if (e.partly_named && e.offered)
@@ -327,6 +331,24 @@ std::string formula(const mk_explanation &e)
     return "<p>" + escaped(what + std::string(e.structure)) + "</p>";
 }
 
+std::string log_value_row(const mk_explanation &e, const mk_cause &c)
+{
+    std::string s = "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b>, log by log</td><td>";
+    for (int k = 0; k < c.effect->parameter_count; k++) {
+        const char *unit = mk_model_unit(&e.given, c.effect->parameter[k].unit);
+        if (!(c.spread[k] > 0.0))
+            continue;
+        add(s, "%s: %.2g %s from log to log", c.effect->parameter[k].name, c.spread[k], unit);
+        for (int i = 0; i < e.per_log_count; i++)
+            if (e.per_log[i].effect == c.effect && e.per_log[i].joint == c.joint)
+                add(s, "<br>log %d: %.3g &plusmn; %.1g %s", e.per_log[i].log + 1,
+                    e.per_log[i].value, e.per_log[i].std_error, unit);
+    }
+    add(s, "</td><td>%.0f better than one for all</td><td>named, confidence %.3f</td></tr>",
+        c.delta_bic, c.confidence);
+    return s;
+}
+
 std::string cause_table(const mk_explanation &e)
 {
     std::string s =
@@ -343,6 +365,8 @@ std::string cause_table(const mk_explanation &e)
         add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
             c.confidence);
     }
+    for (int i = 0; i < e.log_value_count; i++)
+        s += log_value_row(e, e.log_value[i]);
     for (int i = 0; i < e.rival_count; i++) {
         const mk_rival &r = e.rival[i];
         s += "<tr><td>" + cause_name(r.effect, r.joint) + "</td><td></td>";
@@ -511,7 +535,7 @@ try {
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
-    if (e->cause_count + e->rival_count > 0)
+    if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
     if (e->residual_test_count > 0)
         s += "<h2>Prediction from one sample to the next</h2>" + residual_table(*e);

@@ -42,6 +42,32 @@ cJSON *cause_json(const mk_model &model, const mk_cause &c)
     return o;
 }
 
+// A cause that every log has a value of its own of.
+cJSON *log_value_json(const mk_explanation &e, const mk_cause &c)
+{
+    cJSON *o = cause_json(e.given, c);
+    cJSON_AddTrueToObject(o, "per_log");
+    cJSON *parameters = cJSON_GetObjectItem(o, "parameters");
+    for (int k = 0; k < c.effect->parameter_count; k++) {
+        cJSON *p = cJSON_GetObjectItem(parameters, c.effect->parameter[k].name);
+        if (!(c.spread[k] > 0.0))
+            continue;
+        cJSON_AddItemToObject(p, "spread", mk_json_number(c.spread[k]));
+        cJSON *values = cJSON_AddArrayToObject(p, "own_values");
+        for (int i = 0; i < e.per_log_count; i++) {
+            const mk_per_log &v = e.per_log[i];
+            if (v.effect != c.effect || v.joint != c.joint || v.parameter != k)
+                continue;
+            cJSON *one = cJSON_CreateObject();
+            cJSON_AddItemToObject(one, "log", cJSON_CreateNumber(v.log + 1));
+            cJSON_AddItemToObject(one, "value", mk_json_number(v.value));
+            cJSON_AddItemToObject(one, "stderr", mk_json_number(v.std_error));
+            cJSON_AddItemToArray(values, one);
+        }
+    }
+    return o;
+}
+
 cJSON *rivals_json(const mk_explanation &e)
 {
     cJSON *all = cJSON_CreateArray();
@@ -161,6 +187,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *terms = unknown ? cJSON_AddArrayToObject(o, "terms") : causes;
     for (int i = 0; i < e->cause_count; i++)
         cJSON_AddItemToArray(terms, cause_json(e->given, e->cause[i]));
+    for (int i = 0; i < e->log_value_count; i++)
+        cJSON_AddItemToArray(causes, log_value_json(*e, e->log_value[i]));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));

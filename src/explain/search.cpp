@@ -52,7 +52,9 @@ FitOptions Search::fit_options() const
 void Search::finish(Fit &fit, Hypothesis &h) const
 {
     h.drift = fit.options.drift[0];
-    h.score = h.picture.evidence + 0.5 * h.free_count * std::log(std::max(reading_count, 2.0));
+    // A spread is estimated like any parameter.
+    h.score =
+        h.picture.evidence + penalty(h.free_count + (int)own_parameters(h.point.model).size());
 }
 
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)

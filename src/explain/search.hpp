@@ -75,6 +75,8 @@ class Search
     double work_done() const { return work; }
 
     double readings() const { return reading_count; }
+    const std::vector<const FitLog *> &training() const { return logs; }
+    FitOptions usual_options() const { return fit_options(); }
     std::atomic<bool> cancelled{false};
 
   private:

@@ -15,6 +15,7 @@ struct TrainingData {
     std::vector<FitLog> logs;         // to search in
     std::vector<const mk_log *> held; // to measure on
     std::vector<OwnedLog> made;       // those of `held` that were cut off
+    bool second_half = false; // figures are those of second halves: logs have values of their own
 
     // Takes at most options.most_s of the logs; without hold-out logs the end of the last one is
     // held back. Fills what `out` says of the data. MK_ERR_RANGE: too little of it, or no motion.

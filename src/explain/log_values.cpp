@@ -1,0 +1,237 @@
+// A rig is zeroed where friction left it hanging, a drive is warm or cold: such things differ from
+// log to log, and one value for all of them cannot say it. What the search would find in their
+// place is a cause that is none, so they come first (docs/explain.md).
+#include "explain/log_values.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "explain/causes.hpp"
+#include "explain/held_out.hpp"
+#include "explain/statistics.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+// Parameters that are asked for together: an effect of the catalogue, at which joints, which of its
+// parameters, and a spread to start from.
+struct Group {
+    const char *effect, *parameter;
+    bool hanging_joints; // at each joint with a zero that matters; else at the motor's, or the rig
+    double spread;       // in the parameter's unit
+};
+constexpr Group groups[] = {
+    {"encoder-offset", "offset", true, 0.02},
+    {"torque-scale", "ratio", false, 0.05},
+};
+
+constexpr double LESS = 0.05;       // of the squared error must go, at least
+constexpr double SURE = 2.0;        // standard errors
+constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
+
+bool has(const mk_model &m, const mk_effect_info *effect, int joint)
+{
+    for (int e = 0; e < m.effect_count; e++)
+        if (mk_effect(m.effect[e].index) == effect && m.effect[e].joint == joint)
+            return true;
+    return false;
+}
+
+std::vector<Candidate> members(const Group &group, const mk_model &model)
+{
+    std::vector<Candidate> all;
+    const mk_effect_info *effect = mk_effect_by_name(group.effect);
+    const mk_plant_info *plant = mk_plant(model.plant);
+    if (!effect || !(effect->plants & (1u << model.plant)))
+        return all;
+    for (int joint = 1; joint <= plant->joints; joint++) {
+        const bool rig = effect->joint_rule == MK_EFFECT_JOINT_NONE;
+        if (group.hanging_joints ? plant->joint_is_wheel[joint - 1]
+                                 : joint != plant->motor_joint + 1)
+            continue;
+        Candidate c = {};
+        c.effect = effect;
+        c.joint = rig ? 0 : joint;
+        c.size = mk_effect_parameter_index(effect, group.parameter);
+        c.spread = group.spread;
+        if (c.size >= 0 && !has(model, effect, c.joint))
+            all.push_back(c);
+    }
+    return all;
+}
+
+bool with_members(const mk_model &model, const std::vector<Candidate> &added, bool own,
+                  mk_model &out)
+{
+    out = model;
+    for (Candidate c : added) {
+        const mk_model before = out;
+        c.spread = own ? c.spread : 0.0;
+        if (!with_candidate(before, c, out))
+            return false;
+    }
+    return true;
+}
+
+// The last `count` effects of a fit whose logs really differ: their spread is more than their
+// values are uncertain by.
+std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
+                         const FitOptions &options, size_t count)
+{
+    std::vector<bool> yes(count, false);
+    Fit fit(training, options);
+    for (double &d : fit.options.drift)
+        d = h.drift;
+    const std::vector<int> free = fitted_parameters(h.point.model);
+    const FitPicture picture = fit.picture(h.point, free);
+    if (!picture.finite)
+        return yes;
+    const std::vector<OwnValue> values = fit.own_values(h.point, picture);
+    const int first = h.point.model.effect_count - (int)count;
+    for (size_t i = 0; i < count; i++) {
+        double error = 0.0, spread = 0.0;
+        for (const OwnValue &v : values) {
+            int number = v.number - mk_plant(h.point.model.plant)->parameter_count, e = 0;
+            while (number >= mk_effect(h.point.model.effect[e].index)->parameter_count)
+                number -= mk_effect(h.point.model.effect[e++].index)->parameter_count;
+            if (e != first + (int)i)
+                continue;
+            error = std::max(error, v.std_error);
+            spread = mk_model_parameter_spread(&h.point.model, v.number);
+        }
+        yes[i] = spread > SIGNIFICANT * error;
+    }
+    return yes;
+}
+
+} // namespace
+
+LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
+                          double window_s, Search &search, const Hypothesis &refit)
+{
+    LogValues out = {given, refit, {}};
+    if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.drift))
+        return out;
+    const HeldOut halves(logs, window_s, true);
+    for (const Group &group : groups) {
+        std::vector<Candidate> added = members(group, out.model);
+        while (!added.empty() && !search.cancelled) {
+            mk_model own_model, one_model;
+            Hypothesis own, one;
+            if (!with_members(out.fit.point.model, added, true, own_model) ||
+                !with_members(out.fit.point.model, added, false, one_model) ||
+                !search.refit_at(own_model, out.fit, out.fit.drift, own) ||
+                !search.refit_at(one_model, out.fit, out.fit.drift, one))
+                break;
+            const double gain = one.score - own.score;
+            if (gain < ENOUGH)
+                break;
+            const std::vector<bool> keep =
+                differ(search.training(), own, search.usual_options(), added.size());
+            if (std::count(keep.begin(), keep.end(), false) > 0) {
+                std::vector<Candidate> fewer;
+                for (size_t i = 0; i < added.size(); i++)
+                    if (keep[i])
+                        fewer.push_back(added[i]);
+                added = std::move(fewer);
+                continue;
+            }
+            HeldOutFigures with, without;
+            if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
+                halves.figures(one.point.model, without, nullptr) != MK_OK)
+                break;
+            const LogRatio r = ratio_by_log(with, without);
+            const bool majority = 2 * r.better > r.logs;
+            const bool sure = r.logs > 2 ? r.mean < -SURE * r.error : r.better == r.logs;
+            if (!majority || !sure || !(r.mean < std::log(1.0 - LESS)))
+                break;
+            out.model = own.point.model;
+            std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+            out.fit = std::move(own);
+            for (const Candidate &c : added)
+                out.found.push_back({c.effect, c.joint, c.size, gain});
+            break;
+        }
+    }
+    return out;
+}
+
+// Where dry friction F holds a joint against gravity's stiffness K about its rest: F / K.
+static double held_off(const mk_model &m, int joint)
+{
+    constexpr double SIDE = 1e-4; // rad
+    const mk_plant_info *plant = mk_plant(m.plant);
+    double q[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0.0, 0.0}, a[MK_MAX_JOINTS] = {},
+                             b[MK_MAX_JOINTS] = {};
+    std::copy_n(plant->rest, MK_MAX_JOINTS, q);
+    q[joint] += SIDE;
+    mk_plant_inverse_dynamics(&m, q, still, still, a);
+    q[joint] -= 2.0 * SIDE;
+    mk_plant_inverse_dynamics(&m, q, still, still, b);
+    const double stiffness = (a[joint] - b[joint]) / (2.0 * SIDE);
+    double friction = joint == plant->motor_joint ? m.parameter[plant->parameter_count - 1] : 0.0;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        const bool dry = std::strcmp(info->name, "coulomb") == 0 ||
+                         std::strcmp(info->name, "stribeck") == 0 ||
+                         std::strcmp(info->name, "stiction") == 0;
+        if (dry && m.effect[e].joint == joint + 1)
+            friction += m.effect[e].value[mk_effect_parameter_index(info, "level")];
+    }
+    return stiffness > 1e-9 ? friction / stiffness : std::nan("");
+}
+
+void describe_log_values(const LogValues &values, const Hypothesis &best,
+                         const std::vector<const FitLog *> &training, int threads,
+                         mk_explanation &out)
+{
+    const mk_model &m = best.point.model;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out.held_off[j] = j < mk_model_joints(&m) ? held_off(m, j) : std::nan("");
+    if (values.found.empty())
+        return;
+    FitOptions options;
+    options.threads = threads;
+    Fit fit(training, options);
+    for (double &d : fit.options.drift)
+        d = best.drift;
+    const std::vector<int> free = fitted_parameters(m);
+    const FitPicture picture = fit.picture(best.point, free);
+    if (!picture.finite)
+        return;
+    const Eigen::MatrixXd cov = Fit::covariance(m, picture, free);
+    const std::vector<OwnValue> own = fit.own_values(best.point, picture);
+    int number = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        for (const LogValue &v : values.found) {
+            if (v.effect != info || v.joint != m.effect[e].joint ||
+                out.log_value_count == MK_MAX_LOG_VALUES)
+                continue;
+            mk_cause &c = out.log_value[out.log_value_count++];
+            c = {};
+            c.effect = info, c.joint = v.joint;
+            for (int k = 0; k < info->parameter_count; k++) {
+                const auto place = std::find(free.begin(), free.end(), number + k);
+                const long at = place - free.begin();
+                c.value[k] = m.effect[e].value[k];
+                c.spread[k] = m.effect[e].spread[k];
+                c.std_error[k] = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
+            }
+            c.delta_bic = 2.0 * v.gain;
+            c.p_value = chi2_tail(2.0 * v.gain, 1);
+            c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
+            for (const OwnValue &o : own)
+                if (o.number == number + v.parameter && out.per_log_count < MK_MAX_PER_LOG)
+                    out.per_log[out.per_log_count++] = {o.source,    info,    v.joint,
+                                                        v.parameter, o.value, o.std_error};
+        }
+        number += info->parameter_count;
+    }
+}
+
+} // namespace mk

@@ -1,0 +1,40 @@
+// What differs from log to log before any cause is looked for: where the encoders' zeros are, and
+// whatever else the catalogue lets a log have of its own.
+#ifndef MECHKIT_EXPLAIN_LOG_VALUES_HPP
+#define MECHKIT_EXPLAIN_LOG_VALUES_HPP
+
+#include <vector>
+
+#include "explain/search.hpp"
+#include "mechkit/explain.h"
+
+namespace mk
+{
+
+// A parameter that was found to have a value of its own in every log.
+struct LogValue {
+    const mk_effect_info *effect;
+    int joint, parameter;
+    double gain; // log likelihood beyond one value for all logs, after the penalty
+};
+
+struct LogValues {
+    mk_model model; // the given one with these effects, to start further fits from
+    Hypothesis fit; // and fitted
+    std::vector<LogValue> found;
+};
+
+// Groups of parameters are tried one after another. A group is accepted if the likelihood asks for
+// a value in every log beyond one for all, and if values from the first halves of the logs predict
+// the second halves better. `refit`: the given model, fitted. Nothing is found in fewer than two
+// logs, or where the refitted model follows its data.
+LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
+                          double window_s, Search &search, const Hypothesis &refit);
+
+// Describes what was found, log by log, and how far friction holds each joint off.
+void describe_log_values(const LogValues &values, const Hypothesis &best,
+                         const std::vector<const FitLog *> &training, int threads,
+                         mk_explanation &out);
+
+} // namespace mk
+#endif
