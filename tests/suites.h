@@ -52,6 +52,7 @@
     X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \
     X(shoot)                                                                                       \
+    X(contact)                                                                                     \
     X(signals)                                                                                     \
     X(linear)                                                                                      \
     X(excite)                                                                                      \

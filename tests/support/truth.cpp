@@ -130,6 +130,7 @@ class Machine
     void joint_torques(const State &s, double t, double drive, Forces &f, State &d) const;
     double foreign(const Effect &e, const State &s, double t, double drive) const;
     double normal_force(const State &s) const;
+    double touch(const Effect &e, double q, double v, double t) const;
     void contact(const State &s, Forces &f) const;
     void accelerate(const State &s, const Forces &f, State &d) const;
 };
@@ -328,12 +329,27 @@ void Machine::joint_torques(const State &s, double t, double drive, Forces &f, S
             double in = q - at_(e, "limit");
             if (in > 0.0)
                 torque = -std::max(0.0, at_(e, "stiffness") * in + at_(e, "damping") * v);
+        } else if (e.name == "hand" || e.name == "kick") {
+            torque = touch(e, q, v, t);
         } else if (std::find(foreign_effects.begin(), foreign_effects.end(), e.name) !=
                    foreign_effects.end()) {
             torque = foreign(e, s, t, drive);
         }
         twist(f, e.joint, torque);
     }
+}
+
+// Somebody at the rig from a time to another: a hand that holds a joint at a place, or leads it on
+// from there, or a blow.
+double Machine::touch(const Effect &e, double q, double v, double t) const
+{
+    const double from = at_(e, "from"), to = at_(e, "to");
+    if (t < from || t >= to)
+        return 0.0;
+    if (e.name == "kick")
+        return at_(e, "level") * std::sin(PI * (t - from) / (to - from));
+    const double off = q - at_(e, "place") - at_(e, "rate") * (t - from);
+    return -at_(e, "stiffness") * off - at_(e, "damping") * (v - at_(e, "rate"));
 }
 
 // The two halves of a play push each other once the gap is used up. The shaft that carries the

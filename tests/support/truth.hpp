@@ -14,7 +14,8 @@
 namespace truth
 {
 
-// An effect of the catalogue, or one of those that it lacks (names in `foreign_effects`).
+// An effect of the catalogue, one of those that it lacks (names in `foreign_effects`), or somebody
+// at the rig: a `hand` (from, to, place, rate, stiffness, damping) or a `kick` (from, to, level).
 // `joint` 0: none.
 struct Effect {
     std::string name;

@@ -1,0 +1,264 @@
+#include "ident/contact.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "ident/quantiles.hpp"
+#include "ident/residual_torque.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+// How far out of proportion a residual torque must be. Calibrated on 44 + 120 made-up sets without
+// a touch, every effect of the catalogue and fourteen others hidden in them, 120 with one, and the
+// nine measured rigs.
+constexpr double PEAK = 8.0;       // standard deviations of what usually remains
+constexpr double SHARE = 0.6;      // of what acts then, counted as in ResidualTorques (2 at most)
+constexpr double PRODUCT = 4.0;    // of that share and of the excess over all that is elsewhere
+constexpr double EXCESS = 2.0;     // over all that is elsewhere
+constexpr double RELEVANT = 0.3;   // of what acts at busy times
+constexpr double MOST_DATA = 0.3;  // more than this share of the data is the rule, not foreign
+constexpr double FLANK = 4.0;      // standard deviations at which a touch begins and ends
+constexpr double TRAIL = 0.05;     // of the peak: less of it is the smoother's
+constexpr double GAP = 0.3;        // s: touches nearer each other are one
+constexpr double CORE = 1.0 / 3.0; // of the peak: where its share is counted
+// The end of a joint's travel, as a share of its range over all logs: what pushes it back from
+// there is a stop.
+constexpr double TRAVEL_END = 0.05;
+constexpr double STOP_APART = 1.5; // s between two visits
+// A reading that slips pushes and pulls within two blocks; a touch of that length pushes.
+constexpr double SHORT = 0.45, ONE_WAY = 0.2; // s; sum over sum of sizes
+constexpr double MARGIN = 1.0;                // blocks on either side
+constexpr double LOG_END = 0.25;              // s: nearer to a log's end it lasts to there
+constexpr size_t WIDTHS[] = {1, 2, 4};        // blocks that are averaged
+
+// Blocks [first, last) with the largest size among them.
+struct Stretch {
+    size_t first, last;
+    double peak;
+};
+
+// Sizes of one equation's residual torque, averaged over some blocks: in standard deviations of
+// what usually remains, more tolerated where more acts.
+class Sizes
+{
+  public:
+    Sizes(const ResidualTorques &r, const ResidualTorques::Equation &e, size_t width)
+        : all(r), equation(e), size(r.blocks(), 0.0)
+    {
+        std::vector<double> means;
+        for (size_t k = 0; k + width <= r.blocks(); k++) {
+            const double mean = tolerated_mean(k, width);
+            if (std::isnan(mean))
+                continue;
+            means.push_back(mean);
+            for (size_t i = k; i < k + width; i++)
+                size[i] = std::max(size[i], std::fabs(mean));
+        }
+        const double usual =
+            deviation(Eigen::Map<Eigen::VectorXd>(means.data(), (long)means.size()));
+        for (double &x : size)
+            x = usual > 0.0 ? x / usual : 0.0;
+        left = size;
+    }
+    double at(size_t block) const { return size[block]; }
+    // The largest that is left, with what belongs to it; it is no longer left then.
+    Stretch take()
+    {
+        const size_t gap = std::max<size_t>(1, (size_t)(GAP / all.block_s));
+        const size_t top = (size_t)(std::max_element(left.begin(), left.end()) - left.begin());
+        Stretch s = {top, top + 1, left[top]};
+        for (size_t k = top + 1; k < all.blocks() && same_log(k, top) && k < s.last + gap; k++)
+            if (size[k] > FLANK)
+                s.last = k + 1;
+        for (size_t k = top; k-- > 0 && same_log(k, top) && k + gap >= s.first;)
+            if (size[k] > FLANK)
+                s.first = k;
+        std::fill(left.begin() + (long)s.first, left.begin() + (long)s.last, 0.0);
+        return s;
+    }
+
+  private:
+    const ResidualTorques &all;
+    const ResidualTorques::Equation &equation;
+    std::vector<double> size, left;
+
+    bool same_log(size_t a, size_t b) const { return all.log[a] == all.log[b]; }
+    double tolerated_mean(size_t first, size_t width) const
+    {
+        double torque = 0.0, acting = 0.0;
+        for (size_t i = first; i < first + width; i++) {
+            if (!same_log(i, first))
+                return std::nan("");
+            torque += equation.residual[i] / (double)width;
+            acting += equation.acting[i] / (double)width;
+        }
+        return torque / std::hypot(1.0, acting / equation.usual);
+    }
+};
+
+// What a stretch is made of where it is near its peak.
+struct Core {
+    double share = 0.0;   // of what acts
+    double one_way = 0.0; // 1: all in one direction
+    double largest = 0.0; // torque of a block
+    double sum = 0.0;     // of the blocks' torques
+    double angle = 0.0;   // mean
+
+    Core(const ResidualTorques::Equation &e, const Sizes &sizes, const Stretch &s)
+    {
+        double total = 0.0, acting = 0.0;
+        for (size_t k = s.first; k < s.last; k++) {
+            if (!(sizes.at(k) > CORE * s.peak) || std::isnan(e.residual[k]))
+                continue;
+            sum += e.residual[k];
+            total += std::fabs(e.residual[k]);
+            angle += e.angle[k] * std::fabs(e.residual[k]);
+            acting += e.acting[k];
+            largest = std::max(largest, std::fabs(e.residual[k]));
+        }
+        if (total > 0.0) {
+            share = total / acting;
+            angle /= total;
+            one_way = std::fabs(sum) / total;
+        }
+    }
+};
+
+class EquationSearch
+{
+  public:
+    EquationSearch(const ResidualTorques &r, int e)
+        : all(r), number(e), equation(r.equation[e]), narrow(r, equation, 1)
+    {
+    }
+    void find(size_t width, std::vector<Contact> &out) const
+    {
+        Sizes sizes(all, equation, width);
+        std::vector<Stretch> found;
+        const size_t most = 2 * (all.log.back() + 1);
+        for (size_t i = 0; i <= most; i++)
+            found.push_back(sizes.take());
+        // Where the sizes of stretches, in their order, drop most.
+        size_t count = 0;
+        double excess = 0.0;
+        for (size_t i = 0; i < most; i++) {
+            const double drop = found[i].peak / std::max(found[i + 1].peak, FLANK);
+            if (drop > excess)
+                excess = drop, count = i + 1;
+        }
+        found.resize(count);
+        if (foreign(found, sizes, excess))
+            for (const Stretch &s : found)
+                out.push_back(contact(s, sizes, excess));
+    }
+
+  private:
+    const ResidualTorques &all;
+    const int number;
+    const ResidualTorques::Equation &equation;
+    const Sizes narrow;
+
+    // What is left is the command less what the motion needs, so what pushes back from the upper
+    // end of the travel is above 0. A stop does so each time that the joint comes there.
+    bool is_stop(const Stretch &s, const Core &core) const
+    {
+        const auto [low, high] = std::minmax_element(equation.angle.begin(), equation.angle.end());
+        const double near = TRAVEL_END * (*high - *low), side = core.sum > 0.0 ? 1.0 : -1.0;
+        const double end = core.sum > 0.0 ? *high - near : -*low - near;
+        bool again = false;
+        for (size_t k = 0; k < all.blocks() && side * core.angle > end; k++) {
+            const bool apart =
+                all.log[k] != all.log[s.first] || std::fabs(all.t[k] - all.t[s.first]) > STOP_APART;
+            again = again || (apart && side * equation.angle[k] > end &&
+                              side * equation.residual[k] > 0.0 && narrow.at(k) > FLANK);
+        }
+        return again;
+    }
+    bool foreign(const std::vector<Stretch> &found, const Sizes &sizes, double excess) const
+    {
+        size_t blocks = 0, stops = 0;
+        if (found.empty() || excess < EXCESS || found.back().peak < PEAK)
+            return false;
+        for (const Stretch &s : found) {
+            const Core core(equation, sizes, s);
+            const double seconds = all.block_s * (double)(s.last - s.first);
+            blocks += s.last - s.first;
+            stops += is_stop(s, core);
+            if (core.share < SHARE || core.share * excess < PRODUCT ||
+                core.largest < RELEVANT * equation.usual ||
+                (seconds < SHORT && core.one_way < ONE_WAY))
+                return false;
+        }
+        return stops < found.size() && (double)blocks < MOST_DATA * (double)all.blocks();
+    }
+    // Averages reach beyond a touch: its ends are those of single blocks, where they show it.
+    Contact contact(Stretch s, const Sizes &sizes, double excess) const
+    {
+        const Core core(equation, sizes, s);
+        size_t first = s.first, last = s.last;
+        double peak = 0.0;
+        for (size_t k = first; k < last; k++)
+            peak = std::max(peak, narrow.at(k));
+        const double flank = std::max(FLANK, TRAIL * peak);
+        while (first < last && narrow.at(first) <= flank)
+            first++;
+        while (last > first && narrow.at(last - 1) <= flank)
+            last--;
+        if (first < last)
+            s.first = first, s.last = last;
+        const double margin = (0.5 + MARGIN) * all.block_s;
+        double from = all.t[s.first] - margin, to = all.t[s.last - 1] + margin;
+        size_t end = s.last;
+        while (end < all.blocks() && all.log[end] == all.log[s.first])
+            end++;
+        if (from < LOG_END)
+            from = 0.0;
+        if (to > all.t[end - 1] + 0.5 * all.block_s - LOG_END)
+            to = HUGE_VAL;
+        return {all.log[s.first], from, to, number + 1, core.largest, excess};
+    }
+};
+
+// Those that overlap are one, as the larger says it.
+void unite(std::vector<Contact> &all)
+{
+    std::sort(all.begin(), all.end(), [](const Contact &a, const Contact &b) {
+        return a.log != b.log ? a.log < b.log : a.from_s < b.from_s;
+    });
+    std::vector<Contact> out;
+    for (const Contact &c : all) {
+        if (out.empty() || out.back().log != c.log || c.from_s > out.back().to_s + GAP) {
+            out.push_back(c);
+            continue;
+        }
+        Contact &last = out.back();
+        const double from = last.from_s, to = std::max(last.to_s, c.to_s);
+        if (c.times > last.times)
+            last = c;
+        last.from_s = from, last.to_s = to;
+    }
+    all = std::move(out);
+}
+
+} // namespace
+
+std::vector<Contact> find_contacts(const mk_model &model, const std::vector<mk_record> &records)
+{
+    const ResidualTorques all = residual_torques(model, records);
+    std::vector<Contact> out;
+    for (int e = 0; e < all.joints; e++) {
+        if (!(all.equation[e].usual > 0.0))
+            continue;
+        const EquationSearch search(all, e);
+        for (size_t width : WIDTHS)
+            search.find(width, out);
+    }
+    unite(out);
+    return out;
+}
+
+} // namespace mk
