@@ -19,7 +19,8 @@ static void add(struct mk_model *m, const char *name, int joint, const double *v
     ck_assert_msg(mk_model_add_effect(m, name, joint, &err) == MK_OK, "%s", err.message);
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
     for (int k = 0; k < mk_effect(use->index)->parameter_count && value; k++)
-        use->value[k] = value[k];
+        if (value[k] != 0.0 || !mk_effect(use->index)->parameter[k].optional)
+            use->value[k] = value[k];
 }
 
 /* --- the command --------------------------------------------------------------------------- */
@@ -33,6 +34,8 @@ static const struct cancelled {
     {"viscous", true, {0.2}},
     {"coulomb", true, {0.8}},
     {"coulomb-asymmetry", true, {0.4}},
+    {"viscous-asymmetry", true, {0.15}},
+    {"torque-offset", true, {0.3}},
     {"stribeck", true, {0.5, 0.8}},
     {"quadratic-drag", true, {0.05}},
     {"stiction", true, {60.0, 0.4, 0.6}},
@@ -44,6 +47,7 @@ static const struct cancelled {
     {"imbalance", true, {0.5, 0.4}},
     {"reflected-inertia", true, {0.01}},
     {"deadband", false, {0.7}},
+    {"torque-scale", false, {0.25}},
     {"gain-asymmetry", false, {0.2}},
     {"gain-drift", false, {0.3, 2.0}},
     {"torque-ripple", false, {0.2, 5.0, 0.4}},

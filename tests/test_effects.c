@@ -27,9 +27,9 @@ static double added_torque(const struct mk_model *m, const double *x, double u, 
     return tau[joint - 1] - motor;
 }
 
-static double tanh15(double v)
+static double sign_of(double k, double v)
 {
-    return 1.0 - 2.0 / (exp(30.0 * v) + 1.0);
+    return 1.0 - 2.0 / (exp(2.0 * k * v) + 1.0);
 }
 
 START_TEST(torque_effects_follow_their_laws)
@@ -38,11 +38,14 @@ START_TEST(torque_effects_follow_their_laws)
         const char *name;
         double p[3];
     } cases[] = {{"viscous", {0.03}},
-                 {"coulomb", {0.4}},
-                 {"stribeck", {0.2, 0.7}},
+                 {"coulomb", {0.4, 33}},
+                 {"stribeck", {0.2, 0.7, 21}},
                  {"quadratic-drag", {0.01}},
                  {"cable-stiffness", {0.5, -1.2}},
-                 {"cogging", {0.15, 6, 0.4}}};
+                 {"cogging", {0.15, 6, 0.4}},
+                 {"coulomb-asymmetry", {0.3, 9}},
+                 {"viscous-asymmetry", {-0.06}},
+                 {"torque-offset", {-0.7}}};
     for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++)
         for (int joint = 1; joint <= 2; joint++)
             for (double v = -0.9; v < 1.0; v += 0.3) {
@@ -51,14 +54,86 @@ START_TEST(torque_effects_follow_their_laws)
                 memcpy(m.effect[0].value, p, 3 * sizeof *p);
                 double x[4] = {0.4, -1.1, v, -0.5 * v}, q = x[joint - 1], w = x[1 + joint];
                 double want[] = {-p[0] * w,
-                                 -p[0] * tanh15(w),
-                                 -p[0] * exp(-w * w / (p[1] * p[1])) * tanh15(w),
+                                 -p[0] * sign_of(p[1], w),
+                                 -p[0] * exp(-w * w / (p[1] * p[1])) * sign_of(p[2], w),
                                  -p[0] * w * fabs(w),
                                  -p[0] * (q - p[1]),
-                                 -p[0] * sin(p[1] * q + p[2])};
+                                 -p[0] * sin(p[1] * q + p[2]),
+                                 -0.5 * p[0] * pow(sign_of(p[1], w), 2.0),
+                                 w > 0.0 ? -0.5 * p[0] * w : 0.5 * p[0] * w,
+                                 p[0]};
                 ck_assert_double_eq_tol(added_torque(&m, x, 1.7, joint), want[c], 1e-10);
                 ck_assert_double_eq_tol(added_torque(&m, x, 1.7, 3 - joint), 0.0, 1e-10);
             }
+}
+END_TEST
+
+/* The point mass of base parameters m l and m l^2 at the end of link 2, on its way with even speeds
+ * of the joints; the pivot's own acceleration is felt too. */
+static void place_of_mass(const struct mk_model *m, const double *x, double t, double *r)
+{
+    const double *p = m->parameter, a = x[0] + t * x[2], b = x[1] + t * x[3];
+    if (m->plant == MK_PLANT_PENDUBOT) {
+        double l = p[1] / p[4], arm = p[2] / p[4];
+        r[0] = arm * cos(a) + l * cos(a + b);
+        r[1] = 0.0;
+        r[2] = arm * sin(a) + l * sin(a + b);
+    } else if (m->plant == MK_PLANT_REACTION_WHEEL) {
+        double l = p[0] / p[2];
+        r[0] = l * sin(a), r[1] = 0.0, r[2] = -l * cos(a);
+    } else {
+        double l = 4.0 * p[2] / p[3], arm = 0.5 * p[1] / p[3];
+        r[0] = arm * cos(a) - l * sin(b) * sin(a);
+        r[1] = arm * sin(a) + l * sin(b) * cos(a);
+        r[2] = l * cos(b);
+    }
+}
+
+static void direction_of_link(const struct mk_model *m, const double *x, double *d)
+{
+    double a = x[0], b = x[1];
+    double pendubot[] = {cos(a + b), 0.0, sin(a + b)}, wheel[] = {sin(a), 0.0, -cos(a)};
+    double furuta[] = {-sin(b) * sin(a), sin(b) * cos(a), cos(b)};
+    const double *of = m->plant == MK_PLANT_PENDUBOT         ? pendubot
+                       : m->plant == MK_PLANT_REACTION_WHEEL ? wheel
+                                                             : furuta;
+    memcpy(d, of, 3 * sizeof *d);
+}
+
+START_TEST(friction_of_a_passive_bearing_grows_with_what_presses_on_it)
+{
+    static const enum mk_plant_kind kinds[] = {MK_PLANT_PENDUBOT, MK_PLANT_REACTION_WHEEL,
+                                               MK_PLANT_FURUTA};
+    enum mk_plant_kind kind = kinds[_i];
+    int passive = kind == MK_PLANT_REACTION_WHEEL ? 1 : 2;
+    struct mk_model m = with_effect(kind, "load-friction", passive);
+    const double mu = 0.04, k = 12.0, h = 1e-4;
+    m.effect[0].value[0] = mu, m.effect[0].value[1] = k;
+    double weight = kind == MK_PLANT_PENDUBOT         ? m.parameter[4]
+                    : kind == MK_PLANT_REACTION_WHEEL ? m.parameter[2]
+                                                      : m.parameter[3];
+    for (int n = 0; n < 40; n++) {
+        double x[4] = {0.3 * n, 1.7 - 0.41 * n, 3.0 * sin(n), 4.0 * cos(1.3 * n)};
+        double r[3][3], d[3], along = 0.0, v = x[1 + passive];
+        for (int i = 0; i < 3; i++)
+            place_of_mass(&m, x, h * (i - 1), r[i]);
+        direction_of_link(&m, x, d);
+        for (int i = 0; i < 3; i++)
+            along -= d[i] * ((r[0][i] - 2.0 * r[1][i] + r[2][i]) / (h * h) + (i == 2 ? m.g : 0.0));
+        double want = -mu * weight * fabs(along) * sign_of(k, v);
+        ck_assert_double_eq_tol(added_torque(&m, x, 1.7, passive), want, 1e-5);
+        ck_assert_double_eq_tol(added_torque(&m, x, 1.7, 3 - passive), 0.0, 1e-9);
+    }
+}
+END_TEST
+
+START_TEST(torque_scale_is_a_gain_of_the_motor)
+{
+    struct mk_model m = with_effect(MK_PLANT_INERTIA_WHEEL, "torque-scale", 0);
+    m.effect[0].value[0] = 0.07;
+    double x[2] = {0, 0}, dx[2], u[2] = {-4.0, 0};
+    mk_model_rhs(&m, 0, x, u, dx);
+    ck_assert_double_eq_tol(m.parameter[0] * dx[1], -4.28, 1e-12);
 }
 END_TEST
 
@@ -324,6 +399,8 @@ Suite *suite_effects(void)
     Suite *s = suite_create("effects");
     TCase *t = tcase_create("laws");
     tcase_add_test(t, torque_effects_follow_their_laws);
+    tcase_add_loop_test(t, friction_of_a_passive_bearing_grows_with_what_presses_on_it, 0, 3);
+    tcase_add_test(t, torque_scale_is_a_gain_of_the_motor);
     tcase_add_test(t, a_place_that_draws_a_link_is_the_slope_of_a_bell);
     tcase_add_test(t, a_rotor_behind_a_gear_adds_to_its_own_joint_alone);
     tcase_add_test(t, back_emf_limits_torque_by_speed);

@@ -69,6 +69,87 @@ START_TEST(a_model_that_is_written_reads_back_equal)
 }
 END_TEST
 
+START_TEST(a_joint_that_slides_reads_back_equal)
+{
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &m);
+    ck_assert_int_eq(mk_model_set_linear(&m, 0, true, &err), MK_OK);
+    ck_assert_double_eq(m.friction_sharpness, 1500.0);
+    m.encoder_resolution[0] = 5e-8;
+    ck_assert_int_eq(mk_model_add_effect(&m, "coulomb-asymmetry", 1, &err), MK_OK);
+    ck_assert_int_eq(mk_model_add_effect(&m, "stribeck", 1, &err), MK_OK);
+    ck_assert_double_eq(m.effect[0].value[1], 1500.0);
+    m.effect[1].value[2] = 800.0;
+    const char *path = scratch("slide.ini");
+    ck_assert_int_eq(mk_model_write(path, &m, NULL, &err), MK_OK);
+    char *text = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(text, "joint_unit = m\n"));
+    ck_assert_ptr_nonnull(strstr(text, "encoder_resolution = 5e-08\n"));
+    ck_assert_ptr_nonnull(strstr(text, "sharpness = 800\n"));
+    /* What follows from the unit is not written. */
+    ck_assert_ptr_null(strstr(text, "1500"));
+    ck_assert_ptr_null(strstr(text, "encoder_cpr"));
+    free(text);
+    ck_assert_msg(mk_model_read(path, &back, &err) == MK_OK, "%s", err.message);
+    ck_assert(back.joint_linear[0] && back.friction_sharpness == 1500.0);
+    ck_assert_double_eq(mk_model_count(&back, 0), 5e-8);
+    ck_assert_int_eq(memcmp(back.effect, m.effect, 2 * sizeof m.effect[0]), 0);
+}
+END_TEST
+
+START_TEST(the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own)
+{
+    static const char text[] = "[rig]\nkind = pendubot\nfriction_sharpness = 40\n[parameters]\n"
+                               "p1=1\np2=1\np3=0\np4=1\np5=1\np6=0\np7=0.3\n"
+                               "[effect.coulomb]\njoint = 1\nlevel = 0.1\n"
+                               "[effect.coulomb.2]\njoint = 2\nlevel = 0.1\n"
+                               "[effect.coulomb.3]\njoint = 2\nlevel = 0.1\nsharpness = 70\n";
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_model_read(scratch_text("sharp.ini", text), &m, &err) == MK_OK, "%s",
+                  err.message);
+    ck_assert_double_eq(m.effect[0].value[1], 40.0); /* the motor joint: the rig's */
+    ck_assert_double_eq(m.effect[1].value[1], 15.0); /* elsewhere: the default of its unit */
+    ck_assert_double_eq(m.effect[2].value[1], 70.0);
+    ck_assert_double_eq_tol(mk_plant_friction(&m, 0.02), 0.3 * tanh(0.8), 1e-12);
+}
+END_TEST
+
+START_TEST(units_that_do_not_go_together_are_refused)
+{
+#define SLIDE(more) "[rig]\nkind = inertia-wheel\n" more "[parameters]\np1 = 1\np2 = 0\np3 = 0\n"
+    expect_error(SLIDE("joint_unit = m\nencoder_cpr = 4000\n"), MK_ERR_PARSE, 4,
+                 "give encoder_resolution");
+    expect_error(SLIDE("encoder_cpr = 4000\nencoder_resolution = 1e-3\n"), MK_ERR_PARSE, 3,
+                 "give one");
+    expect_error(SLIDE("joint_unit = mm\n"), MK_ERR_PARSE, 3, "rad or m for each joint");
+    expect_error(SLIDE("friction_sharpness = 0\n"), MK_ERR_RANGE, 3, "must be positive");
+    expect_error("[rig]\nkind = pendulum\njoint_unit = m\n", MK_ERR_PARSE, 3,
+                 "joint 1 of the pendulum turns");
+    expect_error("[rig]\nkind = pendubot\njoint_unit = rad\n", MK_ERR_PARSE, 3,
+                 "rad or m for each joint");
+}
+END_TEST
+
+START_TEST(units_follow_the_joint_and_the_command)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &m);
+    ck_assert_str_eq(mk_model_unit(&m, 0, "N m s/rad"), "u s/rad");
+    m.u_to_torque = 1.0;
+    ck_assert_str_eq(mk_model_unit(&m, 0, "N m s/rad"), "N m s/rad");
+    ck_assert_int_eq(mk_model_set_linear(&m, 0, true, &err), MK_OK);
+    ck_assert_str_eq(mk_model_unit(&m, -1, "N m s/rad"), "N s/m");
+    ck_assert_str_eq(mk_model_unit(&m, 0, "kg m^2"), "kg");
+    ck_assert_str_eq(mk_model_unit(&m, 0, "mrad"), "mm");
+    ck_assert_str_eq(mk_model_unit(&m, 0, "s"), "s");
+    m.u_to_torque = 2.0;
+    ck_assert_str_eq(mk_model_unit(&m, 0, "N m s/rad"), "u s/m");
+}
+END_TEST
+
 START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
 {
     struct mk_model m =
@@ -135,7 +216,7 @@ START_TEST(bad_models_are_refused_with_their_line)
                  MK_ERR_RANGE, 3, "no rig has more than");
     expect_error(
         "[rig]\nkind = inertia-wheel\nencoder_cpr = 0\n[parameters]\np1 = 1\np2 = 0\np3 = 0\n",
-        MK_ERR_RANGE, 3, "counts");
+        MK_ERR_RANGE, 3, "must be 1 .. 1e+08");
     expect_error("[rig]\nkind = inertia-wheel\nencoder_cpr = 4000 x\n[parameters]\np1 = 1\np2 = 0\n"
                  "p3 = 0\n",
                  MK_ERR_PARSE, 3, "whole number");
@@ -240,6 +321,10 @@ Suite *suite_model_file(void)
     Suite *s = suite_create("model_file");
     TCase *t = tcase_create("files");
     tcase_set_timeout(t, 20);
+    tcase_add_test(t, a_joint_that_slides_reads_back_equal);
+    tcase_add_test(t, the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own);
+    tcase_add_test(t, units_that_do_not_go_together_are_refused);
+    tcase_add_test(t, units_follow_the_joint_and_the_command);
     tcase_add_test(t, a_model_that_is_written_reads_back_equal);
     tcase_add_test(t, comments_blanks_and_line_ends_of_all_kinds_are_understood);
     tcase_add_test(t, sections_may_come_in_any_order);

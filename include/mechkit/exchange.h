@@ -110,8 +110,10 @@ struct mk_import_column {
 struct mk_import_map {
     char separator, decimal; /* 0: found out from the file */
     enum mk_plant_kind rig;
-    double u_to_torque;             /* N m per unit of command; 0: unknown */
-    int encoder_cpr[MK_MAX_JOINTS]; /* 0: unknown */
+    double u_to_torque;                       /* N m per unit of command; 0: unknown */
+    bool joint_linear[MK_MAX_JOINTS];         /* slides: m, N */
+    int encoder_cpr[MK_MAX_JOINTS];           /* 0: unknown */
+    double encoder_resolution[MK_MAX_JOINTS]; /* size of a count in the joint's unit; 0: unknown */
     int count;
     struct mk_import_column column[MK_IMPORT_COLUMNS];
 };

@@ -111,9 +111,8 @@ void mk_model_set_parameter_spread(struct mk_model *model, int index, double spr
 /* Its row: unit, range; name written to `name`. */
 const struct mk_parameter_info *mk_model_parameter_info(const struct mk_model *model, int index,
                                                         char *name, size_t size);
-/* A row's unit as it is in this model: where u_to_torque is not 1, torques are in units of the
- * command, "u" ("N m s/rad" is "u s/rad"). Static. */
-const char *mk_model_unit(const struct mk_model *model, const char *unit);
+/* Its unit in this model (mk_model_unit at the joint that it belongs to). Static. */
+const char *mk_model_parameter_unit(const struct mk_model *model, int index);
 
 #pragma GCC visibility pop
 #ifdef __cplusplus

@@ -6,7 +6,9 @@
  * re-entrant.
  *
  * Units: angles rad, times s. Torques, and so the parameters, are in command units (torque divided
- * by u_to_torque) unless the rig's u_to_torque is 1, in which case they are SI.
+ * by u_to_torque) unless the rig's u_to_torque is 1, in which case they are SI. A joint that slides
+ * (joint_linear) has metres for rad and newtons for N m: where this header says rad and torque of a
+ * joint, read m and force there.
  *
  * State x: q[0..n-1], v[0..n-1] = dq/dt, then the states of the effects in order, n =
  * plant->joints.
@@ -31,7 +33,10 @@ extern "C" {
 #define MK_MAX_EFFECT_PARAMETERS 5
 #define MK_MAX_STATES 24
 #define MK_MAX_EVENTS 24
-#define MK_FRICTION_STEEPNESS 15.0 /* k in S_k(v) = tanh(k v), s/rad; report (2.3), errata 2.4 */
+/* Sharpness k of friction's sign S_k(v) = tanh(k v) where nothing else is said. A slide moves at
+ * centimetres a second where a wheel turns at radians a second. */
+#define MK_FRICTION_SHARPNESS_TURNING 15.0   /* s/rad; report (2.3), errata 2.4 */
+#define MK_FRICTION_SHARPNESS_SLIDING 1500.0 /* s/m */
 
 /* --- plants --------------------------------------------------------------------------------- */
 
@@ -42,6 +47,13 @@ enum mk_plant_kind {
     MK_PLANT_REACTION_WHEEL,
     MK_PLANT_FURUTA,
     MK_PLANT_COUNT
+};
+
+/* How a joint moves. */
+enum mk_joint_motion {
+    MK_JOINT_TURNS,  /* rad */
+    MK_JOINT_SLIDES, /* m */
+    MK_JOINT_EITHER  /* turns, or slides where the model says so: the law is the same for both */
 };
 
 /* How a fit treats a parameter. */
@@ -83,7 +95,8 @@ struct mk_plant_info {
     int joints;                         /* 1 or 2 */
     int motor_joint;                    /* 0-based joint that the motor drives */
     bool joint_is_wheel[MK_MAX_JOINTS]; /* turns without end; its angle has no meaning by itself */
-    double rest[MK_MAX_JOINTS];         /* hanging rest: what the counters are zeroed at, rad */
+    enum mk_joint_motion joint_motion[MK_MAX_JOINTS];
+    double rest[MK_MAX_JOINTS]; /* hanging rest: what the counters are zeroed at, rad */
     int parameter_count;
     struct mk_parameter_info parameter[MK_MAX_PARAMETERS];
     int equilibrium_count;
@@ -153,10 +166,15 @@ struct mk_effect_use {
 
 struct mk_model {
     enum mk_plant_kind plant;
-    double g;                       /* m/s^2, default 9.81 */
-    double u_max;                   /* limit of the command, default 10; > 0 */
-    double u_to_torque;             /* N m per unit of command, default 0.00494; > 0 */
-    int encoder_cpr[MK_MAX_JOINTS]; /* counts per revolution, default 4000; > 0 */
+    double g;                         /* m/s^2, default 9.81 */
+    double u_max;                     /* limit of the command, default 10; > 0 */
+    double u_to_torque;               /* N m per unit of command, default 0.00494; > 0 */
+    bool joint_linear[MK_MAX_JOINTS]; /* slides: m, N; see mk_model_set_linear */
+    double friction_sharpness;        /* of the motor joint's own Coulomb friction, s/rad or s/m */
+    /* An encoder by counts per revolution (default 4000), or by the size of a count in the joint's
+     * unit: one of the two, the other is 0. mk_model_count reads them. */
+    int encoder_cpr[MK_MAX_JOINTS];
+    double encoder_resolution[MK_MAX_JOINTS];
     double parameter[MK_MAX_PARAMETERS];
     double parameter_stderr[MK_MAX_PARAMETERS]; /* 0: unknown */
     int effect_count;
@@ -190,6 +208,27 @@ MK_NODISCARD enum mk_status mk_model_add_effect(struct mk_model *model, const ch
 bool mk_parameter_may_differ(const struct mk_parameter_info *info);
 /* Whether some parameter of the model has (a spread above 0). */
 bool mk_model_has_own_values(const struct mk_model *model);
+
+/* Lets `joint` (0-based) slide or turn, and sets what depends on its unit (count, friction's
+ * sharpness) to the defaults. Before effects are added. MK_ERR_INVALID where the plant's joint does
+ * not move so. */
+enum mk_status mk_model_set_linear(struct mk_model *model, int joint, bool linear,
+                                   struct mk_error *err);
+/* Size of one count of a joint's encoder (0-based), in the joint's unit. RT-safe. */
+double mk_model_count(const struct mk_model *model, int joint);
+/* Sharpness k of S_k(v) at a joint (0-based) for laws that do not say another: the model's own at
+ * the motor joint, the default of the unit elsewhere. RT-safe. */
+double mk_model_sharpness(const struct mk_model *model, int joint);
+/* Size of a motion, in the joint's unit, that is what 1 rad is to a joint that turns: from the
+ * defaults of friction's sharpness. For thresholds and starting values. RT-safe. */
+double mk_model_joint_scale(const struct mk_model *model, int joint);
+/* Whether a joint (0-based) turns without end, so that its angle has no meaning by itself. RT-safe.
+ */
+bool mk_model_turns_freely(const struct mk_model *model, int joint);
+/* A unit of the tables, written for a joint that turns in SI ("N m s/rad", "rad/s", "mrad"), for
+ * `joint` (0-based; -1: the rig, i.e. its motor joint) of this model: "N s/m" where it slides; "u"
+ * for torques where the model is in units of the command ("u s/rad"). Static text. RT-safe. */
+const char *mk_model_unit(const struct mk_model *model, int joint, const char *unit);
 
 /* Index of parameter `name` of the plant / of an effect; -1 when there is none. */
 int mk_plant_parameter_index(const struct mk_plant_info *plant, const char *name);

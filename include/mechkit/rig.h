@@ -44,7 +44,7 @@ MK_NODISCARD enum mk_status mk_rig_advance(struct mk_rig *rig, double dt_s, doub
                                            struct mk_error *err);
 
 /* Encoder counters now: quantised, noisy, wrapped to 24 bits (sign-extended). A count of c means an
- * angle of c * 2 pi / cpr relative to where the counter was zeroed. RT. */
+ * angle of c * mk_model_count() relative to where the counter was zeroed. RT. */
 void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS]);
 
 /* Zeroes the counters where the links truly are now: what the model says about the encoders (an

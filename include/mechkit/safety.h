@@ -59,9 +59,11 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
 struct mk_safety {
     struct mk_safety_limits limits;
     int joints, motor_joint;
-    enum mk_fault fault; /* latched */
-    double fault_t;      /* s since start */
-    int fault_joint;     /* 1-based; 0: none */
+    bool linear[MK_MAX_JOINTS]; /* its position is in m and has no turns */
+    double runaway_travel;      /* of the motor joint, before its direction counts, in its unit */
+    enum mk_fault fault;        /* latched */
+    double fault_t;             /* s since start */
+    int fault_joint;            /* 1-based; 0: none */
     double last_q[MK_MAX_JOINTS];
     double last_u;
     double stuck_for; /* s without a count under a hard command */

@@ -133,6 +133,11 @@ MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);
 
+/* Writes what the model says about joints and encoders into a log's metadata (joint_unit where a
+ * joint slides; encoder_cpr or encoder_resolution if `counts`). MK_ERR_NOMEM. */
+MK_NODISCARD enum mk_status mk_record_describe_joints(struct mk_log *log,
+                                                      const struct mk_model *model, bool counts);
+
 /* Start state at row `row` by a local polynomial fit to the angles over at most +-`half` rows (0:
  * the widest that the noise of the readings can explain), robust to dropped rows; one-sided at the
  * ends of [first, last). MK_ERR_RANGE when there are fewer than 4 readings. */

@@ -25,7 +25,7 @@ static void read_encoders(struct bench *b)
     const double *rest = mk_plant(b->rig->plant)->rest;
     mk_sim_measure(b->sim, y);
     for (int j = 0; j < mk_model_joints(b->rig); j++) {
-        double count = 2.0 * M_PI / b->rig->encoder_cpr[j];
+        double count = mk_model_count(b->rig, j);
         b->in.q[j] = rest[j] + count * floor((y[j] - rest[j]) / count);
         b->in.v[j] = mk_velocity_step(&b->speed[j], b->in.q[j]);
     }

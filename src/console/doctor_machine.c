@@ -123,7 +123,8 @@ static bool say_identity(struct doctor *d, struct mk_board *board, const struct 
     doctor_say(d, DOCTOR_OK, "identity", "", "%s, firmware %s, serial number %s, %d-bit counters",
                id.name, id.firmware, id.serial[0] ? id.serial : "-", id.counter_bits);
     for (int j = 0; j < mk_model_joints(model); j++)
-        if (id.encoder_cpr[j] > 0 && id.encoder_cpr[j] != model->encoder_cpr[j])
+        if (id.encoder_cpr[j] > 0 && model->encoder_cpr[j] > 0 &&
+            id.encoder_cpr[j] != model->encoder_cpr[j])
             doctor_say(d, DOCTOR_PROBLEM, "encoder counts",
                        "correct encoder_cpr in the model, or choose the right model",
                        "joint %d: board %d a turn, model %d", j + 1, id.encoder_cpr[j],

@@ -40,7 +40,7 @@ static void watch_begin(struct watch *w, struct mk_board *board, const struct mk
     (void)board->ops->identify(board, &id, NULL);
     w->bits = id.counter_bits;
     for (int j = 0; j < w->joints; j++)
-        w->rad[j] = 2.0 * M_PI / model->encoder_cpr[j];
+        w->rad[j] = mk_model_count(model, j);
     w->next_ns = mk_clock_now_ns(w->clock);
 }
 

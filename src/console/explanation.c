@@ -20,7 +20,7 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
         if (isfinite(c->std_error[k]))
             fprintf(out, " +- %.2g", c->std_error[k]);
         if (c->effect->parameter[k].unit[0])
-            fprintf(out, " %s", mk_model_unit(model, c->effect->parameter[k].unit));
+            fprintf(out, " %s", mk_model_unit(model, c->joint - 1, c->effect->parameter[k].unit));
     }
     fprintf(out, "\n    evidence: BIC %.0f better with it than without; confidence %.3f\n",
             c->delta_bic, c->confidence);
@@ -37,7 +37,7 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
         if (c->joint > 0)
             fprintf(out, " at joint %d", c->joint);
         fprintf(out, " has another %s in every log, %.2g %s apart (standard deviation):\n   ",
-                info->name, c->spread[k], mk_model_unit(&e->given, info->unit));
+                info->name, c->spread[k], mk_model_unit(&e->given, c->joint - 1, info->unit));
         for (int i = 0; i < e->per_log_count; i++)
             if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint)
                 fprintf(out, " log %d %.3g +- %.1g%s", e->per_log[i].log + 1, e->per_log[i].value,
@@ -184,7 +184,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
             fprintf(out, "  missing torque in the equation of joint %d: %.3g %s rms\n", j + 1,
-                    e->missing[j], mk_model_unit(&e->given, "N m"));
+                    e->missing[j], mk_model_unit(&e->given, j, "N m"));
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);

@@ -89,21 +89,29 @@ static bool steps_by(const double *q, size_t rows, double size)
     return steps >= 50 && multiples * 100 >= steps * 98;
 }
 
-/* Counts per turn of a joint, after the log itself or, where it says nothing sensible, the model.
- */
-static double counts_of(const struct mk_log *log, const struct mk_model *model, int joint)
+/* Number `joint` of a list in the log's metadata; 0 where there is none. */
+static double listed(const struct mk_log *log, const char *key, int joint)
 {
-    const char *text = mk_log_find_meta(log, "encoder_cpr");
+    const char *text = mk_log_find_meta(log, key);
     for (int j = 0; text && *text; j++) {
         char *end;
         double value = strtod(text, &end);
-        if (end == text || !(value >= 1.0 && value <= 1e8))
+        if (end == text || !(value > 0.0 && value <= 1e8))
             break;
         if (j == joint)
             return value;
         text = end + strspn(end, " \t,");
     }
-    return model->encoder_cpr[joint];
+    return 0.0;
+}
+
+/* Size of a count in the joint's unit, after the log itself or, where it says nothing sensible, the
+ * model. */
+static double count_of(const struct mk_log *log, const struct mk_model *model, int joint)
+{
+    double cpr = listed(log, "encoder_cpr", joint);
+    double size = listed(log, "encoder_resolution", joint);
+    return size > 0.0 ? size : cpr >= 1.0 ? TURN / cpr : mk_model_count(model, joint);
 }
 
 /* Steps of an encoder in another unit than rad are 57 times or hundreds of times as large as they
@@ -115,7 +123,9 @@ static enum mk_status check_units(const struct mk_log *log, const struct mk_mode
     bool degrees = false;
     double cpr = 0.0;
     for (int j = 0; j < mk_model_joints(model); j++) {
-        const double counts = counts_of(log, model, j);
+        if (model->joint_linear[j]) /* neither degrees nor counts a turn */
+            continue;
+        const double counts = TURN / count_of(log, model, j);
         const bool in_degrees = steps_by(r->q[j], r->rows, 360.0 / counts);
         if (!in_degrees && (counts < 100.0 || !steps_by(r->q[j], r->rows, 1.0)))
             continue;
@@ -164,7 +174,7 @@ static double misfit(const struct mk_model *model, const struct mk_log *log)
     const double *t = mk_log_get(log, "t"), *window = mk_log_get(made, "window");
     for (int j = 0; j < mk_model_joints(model) && window; j++) {
         const double *y = mk_log_get(log, angles[j]), *q = mk_log_get(made, angles[j]);
-        const double *v = mk_log_get(made, speeds[j]), noise = 3.0 * TURN / model->encoder_cpr[j];
+        const double *v = mk_log_get(made, speeds[j]), noise = 3.0 * mk_model_count(model, j);
         double off = 0.0, even = 0.0, count = 0.0;
         for (size_t k = 0, first = 0; k < log->rows; k++) {
             if (window[k] != window[first])
@@ -330,12 +340,20 @@ static void compare_torque(const struct mk_log *log, const struct mk_model *mode
 static void compare_counts(const struct mk_log *log, const struct mk_model *model)
 {
     for (int j = 0; j < mk_model_joints(model); j++) {
-        double counts = counts_of(log, model, j);
-        if (fabs(counts - model->encoder_cpr[j]) > 0.5)
+        double here = count_of(log, model, j), there = mk_model_count(model, j);
+        bool by_turn = model->encoder_cpr[j] > 0;
+        if (by_turn ? fabs(TURN / here - TURN / there) <= 0.5 : fabs(here / there - 1.0) < 1e-4)
+            continue;
+        if (by_turn)
             fprintf(stderr,
                     "mechkit: %s: encoder_cpr of joint %d is %g here, %d in the model, which is "
                     "taken\n",
-                    log->path, j + 1, counts, model->encoder_cpr[j]);
+                    log->path, j + 1, TURN / here, model->encoder_cpr[j]);
+        else
+            fprintf(stderr,
+                    "mechkit: %s: a count of joint %d is %g %s here, %g in the model, which is "
+                    "taken\n",
+                    log->path, j + 1, here, mk_model_unit(model, j, "rad"), there);
     }
 }
 
@@ -419,7 +437,7 @@ static void say_what_is_clipped(const struct mk_log *log, const struct mk_model 
 
 void log_extremes(const struct mk_log *log, const struct mk_model *model)
 {
-    const double most = 1e6; /* rad; as `import` has it */
+    const double most = 1e6; /* rad, m; as `import` has it */
     struct mk_record r;
     if (mk_record_from_log(log, model, &r, NULL) != MK_OK)
         return;
@@ -429,8 +447,9 @@ void log_extremes(const struct mk_log *log, const struct mk_model *model)
         range_of(r.q[j], r.rows, &low, &high);
         if (low < -most || high > most)
             fprintf(stderr,
-                    "mechkit: %s: implausible: %s reaches %.3g rad: that is no angle of a rig\n",
-                    log->path, angles[j], fmax(-low, high));
+                    "mechkit: %s: implausible: %s reaches %.3g %s: that is no %s of a rig\n",
+                    log->path, angles[j], fmax(-low, high), mk_model_unit(model, j, "rad"),
+                    model->joint_linear[j] ? "position" : "angle");
     }
 }
 
@@ -445,7 +464,7 @@ enum mk_status log_doubts(const struct mk_log *const *logs, size_t count,
         if (mk_record_from_log(logs[i], model, &r, NULL) != MK_OK)
             continue;
         for (int j = 0; j < mk_model_joints(model) && st == MK_OK; j++)
-            st = check_wrapping(logs[i], &r, j, err);
+            st = model->joint_linear[j] ? MK_OK : check_wrapping(logs[i], &r, j, err);
         if (st == MK_OK)
             st = check_units(logs[i], model, &r, err);
         if (st != MK_OK)

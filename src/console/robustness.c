@@ -103,9 +103,8 @@ enum mk_status trial_rig(const struct mk_model *believed, const struct trial_spr
     struct mk_random random = {seed};
     enum mk_status st = draw_parameters(believed, spread, &random, out, err);
     for (int j = 0; j < plant->joints && st == MK_OK; j++) {
-        double count_rad = 2.0 * M_PI / out->encoder_cpr[j];
         st = add_effect(out, "encoder-offset", j + 1,
-                        off_by(&random, spread->offset_counts) * count_rad, err);
+                        off_by(&random, spread->offset_counts) * mk_model_count(out, j), err);
     }
     if (st == MK_OK && spread->delay_samples > 0)
         st = add_effect(out, "input-delay", 0, spread->delay_samples / spread->rate_hz, err);

@@ -375,8 +375,7 @@ enum mk_status session_look(struct session *s, double *q, bool *zeroed)
         return MK_ERR_STATE;
     enum mk_status st = mk_board_exchange(s->board, 0.0, &b);
     for (int j = 0; st == MK_OK && j < mk_model_joints(&s->model); j++)
-        q[j] =
-            mk_plant(s->model.plant)->rest[j] + b.count[j] * 2.0 * M_PI / s->model.encoder_cpr[j];
+        q[j] = mk_plant(s->model.plant)->rest[j] + b.count[j] * mk_model_count(&s->model, j);
     *zeroed = s->loop != NULL;
     return st;
 }

@@ -13,6 +13,7 @@
 #include "mechkit/log.h"
 #include "mechkit/loop.h"
 #include "mechkit/number.h"
+#include "mechkit/sim.h"
 
 #define GUARD_MS 200      /* the board stops when the host falls silent for so long */
 #define GUARD_NS 20000000 /* between two looks */
@@ -168,9 +169,8 @@ static enum mk_status describe(struct mk_log *log, const struct mk_wire *w,
     snprintf(text, sizeof text, "%g", o->rate_hz / record_every(o));
     if (st == MK_OK)
         st = mk_log_set_meta(log, "sample_rate_hz", text);
-    snprintf(text, sizeof text, "%d %d", model->encoder_cpr[0], model->encoder_cpr[1]);
     if (st == MK_OK)
-        st = mk_log_set_meta(log, "encoder_cpr", text);
+        st = mk_record_describe_joints(log, model, true);
     snprintf(text, sizeof text, "%.9g", model->u_to_torque);
     if (st == MK_OK)
         st = mk_log_set_meta(log, "u_to_torque", text);
@@ -193,7 +193,7 @@ static void fill(struct mk_log *log, const struct mk_standalone_record *r, const
     for (int j = 0; j < plant->joints; j++) {
         column = mk_log_add_column(log, q[j]);
         for (size_t k = 0; k < log->rows && column; k++)
-            column[k] = plant->rest[j] + r[k].count[j] * 2.0 * M_PI / m->encoder_cpr[j];
+            column[k] = plant->rest[j] + r[k].count[j] * mk_model_count(m, j);
     }
     column = mk_log_add_column(log, "u");
     for (size_t k = 0; k < log->rows && column; k++)

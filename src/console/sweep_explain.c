@@ -156,10 +156,9 @@ struct recording {
 static enum mk_status describe(struct mk_log *log, const struct recording *r)
 {
     char text[64];
-    snprintf(text, sizeof text, "%d %d", r->rig->encoder_cpr[0], r->rig->encoder_cpr[1]);
-    enum mk_status st = mk_log_set_meta(log, "rig", mk_plant(r->rig->plant)->name);
+    enum mk_status st = mk_record_describe_joints(log, r->rig, true);
     if (st == MK_OK)
-        st = mk_log_set_meta(log, "encoder_cpr", text);
+        st = mk_log_set_meta(log, "rig", mk_plant(r->rig->plant)->name);
     snprintf(text, sizeof text, "%g", r->rate_hz);
     return st == MK_OK ? mk_log_set_meta(log, "sample_rate_hz", text) : st;
 }
@@ -182,7 +181,7 @@ static enum mk_status fill(struct mk_log *log, size_t rows, const struct recordi
         mk_rig_counts(rig, count);
         t[k] = (double)k / r->rate_hz;
         for (int j = 0; j < plant->joints; j++)
-            q[j][k] = plant->rest[j] + count[j] * 2.0 * M_PI / r->rig->encoder_cpr[j];
+            q[j][k] = plant->rest[j] + count[j] * mk_model_count(r->rig, j);
         u[k] = fmax(-r->rig->u_max, fmin(r->rig->u_max, mk_signal_at(signal, t[k])));
         st = mk_rig_advance(rig, 1.0 / r->rate_hz, u[k], err);
     }

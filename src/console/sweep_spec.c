@@ -317,8 +317,11 @@ static void mix_model(uint64_t *hash, const struct mk_model *m)
     mix_number(hash, m->u_to_torque);
     mix_number(hash, m->rtol);
     mix_number(hash, m->atol);
-    for (int j = 0; j < MK_MAX_JOINTS; j++)
-        mix_number(hash, m->encoder_cpr[j]);
+    mix_number(hash, m->friction_sharpness);
+    for (int j = 0; j < mk_model_joints(m); j++) {
+        mix_number(hash, m->joint_linear[j]);
+        mix_number(hash, mk_model_count(m, j));
+    }
     for (int i = 0; i < mk_plant(m->plant)->parameter_count; i++)
         mix_number(hash, m->parameter[i]);
     for (int i = 0; i < m->effect_count; i++) {

@@ -27,11 +27,12 @@ static enum mk_status prepare_joints(struct mk_loop *loop, struct mk_error *err)
     if (st != MK_OK)
         return st;
     for (int j = 0; j < loop->plant->joints; j++) {
+        const struct mk_model *model = &loop->ctrl->model;
         int cpr = loop->identity.encoder_cpr[j];
-        if (cpr <= 0)
-            cpr = loop->ctrl->model.encoder_cpr[j];
+        if (cpr <= 0 || model->encoder_cpr[j] == 0)
+            cpr = model->encoder_cpr[j];
         loop->identity.encoder_cpr[j] = cpr;
-        loop->rad_per_count[j] = TURN_RAD / cpr;
+        loop->rad_per_count[j] = cpr > 0 ? TURN_RAD / cpr : mk_model_count(model, j);
         struct mk_velocity_config v = loop->config.velocity;
         v.dt_s = loop->dt;
         v.count_rad = loop->rad_per_count[j];

@@ -7,6 +7,7 @@
 
 /* The links are watched for so long. A link at the turning point of a swing stands still for a
  * moment; within this time a swing of 0.03 rad shows even then. */
+#define TURN_RAD (2.0 * 3.14159265358979323846)
 #define REST_S 0.2
 #define REST_BLOCKS 4
 
@@ -85,7 +86,8 @@ static int moving_joint(const struct mk_loop *loop, const struct rest_watch *w)
             low = fmin(low, mean);
             high = fmax(high, mean);
         }
-        if (!loop->plant->joint_is_wheel[j] && high - low > REST_MOTION_RAD)
+        if (!loop->plant->joint_is_wheel[j] &&
+            high - low > REST_MOTION_RAD * mk_model_joint_scale(&loop->ctrl->model, j))
             return j + 1;
     }
     return 0;
@@ -99,12 +101,12 @@ static void set_origin(struct mk_loop *loop, const struct mk_board_sample *b)
     r->sequence = b->sequence;
     r->lost_since = 0;
     for (int j = 0; j < loop->plant->joints; j++) {
-        int32_t cpr = loop->identity.encoder_cpr[j];
         bool anywhere =
             loop->plant->joint_is_wheel[j] || isinf(loop->config.limits.rest_tolerance[j]);
-        int64_t turns = lround((double)b->count[j] / cpr); /* of wide counters beyond their range */
-        r->raw[j] = b->count[j];
-        r->total[j] = anywhere ? 0 : (int32_t)(b->count[j] - turns * cpr);
+        double turn = TURN_RAD / loop->rad_per_count[j]; /* counts */
+        int64_t turns = loop->ctrl->model.joint_linear[j] ? 0 : llround(b->count[j] / turn);
+        r->raw[j] = b->count[j]; /* of wide counters beyond their range */
+        r->total[j] = anywhere ? 0 : (int32_t)(b->count[j] - llround((double)turns * turn));
         mk_velocity_reset(&r->speed[j]);
         mk_velocity_step(&r->speed[j], loop->plant->rest[j] + r->total[j] * loop->rad_per_count[j]);
     }
@@ -135,10 +137,13 @@ enum mk_status mk_loop_check_rest(struct mk_loop *loop, struct mk_error *err)
         q[j] = loop->plant->rest[j] + w.last.count[j] * loop->rad_per_count[j];
     if (mk_safety_check_rest(&loop->safety, q, loop->plant->rest, loop->plant->joint_is_wheel)) {
         int j = loop->safety.fault_joint;
-        double off = remainder(q[j - 1] - loop->plant->rest[j - 1], 2.0 * M_PI);
-        return mk_error_set(err, MK_ERR_FAULT,
-                            "fault %s: joint %d is %.3f rad away from hanging straight down",
-                            mk_fault_name(MK_FAULT_NOT_HANGING), j, off);
+        const struct mk_model *model = &loop->ctrl->model;
+        double off = q[j - 1] - loop->plant->rest[j - 1];
+        off = model->joint_linear[j - 1] ? off : remainder(off, TURN_RAD);
+        return mk_error_set(err, MK_ERR_FAULT, "fault %s: joint %d is %.3f %s away from %s",
+                            mk_fault_name(MK_FAULT_NOT_HANGING), j, off,
+                            mk_model_unit(model, j - 1, "rad"),
+                            model->joint_linear[j - 1] ? "its rest" : "hanging straight down");
     }
     loop->host.zeroed = true;
     set_origin(loop, &w.last);

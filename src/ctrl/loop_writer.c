@@ -118,11 +118,24 @@ static void describe_run(struct meta_list *m, const struct mk_loop *loop)
     size_t n = 0;
     meta_string(m, "rig", loop->plant->name);
     meta_double(m, "sample_rate_hz", config->rate_hz);
+    const struct mk_model *model = &loop->ctrl->model;
+    bool slides = false, turns = true;
+    for (int j = 0; j < loop->plant->joints; j++) {
+        turns = turns && loop->identity.encoder_cpr[j] > 0;
+        slides = slides || model->joint_linear[j];
+    }
     for (int j = 0; j < loop->plant->joints; j++) {
         meta_text(m, &n, j ? " " : "");
-        meta_number(m, &n, loop->identity.encoder_cpr[j]);
+        meta_number(m, &n, turns ? loop->identity.encoder_cpr[j] : loop->rad_per_count[j]);
     }
-    meta_finish(m, "encoder_cpr", n);
+    meta_finish(m, turns ? "encoder_cpr" : "encoder_resolution", n);
+    n = 0;
+    for (int j = 0; slides && j < loop->plant->joints; j++) {
+        meta_text(m, &n, j ? " " : "");
+        meta_text(m, &n, mk_model_unit(model, j, "rad"));
+    }
+    if (slides)
+        meta_finish(m, "joint_unit", n);
     meta_double(m, "u_to_torque", loop->ctrl->model.u_to_torque);
     meta_double(m, "u_max", loop->board->u_max);
     n = 0;

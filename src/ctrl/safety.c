@@ -57,13 +57,14 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         bool wheel = j < plant->joints && plant->joint_is_wheel[j];
         double turns = j < plant->joints ? travel_turns(plant, j) : (double)INFINITY;
-        double count_rad = TURN_RAD / model->encoder_cpr[j];
-        out->q_min[j] = plant->rest[j] - turns * TURN_RAD;
-        out->q_max[j] = plant->rest[j] + turns * TURN_RAD;
+        double size = j < plant->joints ? mk_model_joint_scale(model, j) : 1.0;
+        double count = j < plant->joints ? mk_model_count(model, j) : 0.0;
+        out->q_min[j] = plant->rest[j] - turns * TURN_RAD * size;
+        out->q_max[j] = plant->rest[j] + turns * TURN_RAD * size;
         /* A wheel at full command ends where friction or voltage holds it; links fall and swing. */
-        out->v_max[j] = wheel ? 900.0 : 60.0;
-        out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count_rad;
-        out->rest_tolerance[j] = 0.1;
+        out->v_max[j] = (wheel ? 900.0 : 60.0) * size;
+        out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count;
+        out->rest_tolerance[j] = 0.1 * size;
     }
     /* The arm of the Furuta pendulum lies in the horizontal plane: it rests anywhere. */
     if (model->plant == MK_PLANT_FURUTA)
@@ -84,12 +85,17 @@ void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
     s->limits = *limits;
     s->joints = plant->joints;
     s->motor_joint = plant->motor_joint;
+    memcpy(s->linear, model->joint_linear, sizeof s->linear);
+    s->runaway_travel = RUNAWAY_TRAVEL_RAD * mk_model_joint_scale(model, plant->motor_joint);
 }
 
 void mk_safety_clear(struct mk_safety *s)
 {
-    struct mk_safety fresh = {
-        .limits = s->limits, .joints = s->joints, .motor_joint = s->motor_joint};
+    struct mk_safety fresh = {.limits = s->limits,
+                              .joints = s->joints,
+                              .motor_joint = s->motor_joint,
+                              .runaway_travel = s->runaway_travel};
+    memcpy(fresh.linear, s->linear, sizeof fresh.linear);
     *s = fresh;
 }
 
@@ -137,7 +143,7 @@ static bool check_runaway(struct mk_safety *s, double dt, double q, double u)
     bool drives = fabs(s->last_u) >= s->limits.runaway_u;
     s->drive_for = drives ? s->drive_for + dt : 0.0;
     double moved = q - s->run_from;
-    if (fabs(moved) > RUNAWAY_TRAVEL_RAD) {
+    if (fabs(moved) > s->runaway_travel) {
         s->sign_known = true;
         return s->drive_for >= s->limits.runaway_s && moved * s->last_u < 0.0;
     }
@@ -191,7 +197,8 @@ enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const d
         if (is_wheel[j])
             continue;
         /* Whole turns do not matter to a link that hangs. */
-        double off = remainder(q[j] - rest[j], TURN_RAD);
+        double off = q[j] - rest[j];
+        off = s->linear[j] ? off : remainder(off, TURN_RAD);
         if (!(fabs(off) <= s->limits.rest_tolerance[j]))
             mk_safety_latch(s, MK_FAULT_NOT_HANGING, 0.0, j + 1);
     }

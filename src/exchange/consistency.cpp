@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "model/scalar.hpp"
+
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -104,10 +106,9 @@ std::vector<Point> points_of(const Columns &c, int joints)
 class Fit
 {
   public:
-    Fit(enum mk_plant_kind kind, const std::vector<Point> &points) : points_(points)
+    Fit(const mk_model &rig, const std::vector<Point> &points) : points_(points), model_(rig)
     {
-        mk_model_default(kind, &model_);
-        plant_ = mk_plant(kind);
+        plant_ = mk_plant(rig.plant);
         n_ = plant_->joints;
         np_ = plant_->parameter_count;
         extra_ = n_ == 2 ? 2 : 0;
@@ -125,6 +126,10 @@ class Fit
     VectorXd p_, deviation_;
 
     int passive() const { return 1 - plant_->motor_joint; }
+    double passive_sign(const Point &p) const
+    {
+        return smooth_sign(mk_model_sharpness(&model_, passive()), p.v[passive()]);
+    }
     void rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[2]) const;
 };
 
@@ -139,7 +144,7 @@ void Fit::rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[
     }
     if (n_ == 2) {
         phi[passive()][np_] = p.v[passive()];
-        phi[passive()][np_ + 1] = std::tanh(MK_FRICTION_STEEPNESS * p.v[passive()]);
+        phi[passive()][np_ + 1] = passive_sign(p);
     }
     if (plant_->motor_joint == 1)
         tau[0] = 0.0;
@@ -226,8 +231,7 @@ double Fit::acceleration_error() const
         if (plant_->motor_joint == 1)
             tau[0] = 0.0, tau[1] = p.u[0];
         if (n_ == 2)
-            tau[passive()] -= p_[np_] * p.v[passive()] +
-                              p_[np_ + 1] * std::tanh(MK_FRICTION_STEEPNESS * p.v[passive()]);
+            tau[passive()] -= p_[np_] * p.v[passive()] + p_[np_ + 1] * passive_sign(p);
         mk_plant_acceleration(&m, p.q, p.v, tau, a);
         for (int j = 0; j < n_; j++) {
             double e = (a[j] - p.a[j]) * (a[j] - p.a[j]);
@@ -271,10 +275,12 @@ double counts_of(const double *y, size_t rows)
     return changes * 10 > steps.size() ? 2.0 * M_PI / step : 0.0;
 }
 
-// Encoders have from 100 to 100000 counts.
-bool counts_can_be(const Columns &c, int joints)
+// Encoders have from 100 to 100000 counts. A linear scale may have any.
+bool counts_can_be(const Columns &c, const mk_model &rig)
 {
-    for (int j = 0; j < joints; j++) {
+    for (int j = 0; j < mk_model_joints(&rig); j++) {
+        if (rig.joint_linear[j])
+            continue;
         double counts = counts_of(c.q[j], c.rows);
         if (counts != 0.0 && (counts < 100.0 || counts > 1e5))
             return false;
@@ -283,8 +289,9 @@ bool counts_can_be(const Columns &c, int joints)
 }
 
 // Standing still for the first tenth of a second without a command, a rig hangs.
-bool hangs(const Columns &c, const mk_plant_info *plant)
+bool hangs(const Columns &c, const mk_model &rig)
 {
+    const mk_plant_info *plant = mk_plant(rig.plant);
     size_t rows = 0;
     double most = 0.0;
     for (size_t r = 0; r < c.rows; r++)
@@ -300,7 +307,8 @@ bool hangs(const Columns &c, const mk_plant_info *plant)
             low = std::fmin(low, c.q[j][r]);
             high = std::fmax(high, c.q[j][r]);
         }
-        bool level = plant->joint_is_wheel[j] || (plant->kind == MK_PLANT_FURUTA && j == 0);
+        bool level = plant->joint_is_wheel[j] || rig.joint_linear[j] ||
+                     (plant->kind == MK_PLANT_FURUTA && j == 0);
         double off = std::remainder(0.5 * (low + high) - plant->rest[j], 2.0 * M_PI);
         if (rows > 3 && high - low < 0.02 && !level && std::fabs(off) > 0.5)
             return false;
@@ -369,21 +377,21 @@ double sample_time(const mk_log &log)
     return dt[dt.size() / 2];
 }
 
-Consistency consistency(const mk_log &log, enum mk_plant_kind kind)
+Consistency consistency(const mk_log &log, const mk_model &rig)
 {
     Consistency out;
-    const mk_plant_info *plant = mk_plant(kind);
+    const mk_plant_info *plant = mk_plant(rig.plant);
     Columns c = columns_of(log);
     for (int j = 0; j < plant->joints; j++)
         if (!c.q[j])
             return out;
     if (!c.t || !c.u[0] || c.rows < 50)
         return out;
-    out.hangs = hangs(c, plant);
+    out.hangs = hangs(c, rig);
     out.astray = speed_is_astray(log, 0) + speed_is_astray(log, 1);
-    out.counts = counts_can_be(c, plant->joints);
+    out.counts = counts_can_be(c, rig);
     std::vector<Point> points = points_of(c, plant->joints);
-    Fit fit(kind, points);
+    Fit fit(rig, points);
     if (points.size() < 60 || !fit.solve(c.t[c.rows - 1] - c.t[0]))
         return out;
     out.known = true;

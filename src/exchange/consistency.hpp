@@ -20,7 +20,7 @@ struct Consistency {
     bool hangs = true;   // where it stands still at the start without a command, it hangs
 };
 
-Consistency consistency(const mk_log &log, enum mk_plant_kind kind);
+Consistency consistency(const mk_log &log, const mk_model &rig);
 
 // Whether dq1 or dq2 (joint 0, 1) runs against the slope of its angle, and whether it is there and
 // is something else than the slope.

@@ -10,6 +10,7 @@
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
+#include "mechkit/sim.h"
 
 #define SHOWN (4 * 64) /* a name, with every byte of it escaped */
 
@@ -128,7 +129,8 @@ static void add_guess(struct mk_import_map *map, const struct mk_table *table,
     snprintf(out->to, sizeof out->to, "%s", to);
     call_column(table, c, out->from, sizeof out->from);
     const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
-    enum quantity quantity = quantity_of_column(to);
+    enum quantity quantity =
+        quantity_of_joint_column(to, map->joint_linear, mk_plant(map->rig)->motor_joint);
     if (unit && unit_size(unit, quantity, 1.0) > 0.0 &&
         strcmp(unit->name, native_unit(quantity)) != 0)
         snprintf(out->unit, sizeof out->unit, "%s", unit->name);
@@ -217,7 +219,8 @@ static enum mk_status apply_column(const struct mk_table *table, const char *pat
                                    struct mk_error *err)
 {
     const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
-    enum quantity quantity = quantity_of_column(c->to);
+    enum quantity quantity =
+        quantity_of_joint_column(c->to, map->joint_linear, mk_plant(map->rig)->motor_joint);
     double size = unit ? unit_size(unit, quantity, map->u_to_torque) : 1.0;
     enum mk_status st = check_source(table, path, c, err);
     if (st != MK_OK)
@@ -253,22 +256,33 @@ static enum mk_status check_time(struct mk_log *log, const char *path, struct mk
     return MK_OK;
 }
 
+/* The rig of a map: its plant, how its joints move and what their encoders count. */
+void map_model(const struct mk_import_map *map, struct mk_model *out)
+{
+    mk_model_default(map->rig, out);
+    for (int j = 0; j < mk_plant(map->rig)->joints; j++) {
+        (void)mk_model_set_linear(out, j, map->joint_linear[j], NULL);
+        if (map->encoder_resolution[j] > 0.0) {
+            out->encoder_resolution[j] = map->encoder_resolution[j];
+            out->encoder_cpr[j] = 0;
+        } else if (map->encoder_cpr[j] > 0) {
+            out->encoder_cpr[j] = map->encoder_cpr[j];
+        }
+    }
+}
+
 static enum mk_status describe(const struct mk_import_map *map, struct mk_log *log)
 {
-    char number[MK_NUMBER_MAX], cpr[48];
+    char number[MK_NUMBER_MAX];
+    struct mk_model rig;
+    map_model(map, &rig);
     enum mk_status st = mk_log_set_meta(log, "rig", mk_plant(map->rig)->name);
     if (st == MK_OK && map->u_to_torque > 0.0) {
         mk_format_double(number, map->u_to_torque);
         st = mk_log_set_meta(log, "u_to_torque", number);
     }
-    if (st == MK_OK && map->encoder_cpr[0] > 0) {
-        if (map->encoder_cpr[1] > 0)
-            snprintf(cpr, sizeof cpr, "%d %d", map->encoder_cpr[0], map->encoder_cpr[1]);
-        else
-            snprintf(cpr, sizeof cpr, "%d", map->encoder_cpr[0]);
-        st = mk_log_set_meta(log, "encoder_cpr", cpr);
-    }
-    return st;
+    bool counts = map->encoder_cpr[0] > 0 || map->encoder_resolution[0] > 0.0;
+    return st == MK_OK ? mk_record_describe_joints(log, &rig, counts) : st;
 }
 
 enum mk_status mk_import_apply(const struct mk_table *table, const char *path,

@@ -106,6 +106,38 @@ static bool counts_per_turn(const char *text, int out[2])
     return n > 0 && text[strspn(text, " \t,")] == '\0';
 }
 
+/* As counts_per_turn, of sizes. */
+static bool counts_sizes(const char *text, double out[2])
+{
+    int n = 0;
+    for (out[1] = 0.0; n < 2; n++) {
+        text += strspn(text, " \t,");
+        size_t length = strcspn(text, " \t,");
+        if (length == 0)
+            break;
+        if (!mk_parse_double(text, text + length, &out[n]) || !(out[n] > 0.0) || !(out[n] < 1e3))
+            return false;
+        text += length;
+    }
+    return n > 0 && text[strspn(text, " \t,")] == '\0';
+}
+
+static bool joint_units(const char *text, bool linear[2])
+{
+    int n = 0;
+    for (linear[1] = false; n < 2; n++) {
+        text += strspn(text, " \t,");
+        size_t length = strcspn(text, " \t,");
+        if (length == 0)
+            break;
+        linear[n] = length == 1 && text[0] == 'm';
+        if (!linear[n] && !(length == 3 && strncmp(text, "rad", 3) == 0))
+            return false;
+        text += length;
+    }
+    return n > 0 && text[strspn(text, " \t,")] == '\0';
+}
+
 static int on_source(struct reader *r, const char *key, const char *value)
 {
     if (strcmp(key, "separator") == 0) {
@@ -147,7 +179,14 @@ static int on_rig(struct reader *r, const char *key, const char *value)
     if (strcmp(key, "encoder_cpr") == 0)
         return counts_per_turn(value, r->map.encoder_cpr) ||
                refuse(r, "expected counts per revolution of each joint, 1 .. 1e8", "rig", key);
-    return refuse(r, "unknown key: kind, u_to_torque, encoder_cpr", "rig", key);
+    if (strcmp(key, "encoder_resolution") == 0)
+        return counts_sizes(value, r->map.encoder_resolution) ||
+               refuse(r, "expected the size of a count of each joint, in rad or m", "rig", key);
+    if (strcmp(key, "joint_unit") == 0)
+        return joint_units(value, r->map.joint_linear) ||
+               refuse(r, "expected rad or m for each joint", "rig", key);
+    return refuse(r, "unknown key: kind, joint_unit, u_to_torque, encoder_cpr, encoder_resolution",
+                  "rig", key);
 }
 
 static int on_column(struct reader *r, const char *section, const char *key, const char *value)
@@ -168,11 +207,13 @@ static int on_column(struct reader *r, const char *section, const char *key, con
     }
     if (strcmp(key, "unit") == 0) {
         const struct unit *unit = unit_by_name(value);
-        enum quantity quantity = quantity_of_column(section);
+        const bool *linear = r->map.joint_linear;
+        enum quantity quantity =
+            quantity_of_joint_column(section, linear, mk_plant(r->map.rig)->motor_joint);
         if (!unit || unit_size(unit, quantity, 1.0) == 0.0) {
-            char text[128];
-            snprintf(text, sizeof text, "%s is no unit of %s: %s", value, section,
-                     units_of(quantity));
+            char text[160];
+            snprintf(text, sizeof text, "%s is no unit of %s: %s ([rig] joint_unit comes first)",
+                     value, section, units_of(quantity));
             return refuse(r, text, section, key);
         }
         snprintf(c->unit, sizeof c->unit, "%s", value);
@@ -219,6 +260,22 @@ static enum mk_status check(struct reader *r)
                                          : NULL;
     if (missing)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
+    struct mk_model rig;
+    struct mk_error why = MK_ERROR_INIT;
+    mk_model_default(r->map.rig, &rig);
+    for (int j = 0; j < mk_model_joints(&rig); j++) {
+        if (mk_model_set_linear(&rig, j, r->map.joint_linear[j], &why) != MK_OK)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "[rig] joint_unit: %s",
+                               why.message);
+        if (r->map.joint_linear[j] && r->map.encoder_cpr[j] > 0)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                               "[rig] encoder_cpr: joint %d slides, give encoder_resolution, the "
+                               "size of a count in m",
+                               j + 1);
+    }
+    if (r->map.encoder_cpr[0] > 0 && r->map.encoder_resolution[0] > 0.0)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                           "[rig] encoder_cpr and encoder_resolution say the same thing: give one");
     for (int i = 0; i < r->map.count; i++)
         if (!*r->map.column[i].from)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "[%s] column is missing",
@@ -286,6 +343,22 @@ static void put_map(FILE *f, const struct mk_import_map *map)
         fprintf(f, " %d", map->encoder_cpr[1]);
     if (map->encoder_cpr[0] > 0)
         fputc('\n', f);
+    int joints = mk_plant(map->rig)->joints;
+    if (map->encoder_resolution[0] > 0.0) {
+        char text[MK_NUMBER_MAX];
+        fprintf(f, "encoder_resolution =");
+        for (int j = 0; j < joints && map->encoder_resolution[j] > 0.0; j++) {
+            mk_format_double(text, map->encoder_resolution[j]);
+            fprintf(f, " %s", text);
+        }
+        fputc('\n', f);
+    }
+    if (map->joint_linear[0] || map->joint_linear[1]) {
+        fprintf(f, "joint_unit =");
+        for (int j = 0; j < joints; j++)
+            fputs(map->joint_linear[j] ? " m" : " rad", f);
+        fputc('\n', f);
+    }
     for (int i = 0; i < map->count; i++) {
         const struct mk_import_column *c = &map->column[i];
         fprintf(f, "\n[%s]\ncolumn = %s\n", c->to, c->from);

@@ -219,7 +219,12 @@ static matvar_t *model_struct(struct builder *b, const struct mk_model *model)
     matvar_t *out = structure(b, 1), *parameters = structure(b, 1);
     matvar_t *effects = structure(b, (size_t)model->effect_count);
     const struct mk_plant_info *plant = mk_plant(model->plant);
-    double cpr[MK_MAX_JOINTS] = {model->encoder_cpr[0], model->encoder_cpr[1]};
+    double cpr[MK_MAX_JOINTS], count[MK_MAX_JOINTS], linear[MK_MAX_JOINTS];
+    for (int j = 0; j < plant->joints; j++) {
+        cpr[j] = model->encoder_cpr[j];
+        count[j] = mk_model_count(model, j);
+        linear[j] = model->joint_linear[j];
+    }
     for (int i = 0; i < plant->parameter_count; i++)
         put(b, parameters, plant->parameter[i].name, number(b, model->parameter[i]));
     for (int i = 0; i < model->effect_count; i++) {
@@ -236,7 +241,10 @@ static matvar_t *model_struct(struct builder *b, const struct mk_model *model)
     put(b, out, "g", number(b, model->g));
     put(b, out, "u_max", number(b, model->u_max));
     put(b, out, "u_to_torque", number(b, model->u_to_torque));
+    put(b, out, "friction_sharpness", number(b, model->friction_sharpness));
+    put(b, out, "joint_linear", matrix(b, linear, 1, (size_t)plant->joints));
     put(b, out, "encoder_cpr", matrix(b, cpr, 1, (size_t)plant->joints));
+    put(b, out, "encoder_count", matrix(b, count, 1, (size_t)plant->joints));
     put(b, out, "parameters", parameters);
     put(b, out, "effects", effects);
     return out;

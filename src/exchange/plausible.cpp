@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "exchange/consistency.hpp"
+#include "exchange/source.h"
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
@@ -20,6 +21,13 @@ using namespace mk;
 
 namespace
 {
+
+// The unit of a column of the log that a map makes.
+const char *native_of(const mk_import_map &map, const char *name)
+{
+    return native_unit(
+        quantity_of_joint_column(name, map.joint_linear, mk_plant(map.rig)->motor_joint));
+}
 
 struct Change {
     mk_import_map map;
@@ -53,7 +61,11 @@ class Checker
     Consistency judge(const mk_import_map &map) const
     {
         Log log = apply(map);
-        return log ? consistency(*log, map.rig) : Consistency();
+        if (!log)
+            return Consistency();
+        mk_model rig;
+        map_model(&map, &rig);
+        return consistency(*log, rig);
     }
     void find(const std::string &what, const mk_import_map *fixed);
     void check_time();
@@ -118,7 +130,9 @@ class Changes
         bool any = false;
         for (const char *name : names)
             if (mk_import_column *c = column(m, name)) {
-                if (strcmp(*c->unit ? c->unit : native_unit(quantity_of_column(name)), unit) == 0)
+                if (map_.joint_linear[name[strlen(name) - 1] == '2'])
+                    continue;
+                if (strcmp(*c->unit ? c->unit : native_of(map_, name), unit) == 0)
                     continue;
                 snprintf(c->unit, sizeof c->unit, "%s", unit);
                 any = true;
@@ -129,6 +143,8 @@ class Changes
     void shift(const char *name, double by, const char *what)
     {
         mk_import_map m = map_;
+        if (map_.joint_linear[name[strlen(name) - 1] == '2'])
+            return;
         if (mk_import_column *c = column(m, name)) {
             c->offset = std::remainder(c->offset + by, 2.0 * M_PI);
             if (std::fabs(c->offset) < 1e-12)
@@ -202,7 +218,7 @@ std::string difference(const mk_import_map &before, const mk_import_map &now)
         if (strcmp(a.from, b.from) != 0)
             put(b, "column", b.from);
         if (strcmp(a.unit, b.unit) != 0)
-            put(b, "unit", *b.unit ? b.unit : native_unit(quantity_of_column(b.to)));
+            put(b, "unit", *b.unit ? b.unit : native_of(now, b.to));
         if (a.sign != b.sign)
             put(b, "sign", number(b.sign));
         if (a.offset != b.offset)
@@ -251,7 +267,7 @@ void Checker::check_time()
 // No wheel turns a hundred thousand times in a run: such numbers are something else, or garbage.
 void Checker::check_angles()
 {
-    const double most = 1e6; // rad
+    const double most = 1e6; // rad, m
     Log log = apply(map_);
     for (const char *name : {"q1", "q2"}) {
         const double *q = log ? mk_log_get(log.get(), name) : nullptr;
@@ -261,7 +277,8 @@ void Checker::check_angles()
         if (reach <= most)
             continue;
         char what[120];
-        snprintf(what, sizeof what, "%s reaches %.3g rad: that is no angle of a rig", name, reach);
+        snprintf(what, sizeof what, "%s reaches %.3g %s: that is no position of a rig", name, reach,
+                 native_of(map_, name));
         find(what, nullptr);
     }
 }

@@ -28,6 +28,9 @@ MK_NODISCARD enum mk_status source_read_text(const char *path, struct source_for
 MK_NODISCARD enum mk_status source_read_mat(const char *path, const char *like,
                                             struct mk_table **out, struct mk_error *err);
 
+/* The rig of a map: its plant, how its joints move, what their encoders count. */
+void map_model(const struct mk_import_map *map, struct mk_model *out);
+
 /* Whether a column can go by this name in a mapping file: not with what ends a value there. */
 bool map_can_name(const char *column);
 

@@ -33,6 +33,20 @@ void mk_table_free(struct mk_table *table)
 
 /* --- choosing ---------------------------------------------------------------------------- */
 
+/* What a column holds, after what the log says about its joints. */
+static enum quantity quantity_in(const struct mk_log *log, const char *name)
+{
+    bool linear[MK_MAX_JOINTS] = {false};
+    const char *rig = mk_log_find_meta(log, "rig"), *unit = mk_log_find_meta(log, "joint_unit");
+    const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
+    for (int j = 0; j < MK_MAX_JOINTS && unit && *unit; j++) {
+        linear[j] = *unit == 'm';
+        unit += strcspn(unit, " \t,");
+        unit += strspn(unit, " \t,");
+    }
+    return quantity_of_joint_column(name, linear, plant ? plant->motor_joint : 0);
+}
+
 static enum mk_status add_column(struct mk_table *table, const struct mk_log *log, const char *name,
                                  const char *unit_name, double u_to_torque, struct mk_error *err)
 {
@@ -40,7 +54,7 @@ static enum mk_status add_column(struct mk_table *table, const struct mk_log *lo
     if (!data)
         return mk_error_set(err, MK_ERR_USAGE, "%s has no column of numbers '%s'",
                             log->path ? log->path : "the log", name);
-    enum quantity quantity = quantity_of_column(name);
+    enum quantity quantity = quantity_in(log, name);
     const char *native = native_unit(quantity);
     double size = 1.0;
     bool own = unit_name && *unit_name && strcmp(unit_name, native) != 0;

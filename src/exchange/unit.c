@@ -22,6 +22,14 @@ static const struct unit units[] = {
     {"rpm", QUANTITY_SPEED, 2.0 * M_PI / 60.0},
     {"Nm", QUANTITY_TORQUE, 1.0},
     {"mNm", QUANTITY_TORQUE, 1e-3},
+    {"m", QUANTITY_LENGTH, 1.0},
+    {"cm", QUANTITY_LENGTH, 1e-2},
+    {"mm", QUANTITY_LENGTH, 1e-3},
+    {"um", QUANTITY_LENGTH, 1e-6},
+    {"m/s", QUANTITY_SLIDING, 1.0},
+    {"mm/s", QUANTITY_SLIDING, 1e-3},
+    {"N", QUANTITY_FORCE, 1.0},
+    {"kN", QUANTITY_FORCE, 1e3},
 };
 
 const struct unit *unit_by_name(const char *name)
@@ -49,6 +57,27 @@ enum quantity quantity_of_column(const char *name)
     return QUANTITY_NONE;
 }
 
+static enum quantity sliding(enum quantity quantity)
+{
+    switch (quantity) {
+    case QUANTITY_ANGLE:
+        return QUANTITY_LENGTH;
+    case QUANTITY_SPEED:
+        return QUANTITY_SLIDING;
+    case QUANTITY_TORQUE:
+        return QUANTITY_FORCE;
+    default:
+        return quantity;
+    }
+}
+
+enum quantity quantity_of_joint_column(const char *name, const bool *linear, int motor)
+{
+    int joint = strchr(name, '1') ? 0 : strchr(name, '2') ? 1 : motor;
+    enum quantity quantity = quantity_of_column(name);
+    return linear[joint] ? sliding(quantity) : quantity;
+}
+
 const char *native_unit(enum quantity quantity)
 {
     switch (quantity) {
@@ -60,6 +89,12 @@ const char *native_unit(enum quantity quantity)
         return "rad/s";
     case QUANTITY_TORQUE:
         return "Nm";
+    case QUANTITY_LENGTH:
+        return "m";
+    case QUANTITY_SLIDING:
+        return "m/s";
+    case QUANTITY_FORCE:
+        return "N";
     case QUANTITY_COMMAND:
     case QUANTITY_NONE:
         break;
@@ -77,8 +112,15 @@ const char *units_of(enum quantity quantity)
     case QUANTITY_SPEED:
         return "rad/s, deg/s, rev/s or rpm";
     case QUANTITY_TORQUE:
-    case QUANTITY_COMMAND:
         return "Nm or mNm";
+    case QUANTITY_COMMAND:
+        return "Nm or mNm (N or kN where the joint slides)";
+    case QUANTITY_LENGTH:
+        return "m, cm, mm or um";
+    case QUANTITY_SLIDING:
+        return "m/s or mm/s";
+    case QUANTITY_FORCE:
+        return "N or kN";
     case QUANTITY_NONE:
         break;
     }
@@ -89,7 +131,9 @@ double unit_size(const struct unit *unit, enum quantity quantity, double u_to_to
 {
     if (unit->quantity == quantity)
         return unit->size;
-    if (quantity == QUANTITY_COMMAND && unit->quantity == QUANTITY_TORQUE && u_to_torque > 0.0)
+    if (quantity == QUANTITY_COMMAND &&
+        (unit->quantity == QUANTITY_TORQUE || unit->quantity == QUANTITY_FORCE) &&
+        u_to_torque > 0.0)
         return unit->size / u_to_torque;
     return 0.0;
 }

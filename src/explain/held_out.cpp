@@ -33,13 +33,12 @@ void HeldOut::add_windows(const mk_model &m, int number, const mk_log &predictio
         return;
     // A run that goes off to infinity is no better than one that only goes far.
     constexpr double LOST = 3.0; // standard deviations
-    constexpr double TURN = 6.283185307179586;
     const size_t first = f.window.size();
     for (int j = 0; j < mk_model_joints(&m); j++) {
         const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
         const double sd = deviation(m, j);
         // Of errors below the rounding of the readings, as at rest, none is better than another.
-        const double rounding = sd > 0.0 ? TURN / m.encoder_cpr[j] / std::sqrt(12.0) / sd : 0.0;
+        const double rounding = sd > 0.0 ? mk_model_count(&m, j) / std::sqrt(12.0) / sd : 0.0;
         for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
             const size_t place = first + (size_t)window[k];
             if (place >= f.window.size())

@@ -335,7 +335,7 @@ std::string log_value_row(const mk_explanation &e, const mk_cause &c)
 {
     std::string s = "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b>, log by log</td><td>";
     for (int k = 0; k < c.effect->parameter_count; k++) {
-        const char *unit = mk_model_unit(&e.given, c.effect->parameter[k].unit);
+        const char *unit = mk_model_unit(&e.given, c.joint - 1, c.effect->parameter[k].unit);
         if (!(c.spread[k] > 0.0))
             continue;
         add(s, "%s: %.2g %s from log to log", c.effect->parameter[k].name, c.spread[k], unit);
@@ -360,7 +360,7 @@ std::string cause_table(const mk_explanation &e)
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
             if (std::isfinite(c.std_error[k]))
                 add(s, " &plusmn; %.2g", c.std_error[k]);
-            add(s, " %s", mk_model_unit(&e.given, c.effect->parameter[k].unit));
+            add(s, " %s", mk_model_unit(&e.given, c.joint - 1, c.effect->parameter[k].unit));
         }
         add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
             c.confidence);

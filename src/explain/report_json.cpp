@@ -19,7 +19,8 @@ cJSON *parameters_of(const mk_model &model, const mk_cause &c)
         cJSON_AddItemToObject(p, "stderr", mk_json_number(whole ? 0.0 : c.std_error[k]));
         if (whole)
             cJSON_AddTrueToObject(p, "integer");
-        cJSON_AddStringToObject(p, "unit", mk_model_unit(&model, c.effect->parameter[k].unit));
+        cJSON_AddStringToObject(p, "unit",
+                                mk_model_unit(&model, c.joint - 1, c.effect->parameter[k].unit));
     }
     return all;
 }

@@ -97,7 +97,7 @@ size_t end_of_motion(const mk_record &record, const mk_model &model)
     size_t end = 0;
     for (int j = 0; j < mk_model_joints(&model); j++) {
         const double *q = record.q[j];
-        const double enough = MOTION * 2.0 * M_PI / model.encoder_cpr[j];
+        const double enough = MOTION * mk_model_count(&model, j);
         double last = std::numeric_limits<double>::quiet_NaN();
         for (size_t k = record.rows; k-- > end;) {
             if (std::isnan(last))

@@ -343,8 +343,8 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
         bool wheel = plant->joint_is_wheel[j];
         if (!wheel && !(o.q_min[j] < plant->rest[j] && plant->rest[j] < o.q_max[j]))
             return mk_error_set(err, MK_ERR_RANGE,
-                                "joint %d: rest at %.4g rad must lie within its limits", j + 1,
-                                plant->rest[j]);
+                                "joint %d: rest at %.4g %s must lie within its limits", j + 1,
+                                plant->rest[j], mk_model_unit(&model, j, "rad"));
         if (!(o.v_max[j] > 0.0 && o.noise[j] > 0.0))
             return mk_error_set(err, MK_ERR_RANGE,
                                 "joint %d: speed limit and noise must be above 0", j + 1);
@@ -396,11 +396,11 @@ void mk_excite_default(const mk_model *model, mk_excite_options *out)
     mk_safety_default(model, 1.0 / out->rate_hz, &safety);
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         double rest = j < plant->joints ? plant->rest[j] : 0.0;
-        out->q_min[j] = rest - 0.5 * mk::TWO_PI;
-        out->q_max[j] = rest + 0.5 * mk::TWO_PI;
+        out->q_min[j] = rest - 0.5 * mk::TWO_PI * mk_model_joint_scale(model, j);
+        out->q_max[j] = rest + 0.5 * mk::TWO_PI * mk_model_joint_scale(model, j);
         out->v_max[j] = 0.4 * safety.v_max[j];
         // Rounding to whole counts.
-        out->noise[j] = mk::TWO_PI / model->encoder_cpr[j] / std::sqrt(12.0);
+        out->noise[j] = mk_model_count(model, j) / std::sqrt(12.0);
     }
     out->drift = 1e-4;
     out->evaluations = 9000;

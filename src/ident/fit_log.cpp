@@ -338,7 +338,7 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
             log.u[i][0] = first > 0 ? command(record, i, first - 1) : 0.0;
     builder.fill_commands();
     for (int j = 0; j < log.joints; j++) {
-        log.count[j] = 6.283185307179586 / model.encoder_cpr[j];
+        log.count[j] = mk_model_count(&model, j);
         drop_glitches(log, j, log.count[j]);
         weigh(log, j);
         log.v_max[j] = largest_speed(log, j);

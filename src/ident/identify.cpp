@@ -82,7 +82,7 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
         if (st == MK_OK)
             st = mk::check_angles(record.q[j], angles[j], *log, err);
         Range range(record.q[j], record.rows);
-        if (range.high - range.low >= 3.0 * 6.283185307179586 / problem.model.encoder_cpr[j])
+        if (range.high - range.low >= 3.0 * mk_model_count(&problem.model, j))
             problem.moves[j] = moves = true;
     }
     if (st == MK_OK && !moves)
@@ -116,7 +116,7 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
     for (int i = 0; i < r.parameter_count; i++) {
         mk_ident_parameter &p = r.parameter[i];
         const mk_parameter_info *info = mk_model_parameter_info(&r.model, i, p.name, sizeof p.name);
-        p.unit = mk_model_unit(&r.model, info->unit);
+        p.unit = mk_model_parameter_unit(&r.model, i);
         p.initial = p.value = mk_model_parameter(&r.model, i);
         p.std_error = p.crb = std::nan("");
         p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;

@@ -179,7 +179,7 @@ mk_quantity by_turns(const Swing &s, const MeasureProblem &problem, mk_measureme
                      mk_quantity &raw)
 {
     std::vector<double> omega, error;
-    double noise = 2.0 * PI / problem.model.encoder_cpr[0] / std::sqrt(12.0);
+    double noise = mk_model_count(&problem.model, 0) / std::sqrt(12.0);
     for (size_t i = 0; i + 1 < s.turns.size(); i++) {
         double seconds = s.turns[i + 1].t - s.turns[i].t;
         double a = 0.5 * std::fabs(s.turns[i + 1].q - s.turns[i].q);
@@ -220,6 +220,8 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
     mk_model m;
     mk_model_default(MK_PLANT_PENDULUM, &m);
     m.encoder_cpr[0] = problem.model.encoder_cpr[0];
+    m.encoder_resolution[0] = problem.model.encoder_resolution[0];
+    m.friction_sharpness = problem.model.friction_sharpness;
     const double first[4] = {1.0 / (start * start), 1.0, 1e-3, 1e-2};
     std::copy(first, first + 4, m.parameter);
     st = mk_model_add_effect(&m, "encoder-offset", 1, err);

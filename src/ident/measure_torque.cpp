@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "ident/measure.hpp"
+#include "model/scalar.hpp"
 
 namespace mk
 {
@@ -40,7 +41,7 @@ enum mk_status run(const MeasureProblem &problem, mk_measurement &out, mk_error 
     for (size_t i = 0; i < pieces.size(); i++) {
         const Section &p = pieces[i];
         x((long)i, 0) = std::sin(p.q);
-        x((long)i, 1) = std::tanh(MK_FRICTION_STEEPNESS * p.v);
+        x((long)i, 1) = smooth_sign(m.friction_sharpness, p.v);
         // Inertia and viscous friction take little; the model knows them well enough.
         y((long)i) = p.u - m.parameter[0] * p.a - m.parameter[2] * p.v;
     }

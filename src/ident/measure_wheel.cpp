@@ -27,7 +27,7 @@ double inertia_of(const mk_model &m)
 // The whole piece turns one way, at one acceleration.
 bool turns(const mk_model &m, const Section &p)
 {
-    double count = 6.283185307179586 / m.encoder_cpr[0];
+    double count = mk_model_count(&m, 0);
     return p.misfit < 2.0 * count && p.v_begin * p.v_end > 0.0 && std::fabs(p.v_begin) > SLOWEST &&
            std::fabs(p.v_end) > SLOWEST;
 }

@@ -87,17 +87,12 @@ const mk_parameter_info *mk_model_parameter_info(const mk_model *model, int inde
     return info;
 }
 
-const char *mk_model_unit(const mk_model *model, const char *unit)
+const char *mk_model_parameter_unit(const mk_model *model, int index)
 {
-    static const char *const command[][2] = {{"N m", "u"},
-                                             {"N m/rad", "u/rad"},
-                                             {"N m s/rad", "u s/rad"},
-                                             {"N m s^2/rad^2", "u s^2/rad^2"},
-                                             {"kg m^2", "u s^2/rad"},
-                                             {"kg m", "u s^2/m"}};
-    if (model->u_to_torque != 1.0)
-        for (const auto &row : command)
-            if (strcmp(unit, row[0]) == 0)
-                return row[1];
-    return unit;
+    Place p = place_of(*model, index);
+    if (p.effect < 0) // base parameters are written in the units of the joint that the plant has
+        return mk_model_unit(model, mk_plant(model->plant)->motor_joint,
+                             mk_plant(model->plant)->parameter[p.parameter].unit);
+    const mk_effect_use &use = model->effect[p.effect];
+    return mk_model_unit(model, use.joint - 1, mk_effect(use.index)->parameter[p.parameter].unit);
 }

@@ -49,7 +49,7 @@ void derivatives(const mk_model &model, const State &s, int joints, WeakSample &
     const D &turn = v[plant->motor_joint];
     torque[plant->motor_joint] +=
         p[plant->parameter_count - 2] * turn +
-        p[plant->parameter_count - 1] * tanh(MK_FRICTION_STEEPNESS * turn);
+        p[plant->parameter_count - 1] * smooth_sign(model.friction_sharpness, turn);
     const double mass[N][N] = {{sum.m11.v, sum.m12.v}, {sum.m12.v, sum.m22.v}};
     for (int e = 0; e < joints; e++)
         for (int j = 0; j < joints; j++) {
@@ -131,16 +131,17 @@ struct Loss {
     double viscous, coulomb; // for a parameter of 1
 };
 
-Loss loss_at(double speed)
+Loss loss_at(double sharpness, double speed)
 {
-    return {speed * speed, speed * std::tanh(MK_FRICTION_STEEPNESS * speed)};
+    return {speed * speed, speed * smooth_sign(sharpness, speed)};
 }
 
 // By Simpson's rule; at a log's ends by the trapezoidal one.
-Loss loss_around(const std::vector<double> &v, size_t k)
+Loss loss_around(double sharpness, const std::vector<double> &v, size_t k)
 {
     size_t before = k > 0 ? k - 1 : 0, after = std::min(k + 1, v.size() - 1);
-    Loss a = loss_at(v[before]), b = loss_at(v[k]), c = loss_at(v[after]);
+    Loss a = loss_at(sharpness, v[before]), b = loss_at(sharpness, v[k]),
+         c = loss_at(sharpness, v[after]);
     double middle = after - before == 2 ? 4.0 : 0.0, all = middle + 2.0;
     return {(a.viscous + middle * b.viscous + c.viscous) / all,
             (a.coulomb + middle * b.coulomb + c.coulomb) / all};
@@ -153,15 +154,15 @@ void energy_sample(const mk_model &model, const Track &t, size_t k, WeakSample &
     int m = plant->motor_joint, f = plant->parameter_count - 2;
     State s(t, k);
     stored(model, s, t.joints, out);
-    double speed = s.v[m], sign = std::tanh(MK_FRICTION_STEEPNESS * speed);
-    Loss loss = loss_around(t.v[m], k);
+    double speed = s.v[m], sharpness = model.friction_sharpness,
+           sign = smooth_sign(sharpness, speed);
+    Loss loss = loss_around(sharpness, t.v[m], k);
     out.flow[0][f] = loss.viscous;
     out.flow[0][f + 1] = loss.coulomb;
     out.source[0] = power(t, t.u[0], m, k) + power(t, t.u[1], 1, k);
-    out.flow_v[0][m] =
-        2.0 * model.parameter[f] * speed +
-        model.parameter[f + 1] * (sign + MK_FRICTION_STEEPNESS * speed * (1.0 - sign * sign)) -
-        around(t.u[0], k);
+    out.flow_v[0][m] = 2.0 * model.parameter[f] * speed +
+                       model.parameter[f + 1] * (sign + sharpness * speed * (1.0 - sign * sign)) -
+                       around(t.u[0], k);
     out.flow_v[0][1] -= around(t.u[1], k);
 }
 

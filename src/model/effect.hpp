@@ -31,6 +31,7 @@ struct Compiled {
     enum mk_plant_kind plant;
     int joints, motor, parameter_count, state_count, event_count, effect_count;
     double g, u_max;
+    double sharpness[MK_MAX_JOINTS]; // k of S_k(v) for laws that have none of their own
     S p[MK_MAX_PARAMETERS];
     struct Effect {
         int index, joint; // joint 0-based, -1: none
@@ -118,6 +119,11 @@ constexpr unsigned on_plant(enum mk_plant_kind kind)
 }
 constexpr unsigned ALL_PLANTS = (1u << MK_PLANT_COUNT) - 1u;
 constexpr double INF = HUGE_VAL;
+// The sharpness of a friction law's sign. A model gives it the joint's own when the effect is
+// added.
+constexpr mk_parameter_info SHARPNESS = {"sharpness",  "s/rad", "k of S_k(v) = tanh(k v)",
+                                         1e-3,         INF,     MK_FRICTION_SHARPNESS_TURNING,
+                                         MK_FIT_FIXED, true};
 
 // The least inertia that a torque at joint j meets, over all positions (for rates).
 template <class S>

@@ -98,7 +98,9 @@ enum mk_status mk_model_add_effect(mk_model *model, const char *name, int joint,
     use->index = index;
     use->joint = joint;
     for (int i = 0; i < info->parameter_count; i++)
-        use->value[i] = info->parameter[i].initial;
+        use->value[i] = strcmp(info->parameter[i].name, mk::SHARPNESS.name) == 0
+                            ? mk_model_sharpness(model, joint - 1)
+                            : info->parameter[i].initial;
     model->effect_count++;
     return MK_OK;
 }

@@ -69,6 +69,26 @@ struct Deadband {
     }
 };
 
+// The torque is not what u_to_torque says: another amplifier setting, a torque read from a current.
+struct TorqueScale {
+    static constexpr mk_effect_info info = {"torque-scale",
+                                            "gain 1 + a",
+                                            "scale of an amplifier or of a torque reading",
+                                            MK_EFFECT_JOINT_NONE,
+                                            MK_STAGE_COMMAND,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"ratio", "", "a", -0.99, 100.0, 0.0}},
+                                            true};
+    template <class S>
+    static void command(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.command[0] += e.p[0] * f.command[0];
+    }
+};
+
 // Two halves of a push-pull stage.
 struct GainAsymmetry {
     static constexpr mk_effect_info info = {"gain-asymmetry",

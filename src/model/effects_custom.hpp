@@ -66,15 +66,16 @@ struct Custom {
         const S &v = f.m.v[j], &w = f.m.v[1 - j];
         S q = f.m.q[j] - mk_plant(f.c->plant)->rest[j];
         const S &u = f.command[0];
+        const double k = f.c->sharpness[j];
         switch (number) {
         default:
             return v * v * v;
         case 2:
             return v * v * v * fabs(v);
         case 3:
-            return smooth_sign(v) * w * w;
+            return smooth_sign(k, v) * w * w;
         case 4:
-            return smooth_sign(v) * v * v * v * v;
+            return smooth_sign(k, v) * v * v * v * v;
         case 5:
             return q * q * q;
         case 6:
@@ -82,7 +83,7 @@ struct Custom {
         case 7:
             return w;
         case 8:
-            return smooth_sign(w);
+            return smooth_sign(f.c->sharpness[1 - j], w);
         case 9:
             return w * fabs(w);
         case 10:
@@ -96,11 +97,11 @@ struct Custom {
         case 14:
             return v * q * q;
         case 15:
-            return smooth_sign(v) * q * q;
+            return smooth_sign(k, v) * q * q;
         case 16:
             return v * fabs(w);
         case 17:
-            return smooth_sign(v) * (v + w) * (v + w);
+            return smooth_sign(k, v) * (v + w) * (v + w);
         case 18: // with a slope at rest
             return v / sqrt(sqrt(v * v + 1e-4));
         case 19:
@@ -112,7 +113,7 @@ struct Custom {
         case 22:
             return v * f.t;
         case 23:
-            return smooth_sign(v) * f.t;
+            return smooth_sign(k, v) * f.t;
         }
     }
     template <class S>
@@ -152,15 +153,16 @@ struct CustomWave {
     static S wave(const Frame<S> &f, const EffectArgs<S> &e)
     {
         const S &v = f.m.v[e.j], &q = f.m.q[e.j];
+        const double k = f.c->sharpness[e.j];
         switch ((int)value_of(e.p[2])) {
         case 1:
-            return smooth_sign(v) * sin(q + e.p[1]);
+            return smooth_sign(k, v) * sin(q + e.p[1]);
         case 2:
             return v * sin(q + e.p[1]);
         case 3:
-            return smooth_sign(v) * sin(f.m.q[0] + f.m.q[1] + e.p[1]);
+            return smooth_sign(k, v) * sin(f.m.q[0] + f.m.q[1] + e.p[1]);
         case 4:
-            return smooth_sign(v) * sin(2.0 * q + e.p[1]);
+            return smooth_sign(k, v) * sin(2.0 * q + e.p[1]);
         case 5:
             return v * sin(2.0 * q + e.p[1]);
         case 6:

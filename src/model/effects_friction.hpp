@@ -1,4 +1,5 @@
-// Friction at a joint. Torques as in docs/effects.md; v is the joint's speed, S_k(v) = tanh(15 v).
+// Friction at a joint. Torques as in docs/effects.md; v is the joint's speed, S_k(v) = tanh(k v)
+// with the sharpness k of the effect.
 #ifndef MECHKIT_MODEL_EFFECTS_FRICTION_HPP
 #define MECHKIT_MODEL_EFFECTS_FRICTION_HPP
 
@@ -39,13 +40,13 @@ struct Coulomb {
         ALL_PLANTS,
         0,
         0,
-        1,
-        {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}},
+        2,
+        {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}, SHARPNESS},
         true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        f.tau[e.j] -= e.p[0] * smooth_sign(f.m.v[e.j]);
+        f.tau[e.j] -= e.p[0] * smooth_sign(e.p[1], f.m.v[e.j]);
     }
 };
 
@@ -60,16 +61,17 @@ struct Stribeck {
         ALL_PLANTS,
         0,
         0,
-        2,
+        3,
         {{"level", "N m", "excess friction at rest Fs", 0.0, INF, 0.1},
-         {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0}},
+         {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0},
+         SHARPNESS},
         true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
         const S &v = f.m.v[e.j];
         S r = v / e.p[1];
-        f.tau[e.j] -= e.p[0] * exp(-(r * r)) * smooth_sign(v);
+        f.tau[e.j] -= e.p[0] * exp(-(r * r)) * smooth_sign(e.p[2], v);
     }
 };
 
@@ -105,14 +107,35 @@ struct CoulombAsymmetry {
         ALL_PLANTS,
         0,
         0,
-        1,
-        {{"difference", "N m", "forwards minus backwards dF", -INF, INF, 0.02}},
+        2,
+        {{"difference", "N m", "forwards minus backwards dF", -INF, INF, 0.02}, SHARPNESS},
         true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        S s = smooth_sign(f.m.v[e.j]);
+        S s = smooth_sign(e.p[1], f.m.v[e.j]);
         f.tau[e.j] -= 0.5 * e.p[0] * s * s;
+    }
+};
+
+// More viscous friction one way than the other.
+struct ViscousAsymmetry {
+    static constexpr mk_effect_info info = {
+        "viscous-asymmetry",
+        "-(dc/2) |v|: dc more viscous friction forwards than backwards",
+        "Janot, Gautier, Brunot 2019: the friction of a ball screw's axis",
+        MK_EFFECT_JOINT_ANY,
+        MK_STAGE_TORQUE,
+        ALL_PLANTS,
+        0,
+        0,
+        1,
+        {{"difference", "N m s/rad", "forwards minus backwards dc", -INF, INF, 0.001}},
+        true};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.tau[e.j] -= 0.5 * e.p[0] * fabs(f.m.v[e.j]);
     }
 };
 
@@ -162,25 +185,36 @@ struct Stiction {
     }
 };
 
-// Gears and bearings rub more under load.
+// Gears and bearings rub more under load. At the motor joint the load is the motor's torque. At a
+// passive joint it is what presses on the bearing along the link, times the lever of the link's
+// centre of mass, so that it is in units of torque as well and mu is a number: the bearing's radius
+// over that lever times its coefficient of friction. A motor there adds its torque.
 struct LoadFriction {
     static constexpr mk_effect_info info = {
         "load-friction",
-        "-mu |torque of the motor on joint j| S_k(v)",
-        "Coulomb friction of a loaded gear",
+        "-mu |load| S_k(v): torque of the motor, at a passive joint the force on its bearing",
+        "Coulomb friction of a loaded gear or bearing",
         MK_EFFECT_JOINT_ANY,
         MK_STAGE_TORQUE,
         ALL_PLANTS,
         0,
         0,
-        1,
-        {{"coefficient", "", "friction per torque mu", 0.0, 1.0, 0.05}},
+        2,
+        {{"coefficient", "", "friction per load mu", 0.0, 1.0, 0.05}, SHARPNESS},
         true};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        const S &load = e.j == f.c->motor ? f.command[0] : f.command[1];
-        f.tau[e.j] -= e.p[0] * fabs(load) * smooth_sign(f.m.v[e.j]);
+        f.tau[e.j] -= e.p[0] * load(f, e.j) * smooth_sign(e.p[1], f.m.v[e.j]);
+    }
+    template <class S>
+    static S load(const Frame<S> &f, int j)
+    {
+        if (j == f.c->motor)
+            return fabs(f.command[0]);
+        return fabs(f.command[1]) + fabs(with_plant(f.c->plant, [&](auto law) {
+                   return law.bearing_load(f.m, f.c->p, f.c->g);
+               }));
     }
 };
 

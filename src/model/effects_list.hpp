@@ -18,6 +18,7 @@
     X(Viscous)                                                                                     \
     X(Coulomb)                                                                                     \
     X(CoulombAsymmetry)                                                                            \
+    X(ViscousAsymmetry)                                                                            \
     X(Stribeck)                                                                                    \
     X(QuadraticDrag)                                                                               \
     X(Stiction)                                                                                    \
@@ -25,6 +26,7 @@
     X(FrictionDrift)                                                                               \
     X(CableStiffness)                                                                              \
     X(CableHysteresis)                                                                             \
+    X(TorqueOffset)                                                                                \
     X(Cogging)                                                                                     \
     X(Imbalance)                                                                                   \
     X(EndStop)                                                                                     \
@@ -33,6 +35,7 @@
     X(InputDelay)                                                                                  \
     X(ActuatorLag)                                                                                 \
     X(Deadband)                                                                                    \
+    X(TorqueScale)                                                                                 \
     X(GainAsymmetry)                                                                               \
     X(GainDrift)                                                                                   \
     X(TorqueRipple)                                                                                \

@@ -69,7 +69,9 @@ struct Backlash {
     template <class S>
     static S drive(const Frame<S> &f, const EffectArgs<S> &e)
     {
-        return drives(f, e) ? f.motor_torque : -light_inertia(f, e) * e.p[4] * smooth_sign(e.z[1]);
+        return drives(f, e)
+                   ? f.motor_torque
+                   : -light_inertia(f, e) * e.p[4] * smooth_sign(f.c->sharpness[e.j], e.z[1]);
     }
     // Torque that the light side puts on the heavy side.
     template <class S>
@@ -141,9 +143,9 @@ struct Backlash {
     {
         double light = value_of(light_inertia(f, e)), friction = 0.0;
         if (drives(f, e)) {
-            double turn = value_of(smooth_sign(e.z[1]));
+            double k = f.c->sharpness[e.j], turn = value_of(smooth_sign(k, e.z[1]));
             int coulomb = mk_plant(f.c->plant)->parameter_count - 1;
-            friction = 15.0 * value_of(f.c->p[coulomb]) * (1.0 - turn * turn) / light;
+            friction = k * value_of(f.c->p[coulomb]) * (1.0 - turn * turn) / light;
         }
         return 1.5 * ::sqrt(value_of(e.p[1]) / light) + value_of(e.p[2]) / light + friction;
     }

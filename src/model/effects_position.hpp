@@ -31,6 +31,26 @@ struct CableStiffness {
     }
 };
 
+// Something pulls one way wherever the joint is: a counterweight, a biased amplifier, a brush.
+struct TorqueOffset {
+    static constexpr mk_effect_info info = {"torque-offset",
+                                            "a constant torque",
+                                            "offset of a drive: Janot, Gautier, Brunot 2019",
+                                            MK_EFFECT_JOINT_ANY,
+                                            MK_STAGE_TORQUE,
+                                            ALL_PLANTS,
+                                            0,
+                                            0,
+                                            1,
+                                            {{"level", "N m", "torque", -INF, INF, 0.01}},
+                                            true};
+    template <class S>
+    static void torque(Frame<S> &f, const EffectArgs<S> &e)
+    {
+        f.tau[e.j] += e.p[0];
+    }
+};
+
 // Detent torque of the motor's magnets.
 struct Cogging {
     static constexpr mk_effect_info info = {

@@ -18,7 +18,8 @@ void mk_model_default(enum mk_plant_kind kind, mk_model *out)
     out->g = 9.81;
     out->u_max = 10.0;
     out->u_to_torque = 0.00494;
-    out->encoder_cpr[0] = out->encoder_cpr[1] = 4000;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        mk_model_set_linear(out, j, plant->joint_motion[j] == MK_JOINT_SLIDES, nullptr);
     for (int i = 0; i < plant->parameter_count; i++)
         out->parameter[i] = plant->parameter[i].initial;
     out->rtol = 1e-8;
@@ -229,7 +230,8 @@ void mk_plant_regressor(const mk_model *model, const double *q, const double *v,
     Regressor<double> r(a[0], n > 1 ? a[1] : 0.0);
     with_plant(model->plant, [&](auto law) { law.law(m, model->g, r); });
     r.phi[plant->motor_joint][np - 2] = m.v[plant->motor_joint];
-    r.phi[plant->motor_joint][np - 1] = smooth_sign(m.v[plant->motor_joint]);
+    r.phi[plant->motor_joint][np - 1] =
+        smooth_sign(model->friction_sharpness, m.v[plant->motor_joint]);
     for (int i = 0; i < n; i++)
         memcpy(phi + i * np, r.phi[i], sizeof(double) * static_cast<size_t>(np));
 }

@@ -77,31 +77,94 @@ static enum mk_status get_positive(struct reader *r, const char *section, const 
     return st;
 }
 
-static enum mk_status get_counts(struct reader *r, struct mk_model *m)
+static enum mk_status get_joint_units(struct reader *r, struct mk_model *m)
 {
-    struct mk_ini_entry *e = find(r, "rig", "encoder_cpr");
+    struct mk_ini_entry *e = find(r, "rig", "joint_unit");
     if (!e)
         return MK_OK;
     e->used = true;
     const char *at = e->value;
-    int n = mk_model_joints(m), got = 0;
-    while (got < MK_MAX_JOINTS) {
-        char *end;
-        errno = 0;
-        long c = strtol(at, &end, 10);
-        if (end == at)
-            break;
-        if (errno || c < 1 || c > 100000000)
-            return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
-                               "encoder_cpr = %s: counts per revolution must be 1 .. 1e8",
-                               e->value);
-        m->encoder_cpr[got++] = (int)c;
-        at = end;
+    for (int j = 0; j < mk_model_joints(m); j++) {
+        at += strspn(at, " \t,");
+        size_t length = strcspn(at, " \t,");
+        bool metre = length == 1 && at[0] == 'm', radian = length == 3 && !strncmp(at, "rad", 3);
+        if (!metre && !radian)
+            return mk_ini_refuse(r->file, e, r->err, "rad or m for each joint");
+        struct mk_error why = MK_ERROR_INIT;
+        if (mk_model_set_linear(m, j, metre, &why) != MK_OK)
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "%s", why.message);
+        at += length;
     }
-    if (at[strspn(at, " \t,")] || got < 1)
-        return mk_ini_refuse(r->file, e, r->err, "one whole number for each joint");
-    if (got == 1 && n == 2)
-        m->encoder_cpr[1] = m->encoder_cpr[0];
+    if (at[strspn(at, " \t,")])
+        return mk_ini_refuse(r->file, e, r->err, "rad or m for each joint");
+    return MK_OK;
+}
+
+#define MOST_COUNTS 1e8 /* per revolution; of no encoder there is */
+
+/* One number for each joint, or one for all; `got` (may be NULL) says whether the key is there. */
+static enum mk_status get_each(struct reader *r, const char *key, const char *wanted,
+                               const struct mk_model *m, double least, double most,
+                               double out[MK_MAX_JOINTS], bool *got)
+{
+    struct mk_ini_entry *e = find(r, "rig", key);
+    *got = e != NULL;
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    const char *at = e->value;
+    int n = 0;
+    while (n < MK_MAX_JOINTS) {
+        at += strspn(at, " \t,");
+        size_t length = strcspn(at, " \t,");
+        if (length == 0 || !mk_parse_double(at, at + length, &out[n]))
+            break;
+        if (!(out[n] >= least && out[n] <= most))
+            return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                               "%s = %s: must be %g .. %g", key, e->value, least, most);
+        at += length;
+        n++;
+    }
+    if (at[strspn(at, " \t,")] || n < 1)
+        return mk_ini_refuse(r->file, e, r->err, wanted);
+    if (n == 1 && mk_model_joints(m) == 2)
+        out[1] = out[0];
+    return MK_OK;
+}
+
+/* An encoder by its counts a revolution, or by the size of a count. */
+static enum mk_status get_counts(struct reader *r, struct mk_model *m)
+{
+    double cpr[MK_MAX_JOINTS], size[MK_MAX_JOINTS];
+    bool has_cpr, has_size;
+    enum mk_status st = get_each(r, "encoder_cpr", "one whole number for each joint", m, 1.0,
+                                 MOST_COUNTS, cpr, &has_cpr);
+    if (st == MK_OK)
+        st = get_each(r, "encoder_resolution", "the size of a count for each joint", m, 1e-12, 1e3,
+                      size, &has_size);
+    if (st != MK_OK)
+        return st;
+    const struct mk_ini_entry *e = find(r, "rig", has_cpr ? "encoder_cpr" : "encoder_resolution");
+    if (has_cpr && has_size)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                           "encoder_cpr and encoder_resolution say the same thing: give one");
+    for (int j = 0; j < mk_model_joints(m); j++) {
+        if (has_size) {
+            m->encoder_resolution[j] = size[j];
+            m->encoder_cpr[j] = 0;
+        } else if (has_cpr && m->joint_linear[j]) {
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                               "joint %d slides: a revolution has no meaning there, give "
+                               "encoder_resolution, the size of a count in m",
+                               j + 1);
+        } else if (has_cpr && cpr[j] != floor(cpr[j])) {
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
+                               "encoder_cpr = %s: expected one whole number for each joint",
+                               e->value);
+        } else if (has_cpr) {
+            m->encoder_cpr[j] = (int)cpr[j];
+        }
+    }
     return MK_OK;
 }
 
@@ -121,11 +184,15 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
                            "reaction-wheel or furuta",
                            kind->value);
     mk_model_default(plant->kind, m);
-    enum mk_status st = get_positive(r, "rig", "g", MOST, &m->g);
+    enum mk_status st = get_joint_units(r, m);
+    if (st == MK_OK)
+        st = get_positive(r, "rig", "g", MOST, &m->g);
     if (st == MK_OK)
         st = get_positive(r, "rig", "u_max", HUGE_VAL, &m->u_max);
     if (st == MK_OK)
         st = get_positive(r, "rig", "u_to_torque", MOST, &m->u_to_torque);
+    if (st == MK_OK)
+        st = get_positive(r, "rig", "friction_sharpness", MOST, &m->friction_sharpness);
     if (st == MK_OK)
         st = get_counts(r, m);
     if (st == MK_OK)
@@ -321,6 +388,29 @@ static void put(FILE *f, const char *key, double value)
     fprintf(f, "%s = %s\n", key, text);
 }
 
+/* What a file without the key means. */
+static struct mk_model left_out(const struct mk_model *m)
+{
+    struct mk_model usual;
+    mk_model_default(m->plant, &usual);
+    for (int j = 0; j < mk_model_joints(m); j++)
+        if (usual.joint_linear[j] != m->joint_linear[j])
+            (void)mk_model_set_linear(&usual, j, m->joint_linear[j], NULL);
+    return usual;
+}
+
+/* Whether a parameter has the value that it has when it is left out: one that follows from the
+ * rig. Others are written all the same. */
+static bool goes_without_saying(const struct mk_model *m, const struct mk_effect_use *use, int k)
+{
+    const struct mk_parameter_info *p = &mk_effect(use->index)->parameter[k];
+    struct mk_model alone = *m;
+    alone.effect_count = 0;
+    return p->optional && p->fit == MK_FIT_FIXED &&
+           mk_model_add_effect(&alone, mk_effect(use->index)->name, use->joint, NULL) == MK_OK &&
+           alone.effect[0].value[k] == use->value[k];
+}
+
 static void write_effects(FILE *f, const struct mk_model *m)
 {
     for (int i = 0; i < m->effect_count; i++) {
@@ -336,7 +426,8 @@ static void write_effects(FILE *f, const struct mk_model *m)
         if (use->joint > 0)
             fprintf(f, "joint = %d\n", use->joint);
         for (int k = 0; k < info->parameter_count; k++) {
-            put(f, info->parameter[k].name, use->value[k]);
+            if (!goes_without_saying(m, use, k))
+                put(f, info->parameter[k].name, use->value[k]);
             if (use->spread[k] > 0.0) {
                 char key[MK_INI_TEXT];
                 snprintf(key, sizeof key, "%s" SPREAD, info->parameter[k].name);
@@ -344,6 +435,30 @@ static void write_effects(FILE *f, const struct mk_model *m)
             }
         }
     }
+}
+
+static void write_joints(FILE *f, const struct mk_model *m)
+{
+    int n = mk_model_joints(m);
+    const char *gap = "";
+    if (m->joint_linear[0] || m->joint_linear[1]) {
+        fprintf(f, "joint_unit =");
+        for (int j = 0; j < n; j++)
+            fprintf(f, m->joint_linear[j] ? " m" : " rad");
+        fprintf(f, "\n");
+    }
+    if (m->friction_sharpness != left_out(m).friction_sharpness)
+        put(f, "friction_sharpness", m->friction_sharpness);
+    bool sizes = false;
+    for (int j = 0; j < n; j++)
+        sizes = sizes || m->encoder_cpr[j] == 0;
+    fprintf(f, sizes ? "encoder_resolution = " : "encoder_cpr = ");
+    for (int j = 0; j < n; j++, gap = " ") {
+        char text[MK_NUMBER_MAX];
+        mk_format_double(text, sizes ? mk_model_count(m, j) : m->encoder_cpr[j]);
+        fprintf(f, "%s%s", gap, text);
+    }
+    fprintf(f, "\n");
 }
 
 static void write_model(FILE *f, const struct mk_model *m, const char *comment)
@@ -358,10 +473,8 @@ static void write_model(FILE *f, const struct mk_model *m, const char *comment)
     put(f, "g", m->g);
     put(f, "u_max", m->u_max);
     put(f, "u_to_torque", m->u_to_torque);
-    fprintf(f, "encoder_cpr = %d", m->encoder_cpr[0]);
-    if (plant->joints == 2)
-        fprintf(f, " %d", m->encoder_cpr[1]);
-    fprintf(f, "\n\n[parameters]\n");
+    write_joints(f, m);
+    fprintf(f, "\n[parameters]\n");
     bool errors = false;
     for (int i = 0; i < plant->parameter_count; i++) {
         put(f, plant->parameter[i].name, m->parameter[i]);

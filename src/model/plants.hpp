@@ -7,6 +7,11 @@
 // D and h, Regressor keeps them apart as columns of Phi. Rows are in Lagrangian form: row j is the
 // equation of the generalised coordinate q_j, so a torque inside joint j appears in row j alone.
 //
+// bearing_load is the force that the bearing of the passive joint takes along the link that hangs
+// on it, outwards positive, times the lever of that link's centre of mass: of a point mass that
+// swings as the link does, from its weight and from what holds it on its path. The part of the
+// other joint's acceleration, which friction itself would change, is left out.
+//
 // Friction of the motor joint has the same form on every plant (the last two parameters) and is
 // added by the model (rhs.hpp): what turns with the motor's shaft need not be the joint (backlash).
 //
@@ -91,6 +96,11 @@ struct InertiaWheel {
     {
         return S(0.0);
     }
+    template <class S>
+    static S bearing_load(const Motion<S> &, const S *, double)
+    {
+        return S(0.0); // no passive joint
+    }
 };
 
 // p1 a1 + p2 sin q1 + f = u. Report (3.13), q1 from the downward vertical (errata 3.4).
@@ -106,6 +116,11 @@ struct Pendulum {
     static S potential(const S *p, const S *q, double)
     {
         return p[1] * (1.0 - cos(q[0]));
+    }
+    template <class S>
+    static S bearing_load(const Motion<S> &, const S *, double)
+    {
+        return S(0.0); // no passive joint
     }
 };
 
@@ -131,6 +146,12 @@ struct Pendubot {
     {
         return g * (p[3] * sin(q[0]) + p[4] * sin(q[0] + q[1]));
     }
+    template <class S>
+    static S bearing_load(const Motion<S> &m, const S *p, double g)
+    {
+        S w = m.w1 + m.v[1];
+        return p[1] * w * w + p[2] * m.w1 * m.w1 * cos(m.q[1]) - p[4] * g * sin(m.qg1 + m.q[1]);
+    }
 };
 
 // Report (2.19)-(2.21) with q2 relative to the pendulum (errata 2.12): row 2 is p2 (a1 + a2) = u -
@@ -148,6 +169,11 @@ struct ReactionWheel {
     static S potential(const S *p, const S *q, double g)
     {
         return p[2] * g * (1.0 - cos(q[0]));
+    }
+    template <class S>
+    static S bearing_load(const Motion<S> &m, const S *p, double g)
+    {
+        return p[0] * m.w1 * m.w1 + p[2] * g * cos(m.qg1);
     }
 };
 
@@ -170,6 +196,13 @@ struct Furuta {
     static S potential(const S *p, const S *q, double g)
     {
         return p[3] * g * cos(q[1]);
+    }
+    template <class S>
+    static S bearing_load(const Motion<S> &m, const S *p, double g)
+    {
+        S s, c;
+        sincos(m.q[1], s, c);
+        return 4.0 * p[2] * (m.v[1] * m.v[1] + m.w1 * m.w1 * s * s) - p[3] * g * c;
     }
 };
 

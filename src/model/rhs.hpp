@@ -22,6 +22,8 @@ inline Compiled<S> compile(const mk_model &model)
     c.parameter_count = plant->parameter_count;
     c.g = model.g;
     c.u_max = model.u_max;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        c.sharpness[j] = mk_model_sharpness(&model, j);
     c.effect_count = model.effect_count;
     c.state_count = 2 * c.joints;
     c.event_count = 0;
@@ -56,7 +58,7 @@ template <class S>
 inline S motor_friction(const Compiled<S> &c, const S &speed, const S &coulomb_scale)
 {
     return c.p[c.parameter_count - 2] * speed +
-           c.p[c.parameter_count - 1] * coulomb_scale * smooth_sign(speed);
+           c.p[c.parameter_count - 1] * coulomb_scale * smooth_sign(c.sharpness[c.motor], speed);
 }
 
 template <class S>

@@ -102,10 +102,10 @@ inline S clamp(const S &x, const S &low, const S &high)
 }
 
 // Smooth sign S_k(v) = tanh(k v); report (2.3) with the speed as argument (errata 2.4).
-template <class S>
-inline S smooth_sign(const S &v)
+template <class K, class S>
+inline S smooth_sign(const K &k, const S &v)
 {
-    return tanh(15.0 * v);
+    return tanh(k * v);
 }
 
 } // namespace MK_KERNEL_NS

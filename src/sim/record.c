@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "mechkit/number.h"
+
 /* --- columns ----------------------------------------------------------------------------- */
 
 static enum mk_status missing(const struct mk_log *log, struct mk_error *err, const char *what)
@@ -35,6 +37,69 @@ static enum mk_status find_commands(const struct mk_log *log, const struct mk_pl
     return missing(log, err, "u (the command), tau, or u1/tau1: one of them is needed");
 }
 
+/* One word a joint behind the key. */
+static enum mk_status describe(struct mk_log *log, const struct mk_model *model, const char *key,
+                               void (*word)(const struct mk_model *, int, char *, size_t))
+{
+    char text[2 * MK_NUMBER_MAX + 2] = "";
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        size_t used = strlen(text);
+        if (j > 0)
+            text[used++] = ' ';
+        word(model, j, text + used, sizeof text - used);
+    }
+    return mk_log_set_meta(log, key, text);
+}
+
+static void unit_word(const struct mk_model *model, int joint, char *text, size_t size)
+{
+    snprintf(text, size, "%s", mk_model_unit(model, joint, "rad"));
+}
+
+static void cpr_word(const struct mk_model *model, int joint, char *text, size_t size)
+{
+    snprintf(text, size, "%d", model->encoder_cpr[joint]);
+}
+
+static void count_word(const struct mk_model *model, int joint, char *text, size_t size)
+{
+    snprintf(text, size, "%.9g", mk_model_count(model, joint));
+}
+
+enum mk_status mk_record_describe_joints(struct mk_log *log, const struct mk_model *model,
+                                         bool counts)
+{
+    bool slides = false, turns = true;
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        slides = slides || model->joint_linear[j];
+        turns = turns && model->encoder_cpr[j] > 0;
+    }
+    enum mk_status st = slides ? describe(log, model, "joint_unit", unit_word) : MK_OK;
+    if (st == MK_OK && counts)
+        st = turns ? describe(log, model, "encoder_cpr", cpr_word)
+                   : describe(log, model, "encoder_resolution", count_word);
+    return st;
+}
+
+/* A log that says nothing is in the model's units. */
+static enum mk_status check_units(const struct mk_log *log, const struct mk_model *model,
+                                  struct mk_error *err)
+{
+    const char *at = mk_log_find_meta(log, "joint_unit");
+    for (int j = 0; at && *at && j < mk_model_joints(model); j++) {
+        size_t length = strcspn(at, " \t,");
+        const char *unit = mk_model_unit(model, j, "rad");
+        if (strlen(unit) != length || strncmp(at, unit, length) != 0)
+            return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                               "joint %d is in %.*s in the log, in %s in the model: joint_unit in "
+                               "the model's [rig] says which",
+                               j + 1, (int)length, at, unit);
+        at += length;
+        at += strspn(at, " \t,");
+    }
+    return MK_OK;
+}
+
 enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,
                                   struct mk_record *out, struct mk_error *err)
 {
@@ -44,6 +109,9 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     if (rig && *rig && strcmp(rig, plant->name) != 0)
         return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
                            "the log is of the rig %s, the model of %s", rig, plant->name);
+    enum mk_status st = check_units(log, model, err);
+    if (st != MK_OK)
+        return st;
     out->rows = log->rows;
     out->t = mk_log_get(log, "t");
     if (!out->t)
@@ -58,7 +126,7 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     const char *clock = mk_log_find_meta(log, "clock");
     out->board_clock = clock && strcmp(clock, "board") == 0;
     out->late_us = out->board_clock ? NULL : mk_log_get(log, "late_us");
-    enum mk_status st = find_commands(log, plant, out, err);
+    st = find_commands(log, plant, out, err);
     out->u_to_torque = out->si ? 1.0 : model->u_to_torque;
     return st;
 }
@@ -157,7 +225,7 @@ static struct neighbourhood around(const struct mk_record *rec, int joint, size_
 static bool smooth_joint(const struct mk_record *rec, const struct mk_model *model, int joint,
                          size_t first, size_t last, size_t row, int half, double *q, double *v)
 {
-    double count = 6.283185307179586 / model->encoder_cpr[joint];
+    double count = mk_model_count(model, joint);
     double noise = 0.45 * count; /* rounding (0.29) and some jitter, rms */
     bool found = false;
     size_t widest = half > 0 ? (size_t)half : (last - first) / 2 + 1;

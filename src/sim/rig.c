@@ -7,8 +7,6 @@
 
 #include "base/random.h"
 
-#define TURN_RAD (2.0 * 3.14159265358979323846)
-
 struct mk_rig {
     struct mk_model given; /* with spreads from log to log */
     struct mk_model model; /* as it is in this log */
@@ -17,7 +15,7 @@ struct mk_rig {
     struct mk_random random;
     struct mk_random own; /* of values that a log has of its own */
     int joints;
-    double counts_per_rad[MK_MAX_JOINTS];
+    double count[MK_MAX_JOINTS]; /* its size, in the joint's unit */
     double rest[MK_MAX_JOINTS];
     int64_t zero[MK_MAX_JOINTS]; /* counts from hanging rest to where the counter was zeroed */
 };
@@ -29,7 +27,7 @@ void mk_rig_config_default(struct mk_rig_config *config)
 
 static int64_t quantise(const struct mk_rig *rig, int j, double angle, double jitter)
 {
-    return (int64_t)floor((angle - rig->rest[j]) * rig->counts_per_rad[j] + jitter + 0.5);
+    return (int64_t)floor((angle - rig->rest[j]) / rig->count[j] + jitter + 0.5);
 }
 
 /* The low 24 bits of a position, as a signed number: the counter chip has no more. */
@@ -51,7 +49,7 @@ enum mk_status mk_rig_create(const struct mk_model *model, const struct mk_rig_c
         rig->config = *config;
     rig->joints = mk_model_joints(model);
     for (int j = 0; j < rig->joints; j++) {
-        rig->counts_per_rad[j] = model->encoder_cpr[j] / TURN_RAD;
+        rig->count[j] = mk_model_count(model, j);
         rig->rest[j] = mk_plant(model->plant)->rest[j];
     }
     enum mk_status st = mk_rig_restart(rig, err);

@@ -40,7 +40,7 @@ try {
     }
     for (int j = 0; j < mk_model_joints(model); j++) {
         const double *q = record->q[j];
-        const double counts_per_unit = model->encoder_cpr[j] / 6.283185307179586;
+        const double counts_per_unit = 1.0 / mk_model_count(model, j);
         for (size_t k = 0; k < record->rows; k++)
             f->w[j].push_back(std::isnan(q[k]) ? 0.0 : counts_per_unit);
         f->data.q[j] = q;

@@ -141,9 +141,19 @@ const Row rows[] = {
          return {{"moment", k * about(d, 0.05, 0.3) * scale_of(r, j).torque},
                  {"phase", d.between(-PI, PI)}};
      }},
-    {"load-friction", driven_joint,
-     [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"coefficient", k * about(d, 0.02, 0.12)}};
+    {"viscous-asymmetry", any_joint,
+     [](const Rig &r, int j, Draw &d, double k) -> Values {
+         Scale s = scale_of(r, j);
+         return {{"difference", d.sign() * k * about(d, 0.06, 0.3) * s.torque / s.speed}};
+     }},
+    {"torque-offset", any_joint,
+     [](const Rig &r, int j, Draw &d, double k) -> Values {
+         return {{"level", d.sign() * k * about(d, 0.03, 0.2) * scale_of(r, j).torque}};
+     }},
+    {"load-friction", any_joint,
+     [](const Rig &r, int j, Draw &d, double k) -> Values {
+         bool driven = driven_joint(r.kind, j);
+         return {{"coefficient", k * (driven ? about(d, 0.02, 0.12) : about(d, 0.01, 0.05))}};
      }},
     {"reflected-inertia", [](const std::string &, int joint) { return joint == 2; },
      [](const Rig &r, int, Draw &d, double k) -> Values {
@@ -261,7 +271,7 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
 {
     int joint = joints_of(rig.kind) == 2 ? 1 + (int)draw.below(2) : 1;
     bool pivot = is(rig.kind, "pendubot") || is(rig.kind, "furuta");
-    if (name == "normal-load-friction" || (name == "position-friction" && pivot))
+    if (name == "position-friction" && pivot)
         joint = pivot ? 2 : 1;
     if (name == "bent-gain" || name == "speed-gain")
         joint = motor_joint(rig.kind);
@@ -272,8 +282,6 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
         v = {{"coefficient", size / std::pow(s.speed, 3)}};
     else if (name == "position-friction")
         v = {{"level", size}, {"centre", angle}};
-    else if (name == "normal-load-friction")
-        v = {{"mu", draw.between(0.01, 0.04)}};
     else if (name == "magnet")
         v = {{"strength", size},
              {"centre", is(rig.kind, "pendubot") && joint == 1 ? -0.5 * PI + 0.4 : 0.4},
@@ -291,8 +299,6 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
         v = {{"coefficient", k * draw.between(0.05, 0.15) / 9.0}}; // commands reach 3 to 5
     else if (name == "speed-gain")
         v = {{"coefficient", k * draw.between(0.1, 0.3) / s.speed}};
-    else if (name == "one-way-drag")
-        v = {{"coefficient", size / s.speed}};
     else if (name == "wind")
         v = {{"coefficient", size / (s.speed * s.speed)},
              {"speed", draw.sign() * draw.between(0.2, 0.6) * s.speed}};
@@ -308,8 +314,6 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
 bool foreign_possible(const std::string &name, const std::string &rig)
 {
     bool two = joints_of(rig) == 2, wheel = is(rig, "inertia-wheel");
-    if (name == "normal-load-friction")
-        return is(rig, "pendubot") || is(rig, "furuta");
     if (name == "relative-drag")
         return two && !is(rig, "reaction-wheel");
     if (name == "magnet" || name == "hardening-cable")

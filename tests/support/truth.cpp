@@ -9,10 +9,9 @@ namespace truth
 {
 
 const std::vector<std::string> foreign_effects = {
-    "cubic-drag",      "position-friction", "normal-load-friction", "magnet",
-    "hardening-cable", "floor-shake",       "relative-drag",        "square-root-drag",
-    "bent-gain",       "speed-gain",        "one-way-drag",         "wind",
-    "warming-drag",    "creeping-pull"};
+    "cubic-drag",    "position-friction", "magnet",    "hardening-cable", "floor-shake",
+    "relative-drag", "square-root-drag",  "bent-gain", "speed-gain",      "wind",
+    "warming-drag",  "creeping-pull"};
 
 namespace
 {
@@ -145,6 +144,8 @@ double Machine::amplifier(const State &s, double t, double command) const
     }
     if (const Effect *e = find("gain-asymmetry"))
         u *= u > 0.0 ? 1.0 + at_(*e, "ratio") : 1.0 - at_(*e, "ratio");
+    if (const Effect *e = find("torque-scale"))
+        u *= 1.0 + at_(*e, "ratio");
     if (const Effect *e = find("gain-drift"))
         u *= 1.0 - at_(*e, "loss") * (1.0 - std::exp(-t / at_(*e, "time-constant")));
     if (const Effect *e = find("torque-ripple"))
@@ -236,15 +237,34 @@ void Machine::gravity(const State &s, Forces &f) const
         }
 }
 
-// What presses the pivot of link 2 along the link (pendubot, furuta): its weight and what holds it
-// on its circle, without the part of the accelerations; a torque, as by a bearing's radius.
+// What presses on the bearing of the passive joint along the link that hangs there: the weight of a
+// point mass and what holds it on its way, without the part of the accelerations; a torque, as by
+// the mass's distance.
 double Machine::normal_force(const State &s) const
 {
-    double w = s.v[LINK2] * s.v[LINK2], v = s.v[LINK1] * s.v[LINK1];
-    if (kind == Kind::pendubot)
+    const Effect *tilt = find("base-tilt");
+    double lean = tilt ? at_(*tilt, "angle") : 0.0;
+    if (kind == Kind::reaction_wheel)
+        return std::fabs(p[0] * s.v[LINK1] * s.v[LINK1] +
+                         p[2] * rig.g * std::cos(s.y[LINK1] - lean));
+    if (kind == Kind::pendubot) {
+        double w = s.v[LINK2] * s.v[LINK2], v = s.v[LINK1] * s.v[LINK1];
         return std::fabs(p[1] * w + p[2] * v * std::cos(s.y[LINK2] - s.y[LINK1]) -
-                         p[4] * rig.g * std::sin(s.y[LINK2]));
-    return std::fabs(4.0 * p[2] * w - p[3] * rig.g * std::cos(s.y[LINK2]));
+                         p[4] * rig.g * std::sin(s.y[LINK2] - lean));
+    }
+    if (kind != Kind::furuta)
+        return 0.0;
+    // In space: what holds the masses of the rod, seen along it.
+    Rod rod(p);
+    double a = s.y[LINK1], b = s.y[LINK2], pull = 0.0;
+    double along[3] = {-std::sin(b) * std::sin(a), std::sin(b) * std::cos(a), std::cos(b)};
+    for (int n = 0; n < 3; n++) {
+        double J[3][2], bias[3];
+        rod.motion(n, a, b, s.v[LINK1], s.v[LINK2], J, bias);
+        for (int i = 0; i < 3; i++)
+            pull -= rod.mass[n] * rod.radius[n] * along[i] * (bias[i] + (i == 2 ? rig.g : 0.0));
+    }
+    return std::fabs(pull);
 }
 
 double Machine::foreign(const Effect &e, const State &s, double t, double drive) const
@@ -254,8 +274,6 @@ double Machine::foreign(const Effect &e, const State &s, double t, double drive)
         return -at_(e, "coefficient") * v * v * v;
     if (e.name == "position-friction")
         return -0.5 * at_(e, "level") * (1.0 + std::cos(q - at_(e, "centre"))) * soft_sign(v);
-    if (e.name == "normal-load-friction")
-        return -at_(e, "mu") * normal_force(s) * soft_sign(v);
     if (e.name == "magnet") {
         double off = std::remainder(q - at_(e, "centre"), 2.0 * PI) / at_(e, "reach");
         return -at_(e, "strength") * off * std::exp(-0.5 * off * off);
@@ -274,8 +292,6 @@ double Machine::foreign(const Effect &e, const State &s, double t, double drive)
         return -at_(e, "coefficient") * drive * drive * drive;
     if (e.name == "speed-gain") // a motor that is weaker while it turns
         return -at_(e, "coefficient") * drive * std::fabs(v);
-    if (e.name == "one-way-drag")
-        return -at_(e, "coefficient") * std::max(v, 0.0);
     if (e.name == "wind") {
         double past = v - at_(e, "speed");
         return -at_(e, "coefficient") * past * std::fabs(past);
@@ -307,6 +323,10 @@ void Machine::joint_torques(const State &s, double t, double drive, Forces &f, S
             torque = -at_(e, "level") * soft_sign(v);
         } else if (e.name == "coulomb-asymmetry") {
             torque = -0.5 * at_(e, "difference") * soft_sign(v) * soft_sign(v);
+        } else if (e.name == "viscous-asymmetry") {
+            torque = -0.5 * at_(e, "difference") * (v > 0.0 ? v : -v);
+        } else if (e.name == "torque-offset") {
+            torque = at_(e, "level");
         } else if (e.name == "stribeck") {
             double slow = v / at_(e, "velocity");
             torque = -at_(e, "level") * std::exp(-slow * slow) * soft_sign(v);
@@ -324,7 +344,8 @@ void Machine::joint_torques(const State &s, double t, double drive, Forces &f, S
         } else if (e.name == "cogging") {
             torque = -at_(e, "amplitude") * std::sin(at_(e, "cycles") * q + at_(e, "phase"));
         } else if (e.name == "load-friction") {
-            torque = -at_(e, "coefficient") * std::fabs(drive) * soft_sign(v);
+            double load = e.joint == motor ? std::fabs(drive) : normal_force(s);
+            torque = -at_(e, "coefficient") * load * soft_sign(v);
         } else if (e.name == "end-stop") {
             double in = q - at_(e, "limit");
             if (in > 0.0)
