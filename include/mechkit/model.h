@@ -206,6 +206,9 @@ MK_NODISCARD enum mk_status mk_model_add_effect(struct mk_model *model, const ch
 
 /* Whether a parameter may have a value of its own in every log: no count, no phase, no constant. */
 bool mk_parameter_may_differ(const struct mk_parameter_info *info);
+/* Whether it is a constant of a law that follows from the rig where nothing else is said, so that
+ * nobody needs to be told of it: the sharpness of a friction. */
+bool mk_parameter_goes_without_saying(const struct mk_parameter_info *info);
 /* Whether some parameter of the model has (a spread above 0). */
 bool mk_model_has_own_values(const struct mk_model *model);
 

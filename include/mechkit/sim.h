@@ -133,6 +133,8 @@ MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);
 
+/* Whether a log says that joint (0-based) slides: its position is in m. */
+bool mk_record_joint_slides(const struct mk_log *log, int joint);
 /* Writes what the model says about joints and encoders into a log's metadata (joint_unit where a
  * joint slides; encoder_cpr or encoder_resolution if `counts`). MK_ERR_NOMEM. */
 MK_NODISCARD enum mk_status mk_record_describe_joints(struct mk_log *log,

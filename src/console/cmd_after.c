@@ -186,8 +186,9 @@ enum mk_status cmd_do_compare(struct session *s, int argc, char **argv, struct m
         return st;
     }
     for (int j = 0; j < mk_model_joints(&model); j++)
-        session_say(s, "q%d: simulated %g s from the data each time, off by %.4f rad rms, %.1f %%",
-                    j + 1, COMPARE_S, figures.rms[j], 100.0 * figures.nrmse[j]);
+        session_say(s, "q%d: simulated %g s from the data each time, off by %.4f %s rms, %.1f %%",
+                    j + 1, COMPARE_S, figures.rms[j], mk_model_unit(&model, j, "rad"),
+                    100.0 * figures.nrmse[j]);
     if (s->options.show) {
         s->options.show(s->options.user, log, prediction, false);
         return MK_OK;

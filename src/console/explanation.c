@@ -16,6 +16,8 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
         fprintf(out, " at joint %d", c->joint);
     fprintf(out, ": ");
     for (int k = 0; k < c->effect->parameter_count; k++) {
+        if (mk_parameter_goes_without_saying(&c->effect->parameter[k]))
+            continue;
         fprintf(out, "%s%s %.4g", k ? ", " : "", c->effect->parameter[k].name, c->value[k]);
         if (isfinite(c->std_error[k]))
             fprintf(out, " +- %.2g", c->std_error[k]);
@@ -47,8 +49,8 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
         if (strcmp(c->effect->name, "encoder-offset") == 0 && held > 0.0)
             fprintf(out,
                     "    The counters are zeroed where the rig hangs; friction can hold this joint "
-                    "%.2g rad from there.\n",
-                    held);
+                    "%.2g %s from there.\n",
+                    held, mk_model_unit(&e->given, c->joint - 1, "rad"));
     }
 }
 
@@ -83,8 +85,9 @@ static void print_values(FILE *out, const struct mk_explanation *e)
         const struct mk_effect_use *given = &e->given.effect[i], *refit = &e->refit.effect[i];
         const struct mk_effect_info *info = mk_effect(given->index);
         for (int k = 0; k < info->parameter_count; k++)
-            fprintf(out, "  %s, %s: given %.4g, refitted %.4g\n", info->name,
-                    info->parameter[k].name, given->value[k], refit->value[k]);
+            if (!mk_parameter_goes_without_saying(&info->parameter[k]))
+                fprintf(out, "  %s, %s: given %.4g, refitted %.4g\n", info->name,
+                        info->parameter[k].name, given->value[k], refit->value[k]);
     }
 }
 
@@ -123,7 +126,7 @@ static void print_control(FILE *out, const struct mk_explanation *e)
                 tracks ? "speed error" : "sway");
         for (int k = 0; k < 3; k++)
             fprintf(out, " %.3g%s", tracks ? f[k]->error : 1e3 * f[k]->error, k < 2 ? "," : "");
-        fprintf(out, tracks ? " rad/s; rms command" : " mrad; rms command");
+        fprintf(out, " %s; rms command", mk_model_unit(&e->given, -1, tracks ? "rad/s" : "mrad"));
         for (int k = 0; k < 3; k++)
             fprintf(out, " %.3g%s", f[k]->effort, k < 2 ? "," : "\n");
     }

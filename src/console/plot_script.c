@@ -9,11 +9,13 @@
 #include "console/plot_data.h"
 #include "mechkit/ctrl.h"
 #include "mechkit/model.h"
+#include "mechkit/sim.h"
 
 struct layout {
     FILE *f;
     const struct plot *p;
     bool wheel[2];
+    const char *unit[MK_MAX_JOINTS]; /* of the positions */
     int joints;
     double caught; /* time of the hand-over; NaN: none, or several logs */
 };
@@ -109,8 +111,8 @@ static void mark_hand_over(const struct layout *l, bool label)
 static void put_angle(const struct layout *l, int j)
 {
     int column = (l->wheel[j] ? PLOT_DQ1 : PLOT_Q1) + j, first = l->p->count > 1 ? 1 : 1 + j;
-    fprintf(l->f, "set ylabel '%s%d [rad%s]'\n", l->wheel[j] ? "wheel speed dq" : "q", j + 1,
-            l->wheel[j] ? "/s" : "");
+    fprintf(l->f, "set ylabel '%s%d [%s%s]'\n", l->wheel[j] ? "wheel speed dq" : "q", j + 1,
+            l->unit[j], l->wheel[j] ? "/s" : "");
     put_curves(l, "$log", PLOT_T, column, "lines", first);
     if (l->p->with)
         fprintf(l->f, ", $with using %d:%d with lines ls 20 title 'model'", PLOT_T, column);
@@ -128,7 +130,8 @@ static void put_command(const struct layout *l)
 
 static void put_difference(const struct layout *l)
 {
-    fputs("set ylabel 'error [rad]'\nplot ", l->f);
+    bool mixed = l->joints == 2 && strcmp(l->unit[0], l->unit[1]) != 0;
+    fprintf(l->f, "set ylabel 'error [%s]'\nplot ", mixed ? "rad, m" : l->unit[0]);
     for (int j = 0; j < l->joints; j++)
         fprintf(l->f, "%s$difference using 1:%d with lines ls %d title 'q%d'", j ? ", " : "",
                 PLOT_DIFFERENCE + j, j + 1, j + 1);
@@ -158,7 +161,8 @@ static void put_few_tics(const struct layout *l, int j)
 static void put_phase_plane(const struct layout *l, int j)
 {
     put_few_tics(l, j);
-    fprintf(l->f, "set xlabel 'q%d [rad]'\nset ylabel 'dq%d [rad/s]'\n", j + 1, j + 1);
+    fprintf(l->f, "set xlabel 'q%d [%s]'\nset ylabel 'dq%d [%s/s]'\n", j + 1, l->unit[j], j + 1,
+            l->unit[j]);
     put_curves(l, "$log", PLOT_Q1 + j, PLOT_DQ1 + j, "lines", l->p->count > 1 ? 1 : 1 + j);
     if (!isnan(l->caught))
         fprintf(l->f,
@@ -214,8 +218,8 @@ static void put_spectrum_panel(const struct layout *l, int j, int column)
 {
     char block[32], label[48];
     snprintf(block, sizeof block, "$joint%d_", j + 1);
-    snprintf(label, sizeof label, "%s%d [%s^2/Hz]", l->wheel[j] ? "dq" : "q", j + 1,
-             l->wheel[j] ? "(rad/s)" : "rad");
+    snprintf(label, sizeof label, l->wheel[j] ? "dq%d [(%s/s)^2/Hz]" : "q%d [%s^2/Hz]", j + 1,
+             l->unit[j]);
     const char *text = column == PLOT_PSD_U       ? "command [1/Hz]"
                        : column == PLOT_PSD_Q     ? label
                        : column == PLOT_GAIN      ? "gain"
@@ -284,8 +288,11 @@ enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *er
     const char *rig = mk_log_find_meta(plot->logs[0], "rig");
     const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
     l.joints = mk_log_get(plot->logs[0], "q2") ? 2 : 1;
-    for (int j = 0; plant && j < l.joints; j++)
-        l.wheel[j] = plant->joint_is_wheel[j];
+    for (int j = 0; j < l.joints; j++) {
+        bool slides = mk_record_joint_slides(plot->logs[0], j);
+        l.wheel[j] = plant && plant->joint_is_wheel[j] && !slides;
+        l.unit[j] = slides ? "m" : "rad";
+    }
     l.caught = plot->count == 1 ? hand_over(plot->logs[0]) : (double)NAN;
     for (int i = 0; i < plot->count; i++)
         if (!mk_log_get(plot->logs[i], l.joints == 2 ? "q2" : "q1") ||

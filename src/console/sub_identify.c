@@ -124,7 +124,7 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
     }
     print_own_values(r, files);
     for (int j = 0; j < mk_model_joints(&r->model); j++)
-        printf("  noise of q%d: %.3g rad\n", j + 1, r->noise[j]);
+        printf("  noise of q%d: %.3g %s\n", j + 1, r->noise[j], mk_model_unit(&r->model, j, "rad"));
     printf("  condition number %.3g, scaled %.3g\n", r->condition_number,
            r->condition_number_scaled);
     print_correlation(r);

@@ -129,8 +129,8 @@ static void print_figures(const struct options *o, const struct mk_model *model,
     if (f->from_s > 0.0)
         printf("  errors of the second half, from %.3g s on:\n", f->from_s);
     for (int j = 0; j < mk_model_joints(model); j++)
-        printf("  q%d: rms error %.4g rad, %.4g of its standard deviation\n", j + 1, f->rms[j],
-               f->nrmse[j]);
+        printf("  q%d: rms error %.4g %s, %.4g of its standard deviation\n", j + 1, f->rms[j],
+               mk_model_unit(model, j, "rad"), f->nrmse[j]);
     if (failed)
         printf("  %zu window%s ended early: the model leaves every bound\n", failed,
                failed == 1 ? "" : "s");

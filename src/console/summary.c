@@ -64,7 +64,8 @@ static void summarise_balance(const struct mk_log *log, struct run_summary *r)
         settled++;
     const struct mk_plant_info *plant = mk_plant_by_name(r->rig);
     for (int j = 0; j < MK_MAX_JOINTS; j++)
-        if (q[j] && settled + RMS_ROWS < last && !(plant && plant->joint_is_wheel[j]))
+        if (q[j] && settled + RMS_ROWS < last &&
+            !(plant && plant->joint_is_wheel[j] && strcmp(r->unit[j], "rad") == 0))
             r->rms[j] = spread(q[j], settled, last);
 }
 
@@ -119,6 +120,8 @@ enum mk_status summarise(const char *path, struct run_summary *out, struct mk_er
     out->seconds = t[log->rows - 1] - t[0];
     copy_meta(log, "setup", out->setup, sizeof out->setup);
     copy_meta(log, "rig", out->rig, sizeof out->rig);
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out->unit[j] = mk_record_joint_slides(log, j) ? "m" : "rad";
     copy_meta(log, "fault", out->fault, sizeof out->fault);
     summarise_balance(log, out);
     summarise_tracking(log, out);
@@ -147,12 +150,12 @@ const char *summary_line(const struct run_summary *r, char *buf, size_t size)
         used = add(buf, size, used, part);
         int j = isnan(r->rms[1]) ? 0 : 1;
         if (!isnan(r->rms[j])) {
-            snprintf(part, sizeof part, " within %.4f rad rms", r->rms[j]);
+            snprintf(part, sizeof part, " within %.4f %s rms", r->rms[j], r->unit[j]);
             used = add(buf, size, used, part);
         }
     }
     if (!isnan(r->track_rms)) {
-        snprintf(part, sizeof part, "  speed error %.3f rad/s rms", r->track_rms);
+        snprintf(part, sizeof part, "  speed error %.3f %s/s rms", r->track_rms, r->unit[0]);
         used = add(buf, size, used, part);
     }
     snprintf(part, sizeof part, "  |u| <= %.2f", r->u_peak);

@@ -14,6 +14,7 @@ struct run_summary {
     double held_s;   /* of the last stretch of balancing, up to its end */
     bool balanced_at_end;
     double rms[MK_MAX_JOINTS]; /* of that stretch, about its mean, from 1 s after the catch; NAN */
+    const char *unit[MK_MAX_JOINTS]; /* of the positions: "rad", "m" */
     double track_rms; /* rms of motor speed against ref, over the last tenth; NAN: no reference */
     double u_peak, u_rms;
     double late_max_us;

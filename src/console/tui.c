@@ -74,9 +74,9 @@ static void show_summary(struct tui *t)
         card_line(card, "caught    never");
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         if (!isnan(r->rms[j]))
-            card_line(card, "stillness q%d within %.4f rad rms", j + 1, r->rms[j]);
+            card_line(card, "stillness q%d within %.4f %s rms", j + 1, r->rms[j], r->unit[j]);
     if (!isnan(r->track_rms))
-        card_line(card, "tracking  speed error %.3f rad/s rms at the end", r->track_rms);
+        card_line(card, "tracking  speed error %.3f %s/s rms at the end", r->track_rms, r->unit[0]);
     card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
     card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
               r->lost, r->rows);

@@ -54,8 +54,12 @@ static void check_links(struct list *l, const struct host_status *st)
          st->still ? "nothing has moved for half a second" : "something moves: wait");
     double off = 0.0;
     for (int j = 0; j < plant->joints; j++)
-        if (!plant->joint_is_wheel[j] && isfinite(st->config.limits.rest_tolerance[j]))
-            off = fmax(off, fabs(remainder(st->q[j] - plant->rest[j], 2.0 * M_PI)));
+        if (!plant->joint_is_wheel[j] && isfinite(st->config.limits.rest_tolerance[j])) {
+            double from_rest = st->q[j] - plant->rest[j];
+            if (!st->model.joint_linear[j])
+                from_rest = remainder(from_rest, 2.0 * M_PI);
+            off = fmax(off, fabs(from_rest) / mk_model_joint_scale(&st->model, j));
+        }
     if (!st->zeroed)
         line(l, LOOK, "zero",
              "the first start takes the links to hang straight down and zeroes the encoders there: "
@@ -64,25 +68,27 @@ static void check_links(struct list *l, const struct host_status *st)
         line(l, off < 0.05 ? WELL : WRONG, "hanging", "%.3f rad from where it was zeroed", off);
 }
 
-static void range(char *buf, size_t size, double low, double high)
+static void range(char *buf, size_t size, const char *unit, double low, double high)
 {
     if (isinf(low) && isinf(high))
         snprintf(buf, size, "free");
     else
-        snprintf(buf, size, "%.3g .. %.3g rad", low, high);
+        snprintf(buf, size, "%.3g .. %.3g %s", low, high, unit);
 }
 
 static void check_limits(struct list *l, const struct host_status *st)
 {
     const struct mk_safety_limits *s = &st->config.limits;
+    const struct mk_model *m = &st->model;
+    const char *fast = mk_model_unit(m, 0, "rad/s");
     char travel[2][48];
     for (int j = 0; j < 2; j++)
-        range(travel[j], sizeof travel[j], s->q_min[j], s->q_max[j]);
+        range(travel[j], sizeof travel[j], mk_model_unit(m, j, "rad"), s->q_min[j], s->q_max[j]);
     if (mk_plant(st->model.plant)->joints == 2)
-        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g and %.3g rad/s", travel[0], travel[1],
-             s->v_max[0], s->v_max[1]);
+        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g %s and %.3g %s", travel[0], travel[1],
+             s->v_max[0], fast, s->v_max[1], mk_model_unit(m, 1, "rad/s"));
     else
-        line(l, WELL, "limits", "q1 %s, speed %.3g rad/s", travel[0], s->v_max[0]);
+        line(l, WELL, "limits", "q1 %s, speed %.3g %s", travel[0], s->v_max[0], fast);
 }
 
 static void check_log(struct list *l, const struct host_status *st)

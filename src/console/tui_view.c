@@ -78,6 +78,7 @@ struct figures { /* of the instant that is shown */
     double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS], u, ref;
     enum mk_plant_kind plant;
     int joints;
+    bool slides[MK_MAX_JOINTS];
 };
 
 static void from_point(const struct scope *s, double t, struct figures *f)
@@ -100,6 +101,8 @@ static struct figures figures_now(const struct tui *t)
     struct figures f = {.plant = t->in_log ? t->log_plant : t->status.model.plant,
                         .ref = (double)NAN};
     f.joints = mk_plant(f.plant)->joints;
+    if (!t->in_log) /* a log on the screen is of the model's rig or in rad */
+        memcpy(f.slides, t->status.model.joint_linear, sizeof f.slides);
     if (s->cursor_on)
         from_point(s, s->cursor_t, &f);
     else if (t->in_log)
@@ -124,8 +127,8 @@ static void draw_angle(struct canvas *c, int row, struct tui_rect r, int joint,
         return;
     }
     int col = canvas_print(c, row, r.col + 5, 9, STYLE_VALUE, "%9.4f", f->q[joint]);
-    col = canvas_text(c, row, col, 4, STYLE_DIM, " rad");
-    if (mk_plant(f->plant)->joint_is_wheel[joint])
+    col = canvas_text(c, row, col, 4, STYLE_DIM, f->slides[joint] ? " m" : " rad");
+    if (f->slides[joint] || mk_plant(f->plant)->joint_is_wheel[joint])
         return; /* turns and turns */
     double degrees = f->q[joint] * DEGREES;
     canvas_print(c, row, col, r.cols - (col - r.col), STYLE_DIM, "%6.*f\u00b0",
@@ -141,7 +144,7 @@ static void draw_speed(struct canvas *c, int row, struct tui_rect r, int joint,
         return;
     }
     int col = canvas_print(c, row, r.col + 5, 9, STYLE_VALUE, "%9.3f", f->v[joint]);
-    canvas_text(c, row, col, 6, STYLE_DIM, " rad/s");
+    canvas_text(c, row, col, 6, STYLE_DIM, f->slides[joint] ? " m/s" : " rad/s");
 }
 
 /* The command from its middle; at the limit it says so. */
@@ -176,7 +179,7 @@ static void draw_speeds(struct canvas *c, int row, struct tui_rect r, const stru
     if (f->known && isfinite(f->v[0]) && isfinite(f->v[1])) {
         canvas_print(c, row, r.col + 4, 8, STYLE_VALUE, "%7.2f", f->v[0]);
         canvas_print(c, row, r.col + 11, 8, STYLE_VALUE, "%8.2f", f->v[1]);
-        canvas_text(c, row, r.col + 19, r.cols - 19, STYLE_DIM, " rad/s");
+        canvas_text(c, row, r.col + 19, r.cols - 19, STYLE_DIM, f->slides[0] ? "" : " rad/s");
     } else {
         canvas_text(c, row, r.col + 5, r.cols - 5, STYLE_DIM, "       -");
     }

@@ -8,6 +8,7 @@
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
+#include "mechkit/sim.h"
 
 double mk_log_u_to_torque(const struct mk_log *log, const struct mk_model *model)
 {
@@ -36,14 +37,11 @@ void mk_table_free(struct mk_table *table)
 /* What a column holds, after what the log says about its joints. */
 static enum quantity quantity_in(const struct mk_log *log, const char *name)
 {
-    bool linear[MK_MAX_JOINTS] = {false};
-    const char *rig = mk_log_find_meta(log, "rig"), *unit = mk_log_find_meta(log, "joint_unit");
+    bool linear[MK_MAX_JOINTS];
+    const char *rig = mk_log_find_meta(log, "rig");
     const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
-    for (int j = 0; j < MK_MAX_JOINTS && unit && *unit; j++) {
-        linear[j] = *unit == 'm';
-        unit += strcspn(unit, " \t,");
-        unit += strspn(unit, " \t,");
-    }
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        linear[j] = mk_record_joint_slides(log, j);
     return quantity_of_joint_column(name, linear, plant ? plant->motor_joint : 0);
 }
 

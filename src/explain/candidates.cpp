@@ -32,10 +32,13 @@ struct Setting {
             return p[0];
         }
     }
-    bool wheel() const { return j >= 0 && plant->joint_is_wheel[j]; }
+    bool wheel() const { return j >= 0 && mk_model_turns_freely(model, j); }
+    bool slides() const { return j >= 0 && model->joint_linear[j]; }
+    // Of a motion of 1 rad, in the joint's unit.
+    double size() const { return j >= 0 ? mk_model_joint_scale(model, j) : 1.0; }
     bool motor() const { return j == plant->motor_joint; }
     double torque() const { return range->torque; }
-    double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1); }
+    double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1 * size()); }
 };
 
 constexpr double TOO_FAST = 3000.0; // 1/s
@@ -78,9 +81,18 @@ Starts coulomb_asymmetry(const Setting &s)
 {
     return {{small(s)}};
 }
+Starts viscous_asymmetry(const Setting &s)
+{
+    return {{small(s) / s.speed()}};
+}
+Starts torque_offset(const Setting &s)
+{
+    return {{small(s)}};
+}
 Starts stribeck(const Setting &s)
 {
-    return product({2.0 * small(s)}, {0.1, 0.4, 1.5});
+    const double k = s.size();
+    return product({2.0 * small(s)}, {0.1 * k, 0.4 * k, 1.5 * k});
 }
 Starts quadratic_drag(const Setting &s)
 {
@@ -89,9 +101,10 @@ Starts quadratic_drag(const Setting &s)
 Starts stiction(const Setting &s)
 {
     Starts all;
-    for (double bend : {0.008, 0.04, 0.2}) {
+    for (double turn : {0.008, 0.04, 0.2}) {
+        const double bend = turn * s.size();
         // Bristles that bend and slip thousands of times a second cannot be told from Coulomb's.
-        if (s.speed() / bend > TOO_FAST || (bend > 0.1 && !s.wheel()))
+        if (s.speed() / bend > TOO_FAST || (turn > 0.1 && !s.wheel()))
             continue;
         double g = 2.0 * small(s);
         all.push_back({g / bend, 0.02 * g / bend, g});
@@ -100,7 +113,8 @@ Starts stiction(const Setting &s)
 }
 Starts load_friction(const Setting &s)
 {
-    return s.motor() ? Starts{{0.01}} : Starts{};
+    bool loaded = s.motor() || s.plant->joints == 2;
+    return loaded ? Starts{{0.01}} : Starts{};
 }
 Starts friction_drift(const Setting &s)
 {
@@ -108,14 +122,16 @@ Starts friction_drift(const Setting &s)
 }
 Starts cable_stiffness(const Setting &s)
 {
-    return s.wheel() ? Starts{} : Starts{{small(s), s.plant->rest[s.j] + 0.05}};
+    return s.wheel() ? Starts{} : Starts{{small(s), s.plant->rest[s.j] + 0.05 * s.size()}};
 }
 Starts cable_hysteresis(const Setting &s)
 {
     Starts all;
-    for (double yield : {0.03, 0.1, 0.4})
+    for (double turn : {0.03, 0.1, 0.4}) {
+        const double yield = turn * s.size();
         if (!s.wheel() && s.speed() / yield < TOO_FAST)
             all.push_back({2.0 * small(s) / yield, yield});
+    }
     return all;
 }
 Starts cogging(const Setting &s)
@@ -132,7 +148,7 @@ Starts cogging(const Setting &s)
 }
 Starts imbalance(const Setting &s)
 {
-    bool level = s.model->plant == MK_PLANT_FURUTA && s.j == 0;
+    bool level = s.slides() || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
     return level ? Starts{} : Starts{{small(s), 0.3}};
 }
 Starts end_stop(const Setting &s)
@@ -162,7 +178,7 @@ Starts backlash(const Setting &s)
     double k = light * 150.0 * 150.0;
     Starts all;
     for (double width : {0.006, 0.02, 0.06})
-        all.push_back({width, k, 30.0 * light, share, 3.8});
+        all.push_back({width * s.size(), k, 30.0 * light, share, 3.8});
     return all;
 }
 Starts input_delay(const Setting &)
@@ -210,12 +226,12 @@ Starts encoder_scale(const Setting &)
 }
 Starts encoder_eccentricity(const Setting &s)
 {
-    return s.wheel() ? Starts{} : Starts{{0.002, 0.3}};
+    return s.wheel() || s.slides() ? Starts{} : Starts{{0.002, 0.3}};
 }
 Starts encoder_offset(const Setting &s)
 {
     // An angle that nothing depends on has no zero.
-    bool free = s.wheel() || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
+    bool free = s.plant->joint_is_wheel[s.j] || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
     return free ? Starts{} : Starts{{0.001}};
 }
 Starts sensor_delay(const Setting &)
@@ -235,6 +251,13 @@ Starts base_compliance(const Setting &)
     return all;
 }
 
+// Terms that are laws of the catalogue by now.
+bool catalogued(int term)
+{
+    return strcmp(Custom::about(term).text, "1") == 0 ||
+           strcmp(Custom::about(term).text, "abs(v)") == 0;
+}
+
 // Library terms: coefficients that make a small torque at the speeds and angles of the data.
 Starts custom(const Setting &s)
 {
@@ -243,7 +266,7 @@ Starts custom(const Setting &s)
     const double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
     for (int n = 1; n <= Custom::TERMS; n++) {
         const CustomTerm &term = Custom::about(n);
-        if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()))
+        if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()) || catalogued(n))
             continue;
         // Angles are of the order of one.
         const double size = std::pow(s.speed(), term.v) * std::pow(w, term.w) *
@@ -280,6 +303,7 @@ Starts custom_well(const Setting &s)
 const Row rows[] = {{"viscous", true, viscous},
                     {"coulomb", true, coulomb},
                     {"coulomb-asymmetry", true, coulomb_asymmetry},
+                    {"viscous-asymmetry", true, viscous_asymmetry},
                     {"stribeck", true, stribeck},
                     {"quadratic-drag", true, quadratic_drag},
                     {"stiction", false, stiction},
@@ -287,6 +311,7 @@ const Row rows[] = {{"viscous", true, viscous},
                     {"friction-drift", true, friction_drift},
                     {"cable-stiffness", true, cable_stiffness},
                     {"cable-hysteresis", false, cable_hysteresis, HUGE_VAL, 1},
+                    {"torque-offset", true, torque_offset},
                     {"cogging", true, cogging},
                     {"imbalance", true, imbalance},
                     {"end-stop", false, end_stop},
@@ -407,6 +432,10 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
         for (int joint = first; joint <= last; joint++) {
             if (!is_library(effect) && present(model, effect, joint))
                 continue;
+            mk_model alone = model; // for what an effect has where its row says nothing
+            alone.effect_count = 0;
+            if (mk_model_add_effect(&alone, effect->name, joint, nullptr) != MK_OK)
+                continue;
             Setting setting = {plant, &model, &range, joint - 1};
             for (const std::vector<double> &start : row.starts(setting)) {
                 Candidate c = {effect,
@@ -418,7 +447,7 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
                                row.shape};
                 for (int i = 0; i < effect->parameter_count; i++)
                     c.value[i] =
-                        i < (int)start.size() ? start[(size_t)i] : effect->parameter[i].initial;
+                        i < (int)start.size() ? start[(size_t)i] : alone.effect[0].value[i];
                 all.push_back(c);
             }
         }

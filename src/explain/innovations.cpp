@@ -78,7 +78,10 @@ class Filter
         VectorXd x = start;
         MatrixXd P = MatrixXd::Zero(ns, ns);
         for (int s = 0; s < ns; s++)
-            P(s, s) = std::pow(s < joints ? noise[s] : s < 2 * joints ? START_SPEED : 0.05, 2);
+            P(s, s) = std::pow(s < joints       ? noise[s]
+                               : s < 2 * joints ? START_SPEED * size_of(s)
+                                                : 0.05,
+                               2);
         for (size_t k = 0; k + 1 < log.rows(); k++)
             if (!step(k, x, P, series))
                 return false;
@@ -94,6 +97,8 @@ class Filter
     ShootData data;
     std::vector<double> unit[MK_MAX_JOINTS];
     double moved[MK_MAX_JOINTS];
+
+    double size_of(int state) const { return mk_model_joint_scale(&model, state % joints); }
 
     bool step(size_t k, VectorXd &x, MatrixXd &P, Series *series)
     {
@@ -135,7 +140,7 @@ class Filter
         P = 0.5 * (carried + carried.transpose());
         const double span = log.t[k + 1] - log.t[k];
         for (int s = joints; s < ns; s++)
-            P(s, s) += (s < 2 * joints ? drift * drift : HIDDEN * HIDDEN) * span;
+            P(s, s) += (s < 2 * joints ? std::pow(drift * size_of(s), 2) : HIDDEN * HIDDEN) * span;
         return x.allFinite();
     }
     // Readings that stay on their count repeat their error, and where they creep from one to the

@@ -221,8 +221,9 @@ std::string error_plots(const mk_explanation &e, const mk_log *whole)
                 one->y.push_back((one == &sb ? b : a)[k] - record.q[j][k]);
             }
         }
-        Plot plot("time, s",
-                  j == 0 ? "q1 simulated - measured, rad" : "q2 simulated - measured, rad");
+        const std::string error = "q" + std::to_string(j + 1) + " simulated - measured, " +
+                                  mk_model_unit(&e.given, j, "rad");
+        Plot plot("time, s", error.c_str());
         plot.add_series(std::move(sb));
         plot.add_series(std::move(sa));
         s += "<figure>" + plot.svg() + "</figure>";
@@ -274,7 +275,11 @@ std::string push_plots(const mk_explanation &e)
     for (int c = 0; c < e.cause_count; c++)
         if (e.cause[c].joint > 0 && c == 0)
             j = e.cause[c].joint - 1;
-    const char *against[] = {"speed of the joint, rad/s", "angle of the joint, rad", "command u"};
+    const std::string against[] = {std::string("speed of the joint, ") +
+                                       mk_model_unit(&e.given, j, "rad/s"),
+                                   std::string(e.given.joint_linear[j] ? "position" : "angle") +
+                                       " of the joint, " + mk_model_unit(&e.given, j, "rad"),
+                                   "command u"};
     for (int kind = 0; kind < 3; kind++) {
         Series dots = {{}, {}, "dots", "missing torque"};
         for (int i = 0; i < e.push_count; i++) {
@@ -282,8 +287,8 @@ std::string push_plots(const mk_explanation &e)
             dots.x.push_back(kind == 0 ? p.v[j] : kind == 1 ? p.q[j] : p.u);
             dots.y.push_back(p.torque[j]);
         }
-        Plot plot(against[kind], j == 0 ? "torque in the equation of joint 1"
-                                        : "torque in the equation of joint 2");
+        Plot plot(against[kind].c_str(), j == 0 ? "torque in the equation of joint 1"
+                                                : "torque in the equation of joint 2");
         if (kind < 2 && !dots.x.empty()) {
             auto ends = std::minmax_element(dots.x.begin(), dots.x.end());
             Series line = law(e, j, kind == 0, *ends.first, *ends.second);
@@ -357,6 +362,8 @@ std::string cause_table(const mk_explanation &e)
         const mk_cause &c = e.cause[i];
         s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
         for (int k = 0; k < c.effect->parameter_count; k++) {
+            if (mk_parameter_goes_without_saying(&c.effect->parameter[k]))
+                continue;
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
             if (std::isfinite(c.std_error[k]))
                 add(s, " &plusmn; %.2g", c.std_error[k]);
@@ -398,8 +405,9 @@ std::string parameter_table(const mk_explanation &e)
         const mk_effect_use &given = e.given.effect[i];
         const mk_effect_info *info = mk_effect(given.index);
         for (int k = 0; k < info->parameter_count; k++)
-            row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
-                e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
+            if (!mk_parameter_goes_without_saying(&info->parameter[k]))
+                row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
+                    e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }
     return s + "</table></div>";
 }
@@ -448,7 +456,9 @@ std::string residual_table(const mk_explanation &e)
 std::string control_table(const mk_explanation &e)
 {
     std::string s = "<div><table><tr><th>Setup</th><th>believes</th><th>held</th><th>caught, s</th>"
-                    "<th>error, rms</th><th>joint 1 off, rad</th><th>command, rms</th></tr>";
+                    "<th>error, rms</th><th>joint 1 off, ";
+    s += mk_model_unit(&e.given, 0, "rad");
+    s += "</th><th>command, rms</th></tr>";
     auto cell = [&](double value) {
         std::isfinite(value) ? add(s, "<td>%.3g</td>", value) : add(s, "<td></td>");
     };
@@ -467,7 +477,8 @@ std::string control_table(const mk_explanation &e)
     }
     return s +
            "</table></div><p>Medians. Error: sway of the upright link in rad; under speed control "
-           "of the speed in rad/s.</p>";
+           "of the speed in " +
+           mk_model_unit(&e.given, -1, "rad/s") + ".</p>";
 }
 
 std::string advice(const mk_explanation &e)

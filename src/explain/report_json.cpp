@@ -1,6 +1,7 @@
 // report.json, to the letter of docs/formats.md.
 #include <cmath>
 #include <memory>
+#include <string>
 
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
@@ -207,9 +208,11 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     if (e->control_count > 0)
         cJSON_AddItemToObject(o, "control", control_json(*e));
     cJSON *misfit = cJSON_AddObjectToObject(o, "misfit");
-    cJSON_AddStringToObject(misfit, "what", "process noise of the speeds, rad/s per sqrt(s)");
-    cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->drift_refit));
-    cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->drift_extended));
+    const std::string unit = mk_model_unit(&e->given, -1, "rad/s per sqrt(s)");
+    const double size = mk_model_joint_scale(&e->given, mk_plant(e->given.plant)->motor_joint);
+    cJSON_AddStringToObject(misfit, "what", ("process noise of the speeds, " + unit).c_str());
+    cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->drift_refit * size));
+    cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->drift_extended * size));
     cJSON_AddItemToObject(o, "seconds", mk_json_number(e->seconds));
     return mk_json_write(path, o, err);
 }

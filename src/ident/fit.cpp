@@ -35,6 +35,9 @@ static VectorXd state_freedom(const mk_model &model)
         const mk_effect_info *info = mk_effect(model.effect[e].index);
         if (info->stages & MK_STAGE_FRAME)
             freedom.segment(at, info->state_count).setConstant(MOUNT);
+        if (model.effect[e].joint > 0)
+            freedom.segment(at, info->state_count) *=
+                mk_model_joint_scale(&model, model.effect[e].joint - 1);
         at += info->state_count;
     }
     return freedom;
@@ -362,7 +365,9 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     double loose = std::max(POSITION_STD, LOOSE * std::max(options.drift[0], options.drift[1]));
     VectorXd q = (loose * state_freedom(m)).cwiseAbs2();
     for (long j = 0; j < joints; j++) {
-        q(joints + j) = options.drift[j] * options.drift[j] * span;
+        const double size = mk_model_joint_scale(&m, (int)j);
+        q(j) *= size * size;
+        q(joints + j) = std::pow(options.drift[j] * size, 2) * span;
     }
     // A wheel at full speed shows the digits in which a simulation or a board computes.
     for (long j = 0; j < joints; j++)

@@ -160,13 +160,15 @@ constexpr double SUSPICIOUS_DRIFT = 0.009, HOPELESS_DRIFT = 0.9;
 
 void warn_of_drift(double drift, mk_ident_result &r)
 {
+    const int motor = mk_plant(r.model.plant)->motor_joint;
     if (drift < SUSPICIOUS_DRIFT)
         return;
     if (drift < HOPELESS_DRIFT)
         warn(r,
-             "the model follows these data only with pushes of %.0e rad/s per sqrt(s): "
+             "the model follows these data only with pushes of %.0e %s: "
              "mechkit explain looks for what it lacks",
-             drift);
+             drift * mk_model_joint_scale(&r.model, motor),
+             mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
     else
         warn(r, "the model does not follow these data: is it this rig, with these units, signs "
                 "and columns?");

@@ -104,8 +104,8 @@ class Terms
     {
         out[OFFSET] = 1.0;
         out[VISCOUS] = v[e];
-        out[COULOMB] = std::tanh(MK_FRICTION_STEEPNESS * v[e]);
-        out[CABLE] = mk_plant(model.plant)->joint_is_wheel[e] ? 0.0 : q[e];
+        out[COULOMB] = std::tanh(mk_model_sharpness(&model, e) * v[e]);
+        out[CABLE] = mk_model_turns_freely(&model, e) ? 0.0 : q[e];
         out[ROTOR] = 0.0;
         for (int k = 0; k < model.effect_count; k++)
             if ((mk_effect(model.effect[k].index)->stages & MK_STAGE_INERTIA) &&

@@ -52,6 +52,11 @@ bool mk_parameter_may_differ(const mk_parameter_info *info)
     return info->fit == MK_FIT_FREE || info->fit == MK_FIT_CENTRE;
 }
 
+bool mk_parameter_goes_without_saying(const mk_parameter_info *info)
+{
+    return info->fit == MK_FIT_FIXED && info->optional;
+}
+
 bool mk_model_has_own_values(const mk_model *model)
 {
     for (int e = 0; e < model->effect_count; e++)

@@ -37,6 +37,16 @@ static enum mk_status find_commands(const struct mk_log *log, const struct mk_pl
     return missing(log, err, "u (the command), tau, or u1/tau1: one of them is needed");
 }
 
+bool mk_record_joint_slides(const struct mk_log *log, int joint)
+{
+    const char *at = mk_log_find_meta(log, "joint_unit");
+    for (int j = 0; at && j < joint; j++) {
+        at += strcspn(at, " \t,");
+        at += strspn(at, " \t,");
+    }
+    return at && *at == 'm';
+}
+
 /* One word a joint behind the key. */
 static enum mk_status describe(struct mk_log *log, const struct mk_model *model, const char *key,
                                void (*word)(const struct mk_model *, int, char *, size_t))
