@@ -5,8 +5,8 @@
 #include <limits>
 #include <new>
 
-#include "ident/period.hpp"
 #include "ident/sizes.hpp"
+#include "sim/period.hpp"
 
 namespace mk
 {

@@ -9,8 +9,8 @@
 #include <new>
 
 #include "ident/method.hpp"
-#include "ident/period.hpp"
 #include "ident/sizes.hpp"
+#include "sim/period.hpp"
 
 namespace
 {
