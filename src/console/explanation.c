@@ -1,4 +1,5 @@
 #include "console/explanation.h"
+#include "console/data_checks.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -144,6 +145,7 @@ static bool drowns(const struct mk_explanation *e)
 
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
+    data_checks_print(out, &e->data_check);
     fprintf(out, "%s\n", sentence(e));
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);

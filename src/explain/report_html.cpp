@@ -471,6 +471,22 @@ std::string advice(const mk_explanation &e)
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 
+// What is doubted of the data comes before anything that was learned from them.
+std::string data_checks(const mk_explanation &e)
+{
+    std::string s;
+    for (int i = 0; i < e.data_check.count; i++) {
+        const mk_data_finding &f = e.data_check.finding[i];
+        s += i ? "<li>" : "<h2>Data check</h2><ul><li>";
+        add(s, "<b>%s</b>: ", mk_data_severity_name(f.severity));
+        s += escaped(f.file);
+        if (f.line > 0)
+            add(s, ":%d", f.line);
+        s += ": " + escaped(f.what) + "<br>To do: " + escaped(f.remedy) + "</li>";
+    }
+    return s.empty() ? s : s + "</ul>";
+}
+
 const char style[] =
     "body{font:16px/1.45 system-ui,sans-serif;max-width:44em;margin:1.5em auto;padding:0 1em;"
     "color:#222}h1{font-size:1.35em}h2{font-size:1.1em;margin-top:1.6em}"
@@ -492,7 +508,8 @@ try {
                     "<meta name='viewport' content='width=device-width,initial-scale=1'>"
                     "<title>mechkit explain</title><style>";
     s += style;
-    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>" + formula(*e);
+    s += "</style></head><body>" + data_checks(*e) + "<h1>" + escaped(sentence(*e)) + "</h1>" +
+         formula(*e);
     add(s, "<p>Rig: %s. Free runs of %g s on held-out data", mk_plant(e->given.plant)->name,
         e->window_s);
     if (e->held_back)

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <memory>
 
+#include "experiment/data_check_json.h"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 
@@ -155,6 +156,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *o = root.get();
     if (!o)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+    cJSON_AddItemToObject(o, "data_checks", data_check_json(&e->data_check));
     bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
     cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));
     cJSON *causes = cJSON_AddArrayToObject(o, "causes");
