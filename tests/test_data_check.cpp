@@ -243,6 +243,50 @@ START_TEST(what_is_doubted_heads_everything)
 }
 END_TEST
 
+// What explain says would have been seen is named at two and a half times that size, and not at a
+// third of it.
+START_TEST(what_would_have_been_seen_is_seen_from_there_on)
+{
+    static const struct {
+        enum mk_plant_kind plant;
+        const char *effect;
+        int joint;
+    } rows[] = {{MK_PLANT_PENDULUM, "quadratic-drag", 1},
+                {MK_PLANT_PENDULUM, "gain-asymmetry", 0},
+                {MK_PLANT_PENDUBOT, "coulomb", 2},
+                {MK_PLANT_PENDUBOT, "viscous", 2},
+                {MK_PLANT_REACTION_WHEEL, "coulomb", 1}};
+    const auto &row = rows[_i];
+    const mk_model m = model_of(row.plant);
+    auto e = std::make_unique<mk_explanation>();
+    mk_error err = MK_ERROR_INIT;
+    const auto explain = [&](const mk_model &truth) {
+        const Log log = record(truth, 8.0);
+        const mk_log *logs[] = {log.get()};
+        ck_assert_msg(mk_explain(&m, logs, 1, nullptr, 0, nullptr, e.get(), &err) == MK_OK, "%s",
+                      err.message);
+    };
+    explain(m);
+    double least = 0.0;
+    int parameter = 0;
+    for (int i = 0; i < e->detection_limit_count; i++)
+        if (strcmp(e->detection_limit[i].effect->name, row.effect) == 0 &&
+            e->detection_limit[i].joint == row.joint) {
+            least = e->detection_limit[i].least;
+            parameter = e->detection_limit[i].parameter;
+        }
+    ck_assert_msg(least > 0.0, "%s", row.effect);
+    for (double times : {0.33, 2.5}) {
+        mk_model truth = m;
+        ck_assert_int_eq(mk_model_add_effect(&truth, row.effect, row.joint, nullptr), MK_OK);
+        truth.effect[0].value[parameter] = times * least;
+        explain(truth);
+        ck_assert_msg((e->verdict == MK_VERDICT_EFFECT) == (times > 1.0), "%s, %g of %g: %s",
+                      row.effect, times, least, mk_verdict_name(e->verdict));
+    }
+}
+END_TEST
+
 extern "C" Suite *suite_data_check(void)
 {
     Suite *s = suite_create("data_check");
@@ -256,6 +300,7 @@ extern "C" Suite *suite_data_check(void)
     tcase_add_test(t, two_tenths_of_a_second_explain_nothing);
     tcase_add_test(t, thinned_logs_and_rounded_times_are_named);
     tcase_add_test(t, what_is_doubted_heads_everything);
+    tcase_add_loop_test(t, what_would_have_been_seen_is_seen_from_there_on, 0, 5);
     suite_add_tcase(s, t);
     return s;
 }

@@ -69,6 +69,15 @@ struct mk_residual_test {
 };
 #define MK_MAX_RESIDUAL_TESTS 20
 
+/* The smallest size of a cause that these data would have shown: at which it would be named. */
+struct mk_detection_limit {
+    const struct mk_effect_info *effect;
+    int joint;     /* 1-based; 0: no joint */
+    int parameter; /* of the effect: its size */
+    double least;  /* in the parameter's unit */
+};
+#define MK_MAX_DETECTION_LIMITS 32
+
 /* An experiment that would tell the best hypothesis from a rival. */
 struct mk_next_experiment {
     int rival;      /* index; -1: none was looked for */
@@ -153,6 +162,9 @@ struct mk_explanation {
     double one_step_refit[MK_MAX_JOINTS], one_step_extended[MK_MAX_JOINTS];
     int residual_test_count;
     struct mk_residual_test residual_test[MK_MAX_RESIDUAL_TESTS];
+    /* Of causes that were looked for and not found, in the order of the catalogue. */
+    int detection_limit_count;
+    struct mk_detection_limit detection_limit[MK_MAX_DETECTION_LIMITS];
     struct mk_next_experiment next;
     /* Filled in by who has a virtual board to try controllers on; mk_explain leaves it at 0. */
     int control_count;

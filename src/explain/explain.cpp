@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "explain/detection.hpp"
 #include "explain/gain.hpp"
 #include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
@@ -66,6 +67,7 @@ class Explainer
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         Verdict verdict(model, training, *causes, lost, out);
         verdict.decide();
+        find_detection_limits(*search, causes->best, out);
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =

@@ -471,6 +471,19 @@ std::string advice(const mk_explanation &e)
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 
+std::string limits(const mk_explanation &e)
+{
+    std::string s = "<p>Causes that were looked for and not found would have been named from these "
+                    "sizes on; smaller ones may hide in these data.</p><ul>";
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        s += "<li>" + cause_name(l.effect, l.joint);
+        add(s, ": %s above %.2g %s</li>", p.name, l.least, mk_model_unit(&e.given, p.unit));
+    }
+    return s + "</ul>";
+}
+
 // What is doubted of the data comes before anything that was learned from them.
 std::string data_checks(const mk_explanation &e)
 {
@@ -530,6 +543,8 @@ try {
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
     if (e->cause_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    if (e->detection_limit_count > 0)
+        s += "<h2>What would have been seen</h2>" + limits(*e);
     if (e->residual_test_count > 0)
         s += "<h2>Prediction from one sample to the next</h2>" + residual_table(*e);
     if (e->control_count > 0)

@@ -60,6 +60,23 @@ cJSON *rivals_json(const mk_explanation &e)
     return all;
 }
 
+cJSON *limits_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "name", l.effect->name);
+        cJSON_AddItemToObject(o, "joint", joint_of(l.joint));
+        cJSON_AddStringToObject(o, "parameter", p.name);
+        cJSON_AddItemToObject(o, "least", mk_json_number(l.least));
+        cJSON_AddStringToObject(o, "unit", mk_model_unit(&e.given, p.unit));
+        cJSON_AddItemToArray(all, o);
+    }
+    return all;
+}
+
 cJSON *base_parameters(const mk_explanation &e)
 {
     cJSON *all = cJSON_CreateObject();
@@ -165,6 +182,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
         cJSON_AddItemToArray(terms, cause_json(e->given, e->cause[i]));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
+    cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
     cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
     if (e->next.input[0]) {
