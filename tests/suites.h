@@ -57,6 +57,7 @@
     X(linear)                                                                                      \
     X(excite)                                                                                      \
     X(measure)                                                                                     \
+    X(data_check)                                                                                  \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
     X(exchange)                                                                                    \

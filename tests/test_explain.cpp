@@ -804,18 +804,19 @@ START_TEST(what_is_wrong_with_a_log_is_said_first)
         const char *says;
     } rows[] = {
         {0, 0, 1, 1, nullptr, nullptr, false, nullptr},
-        {2, TURN, 1, 1, nullptr, nullptr, true, "it is wrapped to one turn; unwrap it"},
+        {2, TURN, 1, 1, nullptr, nullptr, true, "it is wrapped to one turn\n"},
         {2, TURN, 360 / TURN, 1, nullptr, nullptr, true, "turn, and in degrees"},
-        {0, 0, 360 / TURN, 1, nullptr, nullptr, true, "with [q1] unit = deg converts them"},
+        {0, 0, 360 / TURN, 1, nullptr, nullptr, true, "with [q1] unit = deg\n"},
         {0, 0, 4000 / TURN, 1, nullptr, nullptr, true, "in raw counts, but angles are in rad"},
-        {0, 0, 1, -1, nullptr, nullptr, false, "pushes the wrong way; if so, mechkit import"},
+        {0, 0, 1, -1, nullptr, nullptr, true, "if so, mechkit import --map with [u] sign = -1"},
         {0, 0, 1, 1, "u_to_torque", "0.0057", false, "u_to_torque is 0.0057 here, 0.00494 in"},
         {0, 0, 1, 1, "u_to_torque", "many", false, "u_to_torque: 'many' is no number above 0"},
         {0, 0, 1, 1, "encoder_cpr", "2048", false, "encoder_cpr of joint 1 is 2048 here, 4000 in"},
-        {0, 0, 1, 1, "sample_rate_hz", "500", false, "but the rows are 0.004 s apart (250 Hz)"},
+        {0, 0, 1, 1, "sample_rate_hz", "500", false, "0.004 s apart, are one in 2 of those"},
+        {0, 0, 1, 1, "sample_rate_hz", "300", false, "but the rows are 0.004 s apart (250 Hz)"},
         {0, 0, 1, 1, "encoder_cpr", "1e300", false, nullptr},
-        {0, 0, 1e200, 1, nullptr, nullptr, false, "that is no angle of a rig"},
-        {0, 0, 1, 1000, nullptr, nullptr, false, "in 1496 of 1500 rows, where it is taken as"},
+        {0, 0, 1e200, 1, nullptr, nullptr, false, "no rig goes beyond 1e+06 rad"},
+        {0, 0, 1, 1000, nullptr, nullptr, true, "in 1496 of 1500 rows, where it is taken as"},
         {0, 0, 1, NAN, nullptr, nullptr, false, "50 % of the commands are missing, and made up"},
         {0, 0, NAN, 1, nullptr, nullptr, false, "50 % of the readings of q1 are missing"},
     };
@@ -926,7 +927,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
     tcase_add_test(t, a_fit_writes_over_no_log_and_says_first_what_it_cannot_write);
     tcase_add_loop_test(t, one_law_has_one_name_at_every_joint, 0, MK_PLANT_COUNT);
-    tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 15);
+    tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 16);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

@@ -92,6 +92,7 @@ struct Fit {
     {
         mk_ident_options o = {};
         o.method = method;
+        o.force = true; // what the methods themselves make of data that a check refuses
         if (hold >= 0)
             o.fixed[hold] = true;
         status = mk_identify(&m, logs.data(), logs.size(), &o, r.get(), &err);

@@ -140,17 +140,20 @@ MK_NODISCARD enum mk_status mk_import_apply(const struct mk_table *table, const 
 
 #define MK_IMPORT_FINDINGS 8
 
-/* Something that cannot be as the map says. */
+/* Something that cannot be as the map says, or hardly. */
 struct mk_import_finding {
+    bool certain;       /* no rig of the kind can move like that, or with the change nearly all is
+                           explained and without it far less: not to be written. Else a doubt. */
     char what[256];     /* what is wrong, as the data show it */
     char proposal[192]; /* the change to the map; "" when there is none to propose */
     struct mk_import_map fixed;
 };
 
 /* Holds an imported log against what rigs of its kind can do: sample times, angles, gravity, the
- * sign of the command, joints swapped. A fit of the textbook model to the accelerations says how
- * well the columns go together; a change that makes them go together is proposed. Returns the
- * number of findings, most certain first. 0: nothing speaks against the map. */
+ * sign of the command, joints swapped. A fit of the textbook model to the accelerations, with no
+ * negative mass or friction, says how well the columns go together; a change is proposed under
+ * which they do, and none that leaves most unexplained. Returns the number of findings, most
+ * certain first. 0: nothing speaks against the map. */
 int mk_import_check(const struct mk_table *table, const char *path, const struct mk_import_map *map,
                     struct mk_import_finding *out);
 

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "mechkit/data_check.h"
 #include "mechkit/ident.h"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
@@ -81,6 +82,15 @@ struct mk_residual_test {
 };
 #define MK_MAX_RESIDUAL_TESTS 20
 
+/* The smallest size of a cause that these data would have shown: at which it would be named. */
+struct mk_detection_limit {
+    const struct mk_effect_info *effect;
+    int joint;     /* 1-based; 0: no joint */
+    int parameter; /* of the effect: its size */
+    double least;  /* in the parameter's unit */
+};
+#define MK_MAX_DETECTION_LIMITS 32
+
 /* An experiment that would tell the best hypothesis from a rival. */
 struct mk_next_experiment {
     int rival;      /* index; -1: none was looked for */
@@ -114,6 +124,10 @@ struct mk_explain_options {
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
     double most_s;   /* of data to search in, evenly from the logs; 0: 30 s; HUGE_VAL: all. The time
                         that a search takes grows with it. */
+    /* What mk_data_check_logs said of the logs (MK_DATA_EXPLAIN) and the hold-out logs
+     * (MK_DATA_HOLD_OUT); NULL: it is asked. */
+    const struct mk_data_check *data_check;
+    bool force; /* searches in spite of a fatal finding */
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -170,16 +184,22 @@ struct mk_explanation {
     double one_step_refit[MK_MAX_JOINTS], one_step_extended[MK_MAX_JOINTS];
     int residual_test_count;
     struct mk_residual_test residual_test[MK_MAX_RESIDUAL_TESTS];
+    /* Of causes that were looked for and not found, in the order of the catalogue. */
+    int detection_limit_count;
+    struct mk_detection_limit detection_limit[MK_MAX_DETECTION_LIMITS];
     struct mk_next_experiment next;
     /* Filled in by who has a virtual board to try controllers on; mk_explain leaves it at 0. */
     int control_count;
     struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
+    struct mk_data_check data_check; /* what is doubted of the logs */
     double seconds;
 };
 
-/* `holdout_count` may be 0. On success *out is filled. MK_ERR_PARSE, MK_ERR_RANGE (too little data,
- * no motion), MK_ERR_NUMERIC (the model cannot follow the data at all), MK_ERR_INTR, MK_ERR_NOMEM.
- * The same input gives the same answer, whatever the number of threads. */
+/* Logs in which nothing moves are left out, and hold-out logs that are too short as well.
+ * `holdout_count` may be 0. On success *out is filled. MK_ERR_PARSE, MK_ERR_RANGE (too little data,
+ * no motion), MK_ERR_EXPECT (a fatal finding of the data check), MK_ERR_NUMERIC (the model cannot
+ * follow the data at all), MK_ERR_INTR, MK_ERR_NOMEM. The same input gives the same answer,
+ * whatever the number of threads. */
 MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
                                        const struct mk_log *const *logs, size_t log_count,
                                        const struct mk_log *const *holdouts, size_t holdout_count,

@@ -13,6 +13,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "mechkit/data_check.h"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
 #include "mechkit/sim.h"
@@ -48,6 +49,9 @@ struct mk_ident_options {
     /* Parameters held at the model's value, by number as above. */
     bool fixed[MK_MAX_FIT_PARAMETERS];
     int threads; /* 0: as many as there are processors */
+    /* What mk_data_check_logs said of these logs for MK_DATA_IDENTIFY; NULL: it is asked. */
+    const struct mk_data_check *data_check;
+    bool force; /* fits in spite of a fatal finding */
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -88,14 +92,16 @@ struct mk_ident_result {
     bool converged;
     size_t rows; /* readings used */
     int warning_count;
-    char warning[MK_MAX_FIT_WARNINGS][160];
-    double seconds; /* wall clock */
+    char warning[MK_MAX_FIT_WARNINGS][320];
+    struct mk_data_check data_check; /* what is doubted of the logs */
+    double seconds;                  /* wall clock */
 };
 
-/* Fits `model` to `logs`. On failure *out is untouched. MK_ERR_PARSE (a log does not fit the
- * model), MK_ERR_RANGE (too few rows, no motion, nothing to fit), MK_ERR_NUMERIC (no convergence to
- * anything), MK_ERR_NOTFOUND (method), MK_ERR_INTR, MK_ERR_NOMEM. Pure: logs and model are
- * read only; several calls may run at the same time. */
+/* Fits `model` to `logs`; one in which nothing moves is left out. On failure *out is untouched.
+ * MK_ERR_PARSE (a log does not fit the model), MK_ERR_RANGE (too few rows, no motion in any log,
+ * nothing to fit), MK_ERR_EXPECT (a fatal finding of the data check), MK_ERR_NUMERIC (no
+ * convergence to anything), MK_ERR_NOTFOUND (method), MK_ERR_INTR, MK_ERR_NOMEM. Pure: logs and
+ * model are read only; several calls may run at the same time. */
 MK_NODISCARD enum mk_status mk_identify(const struct mk_model *model,
                                         const struct mk_log *const *logs, size_t log_count,
                                         const struct mk_ident_options *options,

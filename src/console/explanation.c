@@ -1,4 +1,5 @@
 #include "console/explanation.h"
+#include "console/data_checks.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -141,6 +142,22 @@ static void print_declined(FILE *out, const struct mk_explanation *e)
     fprintf(out, ".\n");
 }
 
+/* The first of the catalogue are the commonest; the report has all. */
+static void print_limits(FILE *out, const struct mk_explanation *e)
+{
+    enum { SHOWN = 4 };
+    for (int i = 0; i < e->detection_limit_count && i < SHOWN; i++) {
+        const struct mk_detection_limit *l = &e->detection_limit[i];
+        const struct mk_parameter_info *p = &l->effect->parameter[l->parameter];
+        fprintf(out, "%s%s", i ? "; " : "Would have been seen: ", l->effect->name);
+        if (l->joint > 0)
+            fprintf(out, " at joint %d", l->joint);
+        fprintf(out, " above %.2g %s", l->least, mk_model_unit(&e->given, p->unit));
+    }
+    if (e->detection_limit_count > 0)
+        fprintf(out, "%s\n", e->detection_limit_count > SHOWN ? "; ..." : "");
+}
+
 static const char *sentence(const struct mk_explanation *e)
 {
     static const char *const sentences[] = {
@@ -170,6 +187,7 @@ static bool drowns(const struct mk_explanation *e)
 
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
+    data_checks_print(out, &e->data_check);
     fprintf(out, "%s\n", sentence(e));
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
@@ -211,6 +229,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
                 100.0 * e->closed);
     else if (e->cause_count + e->log_value_count > 0)
         print_declined(out, e);
+    print_limits(out, e);
     print_control(out, e);
     print_one_step(out, e);
     if (e->next.why[0])

@@ -7,9 +7,10 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "console/data_checks.h"
 #include "console/fix.h"
-#include "console/log_doubts.h"
 #include "console/options.h"
+#include "experiment/data_check_json.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
 
@@ -44,6 +45,8 @@ static const struct option_row option_rows[] = {
      "free-run error on a log that was not fitted; may be repeated"},
     {"cutoff", OPTION_NUMBER(ident.cutoff_hz), "HZ",
      "linear methods: averaging over windows of 1 / HZ; default 3", .wants = "Hz above 0"},
+    {"force", OPTION_FLAG(ident.force), NULL,
+     "go on in spite of a fatal finding of the data check"},
     {"threads", OPTION_COUNT(ident.threads), "N", "default: all processors", 1, 256},
     {0}};
 
@@ -110,6 +113,7 @@ static void print_own_values(const struct mk_ident_result *r, const char *const 
 
 static void print_result(const struct mk_ident_result *r, const char *const *files)
 {
+    data_checks_print(stdout, &r->data_check);
     printf("%s: %zu readings, %d iterations, %.2f s\n", r->method, r->rows, r->iterations,
            r->seconds);
     printf("  %-28s %14s %12s %8s   %s\n", "parameter", "value", "std error", "%", "given");
@@ -186,7 +190,9 @@ static void add_own_values(cJSON *to, const struct mk_ident_result *r, int param
 
 static cJSON *result_json(const struct mk_ident_result *r, const char *const *files)
 {
-    cJSON *o = cJSON_CreateObject(), *all = cJSON_AddObjectToObject(o, "parameters");
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddItemToObject(o, "data_checks", data_check_json(&r->data_check));
+    cJSON *all = cJSON_AddObjectToObject(o, "parameters");
     for (int i = 0; i < r->parameter_count; i++) {
         const struct mk_ident_parameter *p = &r->parameter[i];
         const struct mk_parameter_info *info = mk_model_parameter_info(&r->model, i, NULL, 0);
@@ -232,6 +238,7 @@ struct job {
     struct options o;
     struct mk_model model;
     struct mk_log *logs[MAX_FILES], *validation[MAX_FILES];
+    struct mk_data_check data_check;
     struct mk_ident_result result;
     cJSON *json;
 };
@@ -243,10 +250,13 @@ static enum mk_status read_logs(struct job *j, struct mk_error *err)
     if (st == MK_OK)
         st = log_read_all(j->o.validate.text, checks, j->validation, err);
     if (st == MK_OK)
-        st = log_doubts((const struct mk_log *const *)j->logs, count, &j->model, err);
-    return st == MK_OK
-               ? log_doubts((const struct mk_log *const *)j->validation, checks, &j->model, err)
-               : st;
+        st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->logs, count,
+                                MK_DATA_IDENTIFY, &j->data_check, err);
+    if (st == MK_OK)
+        st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->validation, checks,
+                                MK_DATA_HOLD_OUT, &j->data_check, err);
+    j->o.ident.data_check = &j->data_check;
+    return st;
 }
 
 /* Before a fit that may take minutes; devices and pipes are left alone. */
@@ -283,10 +293,12 @@ static enum mk_status compare_all(struct job *j, struct mk_error *err)
     enum mk_status st = MK_OK;
     cJSON *data = cJSON_AddArrayToObject(j->json, "data");
     for (int i = 0; i < j->o.input.count && st == MK_OK; i++)
-        st = compare(&j->model, fitted, j->o.input.text[i], j->logs[i], data, err);
+        if (mk_data_check_uses(&j->model, j->logs[i], MK_DATA_IDENTIFY))
+            st = compare(&j->model, fitted, j->o.input.text[i], j->logs[i], data, err);
     cJSON *check = cJSON_AddArrayToObject(j->json, "validation");
     for (size_t i = 0; i < j->o.validate.count && st == MK_OK; i++)
-        st = compare(&j->model, fitted, j->o.validate.text[i], j->validation[i], check, err);
+        if (mk_data_check_uses(&j->model, j->validation[i], MK_DATA_HOLD_OUT))
+            st = compare(&j->model, fitted, j->o.validate.text[i], j->validation[i], check, err);
     return st;
 }
 
@@ -310,6 +322,9 @@ static int identify(struct job *j)
         return rc;
     if (read_logs(j, &err) != MK_OK)
         return report_error(&err);
+    rc = data_checks_say(&j->data_check, j->o.ident.force);
+    if (rc != EXIT_OK)
+        return rc;
     if (check_output(j->o.out, &err) != MK_OK || check_output(j->o.json, &err) != MK_OK)
         return report_output_error(&err);
     if (fit(j, &err) != MK_OK)

@@ -3,7 +3,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "console/log_doubts.h"
+#include "console/data_checks.h"
 #include "console/options.h"
 #include "mechkit/json.h"
 #include "mechkit/sim.h"
@@ -136,6 +136,17 @@ static void print_figures(const struct options *o, const struct mk_model *model,
                failed == 1 ? "" : "s");
 }
 
+/* A free run goes on whatever the values are. */
+static enum mk_status say_extremes(const struct mk_model *model, const struct mk_log *log,
+                                   struct mk_error *err)
+{
+    static struct mk_data_check check;
+    enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, &check, err);
+    if (st == MK_OK)
+        (void)!data_checks_say(&check, true);
+    return st;
+}
+
 static int run(int argc, char **argv)
 {
     struct options o = {0};
@@ -158,7 +169,7 @@ static int run(int argc, char **argv)
     if (st == MK_OK && log->truncated)
         fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o.input);
     if (st == MK_OK)
-        log_extremes(log, &model);
+        st = say_extremes(&model, log, &err);
     double start = now();
     if (st == MK_OK)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,

@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "explain/detection.hpp"
 #include "explain/gain.hpp"
 #include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
@@ -76,6 +77,7 @@ class Explainer
         describe_log_values(values, causes->best, training, options.threads, out);
         if (out.log_value_count > 0 && out.verdict < MK_VERDICT_EFFECT)
             out.verdict = MK_VERDICT_EFFECT;
+        find_detection_limits(*search, causes->best, out);
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
@@ -232,6 +234,42 @@ class Explainer
     }
 };
 
+// Logs as a caller gives them.
+struct LogSpan {
+    const mk_log *const *logs;
+    size_t count;
+};
+using LogList = std::vector<const mk_log *>;
+
+// Those that are not left out.
+LogList used_logs(const mk_model &model, const LogSpan &given, enum mk_data_use use)
+{
+    LogList used;
+    for (size_t i = 0; i < given.count; i++)
+        if (mk_data_check_uses(&model, given.logs[i], use))
+            used.push_back(given.logs[i]);
+    return used;
+}
+
+// All that is doubted of the logs, asked for where the caller did not.
+enum mk_status check_data(const mk_model &model, const LogSpan &logs, const LogSpan &holdouts,
+                          const mk_explain_options &options, mk_data_check &check, mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    if (options.data_check)
+        check = *options.data_check;
+    else
+        st = mk_data_check_logs(&model, logs.logs, logs.count, MK_DATA_EXPLAIN, &check, err);
+    if (st == MK_OK && !options.data_check)
+        st = mk_data_check_logs(&model, holdouts.logs, holdouts.count, MK_DATA_HOLD_OUT, &check,
+                                err);
+    const mk_data_finding *fatal = mk_data_check_fatal(&check);
+    if (st == MK_OK && fatal && !options.force)
+        return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,
+                           fatal->remedy);
+    return st;
+}
+
 } // namespace
 
 } // namespace mk
@@ -285,8 +323,17 @@ try {
     enum mk_status st = mk_model_check(model, err);
     if (st != MK_OK)
         return st;
+    st = mk::check_data(*model, {logs, log_count}, {holdouts, holdout_count}, o, result->data_check,
+                        err);
+    if (st != MK_OK)
+        return st;
+    const mk::LogList learn = mk::used_logs(*model, {logs, log_count}, MK_DATA_EXPLAIN);
+    const mk::LogList held = mk::used_logs(*model, {holdouts, holdout_count}, MK_DATA_HOLD_OUT);
+    if (learn.empty())
+        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
+                           "nothing moves in this log: there is nothing to explain");
     mk::Explainer explainer(*model, *result, o);
-    st = explainer.run(logs, log_count, holdouts, holdout_count, err);
+    st = explainer.run(learn.data(), learn.size(), held.data(), held.size(), err);
     if (st != MK_OK)
         return st;
     result->seconds =

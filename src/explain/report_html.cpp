@@ -495,6 +495,35 @@ std::string advice(const mk_explanation &e)
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 
+std::string limits(const mk_explanation &e)
+{
+    std::string s = "<p>Causes that were looked for and not found would have been named from these "
+                    "sizes on; smaller ones may hide in these data.</p><ul>";
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        s += "<li>" + cause_name(l.effect, l.joint);
+        add(s, ": %s above %.2g %s</li>", p.name, l.least, mk_model_unit(&e.given, p.unit));
+    }
+    return s + "</ul>";
+}
+
+// What is doubted of the data comes before anything that was learned from them.
+std::string data_checks(const mk_explanation &e)
+{
+    std::string s;
+    for (int i = 0; i < e.data_check.count; i++) {
+        const mk_data_finding &f = e.data_check.finding[i];
+        s += i ? "<li>" : "<h2>Data check</h2><ul><li>";
+        add(s, "<b>%s</b>: ", mk_data_severity_name(f.severity));
+        s += escaped(f.file);
+        if (f.line > 0)
+            add(s, ":%d", f.line);
+        s += ": " + escaped(f.what) + "<br>To do: " + escaped(f.remedy) + "</li>";
+    }
+    return s.empty() ? s : s + "</ul>";
+}
+
 const char style[] =
     "body{font:16px/1.45 system-ui,sans-serif;max-width:44em;margin:1.5em auto;padding:0 1em;"
     "color:#222}h1{font-size:1.35em}h2{font-size:1.1em;margin-top:1.6em}"
@@ -516,7 +545,8 @@ try {
                     "<meta name='viewport' content='width=device-width,initial-scale=1'>"
                     "<title>mechkit explain</title><style>";
     s += style;
-    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>" + formula(*e);
+    s += "</style></head><body>" + data_checks(*e) + "<h1>" + escaped(sentence(*e)) + "</h1>" +
+         formula(*e);
     add(s, "<p>Rig: %s. Free runs of %g s on held-out data", mk_plant(e->given.plant)->name,
         e->window_s);
     if (e->held_back)
@@ -537,6 +567,8 @@ try {
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    if (e->detection_limit_count > 0)
+        s += "<h2>What would have been seen</h2>" + limits(*e);
     if (e->residual_test_count > 0)
         s += "<h2>Prediction from one sample to the next</h2>" + residual_table(*e);
     if (e->control_count > 0)

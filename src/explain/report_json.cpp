@@ -2,6 +2,7 @@
 #include <cmath>
 #include <memory>
 
+#include "experiment/data_check_json.h"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 
@@ -80,6 +81,23 @@ cJSON *rivals_json(const mk_explanation &e)
         cJSON_AddBoolToObject(o, "distinguishable", r.distinguishable);
         if (r.instead_of < e.cause_count)
             cJSON_AddStringToObject(o, "instead_of", e.cause[r.instead_of].effect->name);
+        cJSON_AddItemToArray(all, o);
+    }
+    return all;
+}
+
+cJSON *limits_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "name", l.effect->name);
+        cJSON_AddItemToObject(o, "joint", joint_of(l.joint));
+        cJSON_AddStringToObject(o, "parameter", p.name);
+        cJSON_AddItemToObject(o, "least", mk_json_number(l.least));
+        cJSON_AddStringToObject(o, "unit", mk_model_unit(&e.given, p.unit));
         cJSON_AddItemToArray(all, o);
     }
     return all;
@@ -181,6 +199,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *o = root.get();
     if (!o)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+    cJSON_AddItemToObject(o, "data_checks", data_check_json(&e->data_check));
     bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
     cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));
     cJSON *causes = cJSON_AddArrayToObject(o, "causes");
@@ -191,6 +210,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
         cJSON_AddItemToArray(causes, log_value_json(*e, e->log_value[i]));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
+    cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
     cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
     if (e->next.input[0]) {

@@ -5,8 +5,7 @@
 #include <limits>
 #include <new>
 
-#include "ident/period.hpp"
-#include "ident/sizes.hpp"
+#include "sim/record_check.hpp"
 
 namespace mk
 {
@@ -14,10 +13,9 @@ namespace mk
 namespace
 {
 
-constexpr size_t FEWEST = 40;          // rows of a log
-constexpr double MOTION = 5.0;         // counts: less is rest
-constexpr double A_RUN = 15.0;         // s of a log that are worth having
-constexpr double LONGEST_PERIOD = 0.2; // s; no rig here can be followed with readings farther apart
+constexpr size_t FEWEST = 40;  // rows of a log
+constexpr double MOTION = 5.0; // counts: less is rest
+constexpr double A_RUN = 15.0; // s of a log that are worth having
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
 OwnedLog slice(const mk_log &log, size_t first, size_t last)
@@ -52,43 +50,10 @@ Piece longest_piece(const mk_record &record, size_t rows)
     return longest;
 }
 
-// A column that is to be learned from, or measured on.
-enum mk_status check_values(const double *x, const char *name, const mk_log &log, mk_error *err)
-{
-    for (size_t k = 0; k < log.rows; k++)
-        if (!std::isnan(x[k]))
-            return MK_OK;
-    return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0, "%s has no values", name);
-}
-
 enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
 {
-    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     enum mk_status st = mk_record_from_log(&log, &model, &record, err);
-    if (st != MK_OK)
-        return st;
-    if (record.rows < FEWEST)
-        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
-                           "%zu rows are too few to explain anything: %zu at least", record.rows,
-                           FEWEST);
-    const double period = median_period(record.t, record.rows);
-    if (period > LONGEST_PERIOD)
-        return mk_error_at(
-            err, MK_ERR_RANGE, log.path, 0, 0,
-            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
-        st = check_angles(record.q[j], angles[j], log, err);
-        if (st == MK_OK)
-            st = check_values(record.q[j], angles[j], log, err);
-    }
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++) {
-        const char *name = i ? "the second command" : "the command";
-        if (record.u[i])
-            st = check_commands(record.u[i], name, model, log, err);
-        if (record.u[i] && st == MK_OK)
-            st = check_values(record.u[i], name, log, err);
-    }
-    return st;
+    return st == MK_OK ? check_record(record, model, log, FEWEST, err) : st;
 }
 
 // The row behind the last one where a joint is not yet where it stays to the end.
@@ -193,6 +158,12 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
                            "%zu rows are too few to explain anything and hold a quarter of them "
                            "back: %zu without those, or give another log with --holdout",
                            record.rows, FEWEST);
+    const double seconds = record.t[end - 1] - record.t[last], least = least_to_hold_out(model);
+    if (seconds < least)
+        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
+                           "the last quarter of the motion, %.2g s, is too short to measure a gain "
+                           "on: %.2g s at least, or give another log with --holdout",
+                           seconds, least);
     const FitLog part = fit_log(record, model, last, std::max(end, last + 2));
     st = end - last < 2 ? MK_ERR_RANGE : check_motion(part, &log, "measure on", nullptr);
     if (st != MK_OK)

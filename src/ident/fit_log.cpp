@@ -6,8 +6,8 @@
 #include <limits>
 #include <utility>
 
-#include "ident/period.hpp"
 #include "mechkit/loop.h"
+#include "sim/period.hpp"
 
 namespace mk
 {

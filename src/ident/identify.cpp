@@ -9,8 +9,7 @@
 #include <new>
 
 #include "ident/method.hpp"
-#include "ident/period.hpp"
-#include "ident/sizes.hpp"
+#include "sim/record_check.hpp"
 
 namespace
 {
@@ -29,65 +28,36 @@ const mk::IdentMethod *find(const char *name)
 }
 
 constexpr size_t FEWEST_ROWS = 20;
-// No rig here can be followed with readings farther apart, s.
-constexpr double LONGEST_PERIOD = 0.2;
 
-struct Range {
-    double low = HUGE_VAL, high = -HUGE_VAL;
-    size_t values = 0;
-
-    Range(const double *x, size_t rows)
-    {
-        for (size_t k = 0; k < rows; k++)
-            if (!std::isnan(x[k])) {
-                low = std::min(low, x[k]), high = std::max(high, x[k]);
-                values++;
-            }
-    }
-};
-
-enum mk_status check_values(const mk_record &record, const double *x, const char *what,
-                            const mk_log *log, mk_error *err)
+// A log that can be learned from joins the problem; one in which nothing moves does not.
+enum mk_status take_log(mk::IdentProblem &problem, const mk_log *log, mk_error *err)
 {
-    Range range(x, record.rows);
-    if (range.values < FEWEST_ROWS)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "%zu values of %s are too few to fit anything: %zu at least",
-                           range.values, what, FEWEST_ROWS);
+    mk_record record;
+    enum mk_status st = mk_record_from_log(log, &problem.model, &record, err);
+    if (st == MK_OK)
+        st = mk::check_record(record, problem.model, *log, FEWEST_ROWS, err);
+    if (st != MK_OK || !mk::record_moves(record, problem.model))
+        return st;
+    for (int j = 0; j < mk_model_joints(&problem.model); j++)
+        problem.moves[j] = problem.moves[j] || mk::joint_moves(record, problem.model, j);
+    problem.logs.push_back(log);
+    problem.records.push_back(record);
     return MK_OK;
 }
 
-// A log must have readings and move, or there is nothing to learn from it.
-enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, const mk_log *log,
-                            mk_error *err)
+// All that is doubted of the logs, asked for where the caller did not.
+enum mk_status check_data(const mk::IdentProblem &problem, const mk_log *const *logs, size_t count,
+                          mk_data_check &check, mk_error *err)
 {
-    static const char *const angles[] = {"q1", "q2"};
-    bool moves = false;
-    if (record.rows < FEWEST_ROWS)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "%zu rows are too few to fit anything: %zu at least", record.rows,
-                           FEWEST_ROWS);
-    double period = mk::median_period(record.t, record.rows);
-    if (period > LONGEST_PERIOD)
-        return mk_error_at(
-            err, MK_ERR_RANGE, log->path, 0, 0,
-            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    enum mk_status st = check_values(record, record.u[0], "the command", log, err);
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
-        if (record.u[i])
-            st = mk::check_commands(record.u[i], i ? "the second command" : "the command",
-                                    problem.model, *log, err);
-    for (int j = 0; j < mk_model_joints(&problem.model) && st == MK_OK; j++) {
-        st = check_values(record, record.q[j], angles[j], log, err);
-        if (st == MK_OK)
-            st = mk::check_angles(record.q[j], angles[j], *log, err);
-        Range range(record.q[j], record.rows);
-        if (range.high - range.low >= 3.0 * 6.283185307179586 / problem.model.encoder_cpr[j])
-            problem.moves[j] = moves = true;
-    }
-    if (st == MK_OK && !moves)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "nothing moves in this log: there is nothing to learn from it");
+    enum mk_status st = MK_OK;
+    if (problem.options.data_check)
+        check = *problem.options.data_check;
+    else
+        st = mk_data_check_logs(&problem.model, logs, count, MK_DATA_IDENTIFY, &check, err);
+    const mk_data_finding *fatal = mk_data_check_fatal(&check);
+    if (st == MK_OK && fatal && !problem.options.force)
+        return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,
+                           fatal->remedy);
     return st;
 }
 
@@ -176,20 +146,17 @@ try {
         return mk_error_set(err, MK_ERR_NOTFOUND, "there is no method '%s'", name);
     if (log_count == 0)
         return mk_error_set(err, MK_ERR_INVALID, "a fit needs a log at least");
+    auto result = std::make_unique<mk_ident_result>();
     enum mk_status st = mk_model_check(model, err);
-    for (size_t i = 0; i < log_count && st == MK_OK; i++) {
-        mk_record record;
-        st = mk_record_from_log(logs[i], model, &record, err);
-        if (st == MK_OK)
-            st = check_motion(problem, record, logs[i], err);
-        if (st != MK_OK)
-            return st;
-        problem.logs.push_back(logs[i]);
-        problem.records.push_back(record);
-    }
+    if (st == MK_OK)
+        st = check_data(problem, logs, log_count, result->data_check, err);
+    for (size_t i = 0; i < log_count && st == MK_OK; i++)
+        st = take_log(problem, logs[i], err);
+    if (st == MK_OK && problem.logs.empty())
+        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
+                           "nothing moves in this log: there is nothing to learn from it");
     if (st != MK_OK)
         return st;
-    auto result = std::make_unique<mk_ident_result>();
     result->model = *model;
     snprintf(result->method, sizeof result->method, "%s", name);
     name_parameters(problem.options, *result);

@@ -230,6 +230,8 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
     o.fixed[1] = true;
     o.threads = problem.options.threads;
     auto r = std::make_unique<mk_ident_result>();
+    const mk_data_check made_here = {}; // no columns of a file to be doubted
+    o.data_check = &made_here;
     const mk_log *logs[1] = {made};
     st = mk_identify(&m, logs, 1, &o, r.get(), err);
     if (st != MK_OK)

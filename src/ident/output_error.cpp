@@ -6,7 +6,7 @@
 
 #include "ident/fit.hpp"
 #include "ident/method.hpp"
-#include "ident/period.hpp"
+#include "sim/period.hpp"
 
 namespace mk
 {

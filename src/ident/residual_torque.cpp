@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "ident/fit_log.hpp"
-#include "ident/period.hpp"
 #include "ident/quantiles.hpp"
 #include "ident/track.hpp"
+#include "sim/period.hpp"
 
 namespace mk
 {
