@@ -162,6 +162,7 @@ struct mk_model {
     int effect_count;
     struct mk_effect_use effect[MK_MAX_EFFECTS];
     double rtol, atol; /* integration tolerances, defaults 1e-8, 1e-10 */
+    bool no_motor;     /* nothing drives the rig: its logs need no command, which is 0 */
 };
 
 /* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */

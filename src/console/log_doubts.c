@@ -190,10 +190,11 @@ static void map_itself(const struct mk_log *log, const struct mk_model *model,
                        struct mk_import_map *map)
 {
     static const char *const names[] = {"t", "q1", "q2", "u", "tau", "u1", "u2", "tau1", "tau2"};
-    *map = (struct mk_import_map){.rig = mk_plant(model->plant)->kind};
+    *map = (struct mk_import_map){.rig = mk_plant(model->plant)->kind, .no_input = true};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         if (!mk_log_get(log, names[i]) || (i == 2 && mk_model_joints(model) < 2))
             continue;
+        map->no_input = map->no_input && i < 3; /* t, q1, q2; the rest are commands */
         struct mk_import_column *c = &map->column[map->count++];
         *c = (struct mk_import_column){.sign = 1.0};
         snprintf(c->to, sizeof c->to, "%s", names[i]);
@@ -389,7 +390,7 @@ static void say_what_is_missing(const struct mk_log *log, const struct mk_model 
             fprintf(stderr, "mechkit: %s: %.0f %% of the readings of %s are missing\n", log->path,
                     100.0 * share, angles[j]);
     }
-    double share = missing_share(r->u[0], r->rows);
+    double share = r->u[0] ? missing_share(r->u[0], r->rows) : 0.0;
     if (share > MANY && share < 1.0)
         fprintf(stderr,
                 "mechkit: %s: %.0f %% of the commands are missing, and made up from those before "
@@ -404,7 +405,7 @@ static void say_what_is_clipped(const struct mk_log *log, const struct mk_model 
 {
     size_t beyond = 0, far = 0;
     double most = 0.0;
-    for (size_t k = 0; k < r->rows; k++) {
+    for (size_t k = 0; r->u[0] && k < r->rows; k++) {
         double u = fabs(r->u[0][k]);
         beyond += u > model->u_max * (1.0 + 1e-9);
         far += u > 10.0 * model->u_max;

@@ -72,7 +72,8 @@ enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, 
         return mk_error_at(
             err, MK_ERR_RANGE, log->path, 0, 0,
             "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    enum mk_status st = check_values(record, record.u[0], "the command", log, err);
+    enum mk_status st =
+        record.u[0] ? check_values(record, record.u[0], "the command", log, err) : MK_OK;
     for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
         if (record.u[i])
             st = mk::check_commands(record.u[i], i ? "the second command" : "the command",
@@ -99,7 +100,7 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
 {
     size_t beyond = 0, rows = 0;
     for (const mk_record &record : problem.records) {
-        for (size_t k = 0; k < record.rows; k++)
+        for (size_t k = 0; record.u[0] && k < record.rows; k++)
             beyond += std::fabs(record.u[0][k]) > problem.model.u_max * (1.0 + 1e-9);
         rows += record.rows;
     }

@@ -105,6 +105,18 @@ static enum mk_status get_counts(struct reader *r, struct mk_model *m)
     return MK_OK;
 }
 
+/* `motor = none`: nothing drives the rig. Without the key a motor does. */
+static enum mk_status get_motor(struct reader *r, struct mk_model *m)
+{
+    struct mk_ini_entry *e = find(r, "rig", "motor");
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    m->no_motor = strcmp(e->value, "none") == 0;
+    return m->no_motor ? MK_OK
+                       : mk_ini_refuse(r->file, e, r->err, "none, or no such key on a driven rig");
+}
+
 /* --- sections ---------------------------------------------------------------------------- */
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
@@ -128,6 +140,8 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
         st = get_positive(r, "rig", "u_to_torque", MOST, &m->u_to_torque);
     if (st == MK_OK)
         st = get_counts(r, m);
+    if (st == MK_OK)
+        st = get_motor(r, m);
     if (st == MK_OK)
         st = get_positive(r, "simulation", "rtol", HUGE_VAL, &m->rtol);
     if (st == MK_OK)
@@ -361,6 +375,8 @@ static void write_model(FILE *f, const struct mk_model *m, const char *comment)
     fprintf(f, "encoder_cpr = %d", m->encoder_cpr[0]);
     if (plant->joints == 2)
         fprintf(f, " %d", m->encoder_cpr[1]);
+    if (m->no_motor)
+        fprintf(f, "\nmotor = none");
     fprintf(f, "\n\n[parameters]\n");
     bool errors = false;
     for (int i = 0; i < plant->parameter_count; i++) {
