@@ -54,6 +54,7 @@
     X(shoot)                                                                                       \
     X(signals)                                                                                     \
     X(linear)                                                                                      \
+    X(ratios)                                                                                      \
     X(excite)                                                                                      \
     X(measure)                                                                                     \
     X(explain)                                                                                     \

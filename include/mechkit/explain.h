@@ -121,6 +121,11 @@ struct mk_explanation {
      */
     struct mk_model given, refit, extended;
     bool offered;
+    /* No command acts in the logs: all inertias, weights, frictions and stiffnesses may be
+     * multiplied by one number. Parameter `scale_holder` has kept its given value, all others,
+     * those of causes too, and their standard errors are counted in it. */
+    bool scale_free;
+    int scale_holder;
     double
         std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
     double noise[MK_MAX_JOINTS];      /* of the readings, rad */

@@ -15,6 +15,7 @@
 #include "explain/innovations.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -23,6 +24,17 @@ namespace
 {
 
 constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
+
+// Whether no command acts in any of the logs, so that they leave the scale of the model open. Logs
+// that cannot be read are told of later.
+bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &logs)
+{
+    std::vector<mk_record> records(logs.size());
+    for (size_t i = 0; i < logs.size(); i++)
+        if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
+            return model.no_motor;
+    return scale_is_free(model, records);
+}
 
 class Explainer
 {
@@ -70,7 +82,7 @@ class Explainer
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
             measure_gain(model, options, data, training, *causes, verdict, out, err);
-        if (measured == MK_OK)
+        if (measured == MK_OK && !model.no_motor)
             propose_experiment(model, training, causes->best, verdict.rivals(), options.next, out);
         return measured;
     }
@@ -273,10 +285,19 @@ try {
     enum mk_status st = mk_model_check(model, err);
     if (st != MK_OK)
         return st;
-    mk::Explainer explainer(*model, *result, o);
+    // For the fits a rig that nothing drove in these logs is one without a motor.
+    mk_model as_driven = *model;
+    std::vector<const mk_log *> all(logs, logs + log_count);
+    all.insert(all.end(), holdouts, holdouts + holdout_count);
+    as_driven.no_motor = mk::nothing_drives(*model, all);
+    mk::Explainer explainer(as_driven, *result, o);
     st = explainer.run(logs, log_count, holdouts, holdout_count, err);
     if (st != MK_OK)
         return st;
+    result->scale_free = as_driven.no_motor;
+    result->scale_holder = mk::scale_holder(*model, nullptr);
+    for (mk_model *m : {&result->given, &result->refit, &result->extended})
+        m->no_motor = model->no_motor;
     result->seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     *out = *result;

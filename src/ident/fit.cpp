@@ -7,6 +7,7 @@
 
 #include "base/parallel.hpp"
 #include "ident/fit_priv.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -49,6 +50,7 @@ Fit::~Fit() = default;
 std::vector<int> fitted_parameters(const mk_model &model)
 {
     std::vector<int> free;
+    const int held = model.no_motor ? scale_holder(model, nullptr) : -1;
     int n = mk_model_parameter_count(&model);
     for (int i = 0; i < n; i++) {
         char name[64];
@@ -56,7 +58,7 @@ std::vector<int> fitted_parameters(const mk_model &model)
         // Most library terms have no frequency.
         bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
                     mk_model_parameter(&model, i - 1) < 8.0;
-        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle)
+        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle && i != held)
             free.push_back(i);
     }
     return free;
