@@ -96,6 +96,8 @@ struct mk_control_gain {
 #define MK_MAX_CONTROL_GAINS 2
 
 struct mk_explain_options {
+    /* Parameters of which the model's value says nothing (mk_model_read_open). */
+    bool unknown[MK_MAX_FIT_PARAMETERS];
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */

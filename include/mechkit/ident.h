@@ -23,7 +23,6 @@ extern "C" {
 #endif
 #pragma GCC visibility push(default)
 
-#define MK_MAX_FIT_PARAMETERS (MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS)
 #define MK_MAX_FIT_WARNINGS 16
 
 struct mk_ident_method_info {
@@ -47,6 +46,8 @@ struct mk_ident_options {
     double cutoff_hz;
     /* Parameters held at the model's value, by number as above. */
     bool fixed[MK_MAX_FIT_PARAMETERS];
+    /* Parameters of which the model's value says nothing (mk_model_read_open). */
+    bool unknown[MK_MAX_FIT_PARAMETERS];
     int threads; /* 0: as many as there are processors */
     mk_progress_fn progress;
     void *progress_context;

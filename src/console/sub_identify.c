@@ -343,7 +343,7 @@ static enum mk_status write_output(const struct job *j, struct mk_error *err)
 static int identify(struct job *j)
 {
     struct mk_error err = MK_ERROR_INIT;
-    if (mk_model_read(j->o.model, &j->model, &err) != MK_OK)
+    if (mk_model_read_open(j->o.model, &j->model, j->o.ident.unknown, &err) != MK_OK)
         return report_error(&err);
     int rc = fix_parameters("identify", &j->o.fixed, &j->model, j->o.ident.fixed);
     if (rc != EXIT_OK)

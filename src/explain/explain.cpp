@@ -15,6 +15,7 @@
 #include "explain/innovations.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
+#include "ident/first_values.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -36,12 +37,43 @@ bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &lo
     return scale_is_free(model, records);
 }
 
+bool any_unknown(const mk_explain_options &options)
+{
+    return std::any_of(std::begin(options.unknown), std::end(options.unknown),
+                       [](bool unknown) { return unknown; });
+}
+
+// The given model, or one that follows the data where that is orders of magnitude off or unknown.
+mk_model start_values(const mk_model &model, const mk_explain_options &options,
+                      const mk_log *const *logs, size_t count,
+                      const std::vector<const FitLog *> &training)
+{
+    IdentProblem problem = {};
+    problem.model = model;
+    std::copy(std::begin(options.unknown), std::end(options.unknown), problem.options.unknown);
+    if (model.no_motor)
+        problem.options.fixed[scale_holder(model, nullptr)] = true;
+    for (size_t i = 0; i < count; i++) {
+        mk_record record;
+        if (mk_record_from_log(logs[i], &model, &record, nullptr) != MK_OK)
+            return model;
+        problem.logs.push_back(logs[i]);
+        problem.records.push_back(record);
+    }
+    for (const FitLog *log : training)
+        for (int j = 0; j < log->joints; j++)
+            problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
+    FitOptions fit;
+    fit.threads = options.threads;
+    return first_values(problem, training, fit).front();
+}
+
 class Explainer
 {
   public:
     Explainer(const mk_model &model_in, mk_explanation &out_in,
               const mk_explain_options &options_in)
-        : model(model_in), out(out_in), options(options_in)
+        : model(model_in), start(model_in), out(out_in), options(options_in)
     {
     }
 
@@ -54,14 +86,17 @@ class Explainer
             return st;
         for (const FitLog &log : data.logs)
             training.push_back(&log);
+        start = start_values(model, options, logs, log_count, training);
+        if (any_unknown(options))
+            model = start;
         SearchOptions so;
-        so.given = &model;
+        so.given = &start;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
         search = std::make_unique<Search>(training, so);
         Hypothesis refit;
-        if (!search->refit(model, nullptr, refit))
+        if (!search->refit(start, nullptr, refit))
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
@@ -88,7 +123,8 @@ class Explainer
     }
 
   private:
-    const mk_model &model;
+    mk_model model; // as given; where values of it are unknown, as the fit starts
+    mk_model start; // base parameters right to within a factor of some three
     mk_explanation &out;
     mk_explain_options options;
     TrainingData data;
@@ -134,7 +170,7 @@ class Explainer
             training.push_back(&log);
         causes.reset();
         search = std::make_unique<Search>(training, so);
-        if (!search->refit(model, nullptr, refit))
+        if (!search->refit(start, nullptr, refit))
             refit = lost.fit;
     }
     // A model that does not follow its data bends within a stretch, and what it misses there is

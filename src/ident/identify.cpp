@@ -130,7 +130,7 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
 enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem &problem,
                                  mk_ident_result &r, mk_error *err)
 {
-    const int holder = mk::scale_holder(problem.model, nullptr);
+    const int holder = mk::scale_holder(problem.model, problem.options.unknown);
     if (holder < 0 || mk::scale_is_held(problem.model, problem.options.fixed))
         return method.fit(problem, r, err);
     const mk_ident_result unfitted = r;
