@@ -55,6 +55,7 @@
     X(contact)                                                                                     \
     X(signals)                                                                                     \
     X(linear)                                                                                      \
+    X(ratios)                                                                                      \
     X(excite)                                                                                      \
     X(measure)                                                                                     \
     X(data_check)                                                                                  \

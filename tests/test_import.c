@@ -797,6 +797,94 @@ START_TEST(what_cannot_be_is_not_written_unless_forced)
 }
 END_TEST
 
+/* Angles of two pendulums from the upward vertical, the first alone in "a", both in "a" and "b". */
+static const char *free_swing(const char *name)
+{
+    static char text[200000];
+    size_t used = (size_t)snprintf(text, sizeof text, "t,a,b\n");
+    double a = M_PI + 1.2, b = M_PI - 0.4, va = 0.0, vb = 0.0;
+    for (int k = 0; k < 3000; k++) {
+        used +=
+            (size_t)snprintf(text + used, sizeof text - used, "%.3f,%.9f,%.9f\n", 0.002 * k, a, b);
+        for (int i = 0; i < 20; i++) {
+            va += 1e-4 * (64.0 * sin(a) - 0.07 * va);
+            vb += 1e-4 * (30.0 * sin(b) - 0.05 * vb);
+            a += 1e-4 * va;
+            b += 1e-4 * vb;
+        }
+    }
+    return scratch_text(name, text);
+}
+
+START_TEST(a_log_of_a_rig_that_nothing_drives_says_so)
+{
+    char out[2048];
+    struct mk_log *log;
+    const char *file = free_swing("swing.csv"), *to = scratch("swing_log.csv");
+    const char *map = scratch_text("swing.map", "[rig]\nkind = pendulum\ninput = none\n[t]\n"
+                                                "column = t\n[q1]\ncolumn = a\n"
+                                                "offset = -3.141592653589793\n");
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, to);
+    ck_assert_msg(code == 0 && strstr(out, "nothing drove the rig"), "%d %s", code, out);
+    ck_assert_int_eq(mk_log_read(to, &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "input"), "none");
+    ck_assert_ptr_null(mk_log_get(log, "u"));
+    mk_log_free(log);
+    code = run_mechkit(out, sizeof out, "import %s --rig pendulum --out %s", file, to);
+    ck_assert_int_eq(code, 3);
+    map = scratch_text("swing.map", "[rig]\nkind = pendulum\n[t]\ncolumn = t\n[q1]\ncolumn = a\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, to);
+    ck_assert_msg(code == 3 && strstr(out, "input = none"), "%d %s", code, out);
+    map = scratch_text("swing.map", "[rig]\nkind = pendulum\ninput = none\n[t]\ncolumn = t\n[q1]\n"
+                                    "column = a\n[u]\ncolumn = b\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, to);
+    ck_assert_msg(code == 3 && strstr(out, "one of the two is wrong"), "%d %s", code, out);
+}
+END_TEST
+
+START_TEST(without_a_command_gravity_still_tells_a_wrong_zero)
+{
+    char out[2048];
+    const char *map = scratch_text("up.map", "[rig]\nkind = pendulum\ninput = none\n[t]\n"
+                                             "column = t\n[q1]\ncolumn = a\n");
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", free_swing("up.csv"),
+                           map, scratch("up_log.csv"));
+    ck_assert_msg(code == 1 && strstr(out, "q1 is counted from elsewhere") &&
+                      strstr(out, "[q1] offset = 3.14159"),
+                  "%d %s", code, out);
+}
+END_TEST
+
+START_TEST(an_angle_may_be_the_difference_or_sum_of_columns)
+{
+    char out[2048];
+    const char *map =
+        scratch_text("sum.map", "[rig]\nkind = pendubot\n[t]\ncolumn = t\n[q1]\n"
+                                "column = a\n[q2]\ncolumn = b\nminus = a\nunit = deg\n"
+                                "sign = -1\noffset = 1\n[u]\ncolumn = a\nplus = b\n");
+    const char *file = scratch_text("sum.csv", "t,a,b\n0,1,91\n0.1,2,182\n0.2,3,273\n");
+    const char *to = scratch("sum_log.csv"), *copy = scratch("sum_copy.map");
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --write-map %s --force",
+                           file, map, to, copy);
+    ck_assert_msg(code == 0 && strstr(out, "-(b - a) [deg] + 1"), "%d %s", code, out);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(to, &log, NULL), MK_OK);
+    for (int k = 0; k < 3; k++) {
+        ck_assert_double_eq_tol(mk_log_get(log, "q2")[k], 1.0 - 0.5 * M_PI * (k + 1), 1e-12);
+        ck_assert_double_eq_tol(mk_log_get(log, "u")[k], 92.0 * (k + 1), 1e-12);
+    }
+    mk_log_free(log);
+    struct mk_import_map back;
+    ck_assert_int_eq(mk_import_map_read(copy, &back, NULL), MK_OK);
+    ck_assert_str_eq(mk_import_map_find(&back, "q2")->minus, "a");
+    ck_assert_str_eq(mk_import_map_find(&back, "u")->plus, "b");
+    map = scratch_text("sum.map", "[rig]\nkind = pendulum\ninput = none\n[t]\ncolumn = t\n[q1]\n"
+                                  "column = a\nminus = c\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, to);
+    ck_assert_msg(code == 3 && strstr(out, "which column is q1"), "%d %s", code, out);
+}
+END_TEST
+
 Suite *suite_import(void)
 {
     Suite *s = suite_create("import");
@@ -818,6 +906,8 @@ Suite *suite_import(void)
     tcase_add_test(c, a_mapping_reads_back_as_it_was_written);
     tcase_add_test(c, an_indented_mapping_reads_as_a_plain_one);
     tcase_add_test(c, a_part_of_a_line_is_not_taken_for_a_line_of_a_mapping);
+    tcase_add_test(c, a_log_of_a_rig_that_nothing_drives_says_so);
+    tcase_add_test(c, an_angle_may_be_the_difference_or_sum_of_columns);
     suite_add_tcase(s, c);
     c = tcase_create("plausibility");
     tcase_set_timeout(c, 240);
@@ -830,6 +920,7 @@ Suite *suite_import(void)
     tcase_add_test(c, a_wheel_that_turns_evenly_is_no_encoder_of_few_counts);
     tcase_add_test(c, numbers_that_no_rig_makes_are_not_taken_for_a_log);
     tcase_add_test(c, what_cannot_be_is_not_written_unless_forced);
+    tcase_add_test(c, without_a_command_gravity_still_tells_a_wrong_zero);
     suite_add_tcase(s, c);
     return s;
 }

@@ -82,6 +82,19 @@ START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
 }
 END_TEST
 
+START_TEST(a_rig_without_a_motor_says_so_and_stays_so)
+{
+    struct mk_model m = read_text(WHEEL), back;
+    ck_assert(!m.no_motor);
+    m = read_text("[rig]\nkind = pendulum\nmotor = none\n[parameters]\np1=1\np2=3\np3=0\np4=0");
+    ck_assert(m.no_motor);
+    ck_assert_int_eq(mk_model_write(scratch("passive.ini"), &m, NULL, NULL), MK_OK);
+    ck_assert_int_eq(mk_model_read(scratch("passive.ini"), &back, NULL), MK_OK);
+    ck_assert(back.no_motor);
+    expect_error("[rig]\nkind = pendulum\nmotor = two\n", MK_ERR_PARSE, 3, "expected none");
+}
+END_TEST
+
 START_TEST(sections_may_come_in_any_order)
 {
     struct mk_model m =
@@ -242,6 +255,7 @@ Suite *suite_model_file(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_model_that_is_written_reads_back_equal);
     tcase_add_test(t, comments_blanks_and_line_ends_of_all_kinds_are_understood);
+    tcase_add_test(t, a_rig_without_a_motor_says_so_and_stays_so);
     tcase_add_test(t, sections_may_come_in_any_order);
     tcase_add_test(t, bad_models_are_refused_with_their_line);
     tcase_add_test(t, random_text_does_no_harm);

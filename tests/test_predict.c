@@ -263,6 +263,43 @@ START_TEST(commands_are_found_under_their_names)
 }
 END_TEST
 
+START_TEST(without_a_command_the_log_or_the_model_must_say_so)
+{
+    struct mk_model m;
+    struct mk_log *log;
+    struct mk_record r;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    const char *path = scratch_text(
+        "still.csv", "t,q1\n0,1\n0.002,0.999\n0.004,0.998\n0.006,0.997\n0.008,0.996\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "motor = none"));
+    ck_assert_ptr_nonnull(strstr(err.message, "input = none"));
+    ck_assert_int_eq(mk_log_set_meta(log, "input", "none"), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    ck_assert_ptr_null(r.u[0]);
+    mk_log_free(log);
+    m.no_motor = true;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    struct mk_predict_figures f;
+    mk_log_free(predict(&m, log, 0.0, &f));
+    mk_log_free(log);
+    /* A command of 0 is none; another one contradicts. */
+    path = scratch_text("driven.csv", "t,q1,u\n0,1,0\n0.002,1,0\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    mk_log_free(log);
+    path = scratch_text("driven.csv", "t,q1,u\n0,1,0\n0.002,1,0.3\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 3 && strstr(err.message, "nothing drives"), "%d %s", err.line,
+                  err.message);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(logs_too_short_to_predict_are_refused)
 {
     struct mk_model m;
@@ -355,6 +392,7 @@ Suite *suite_predict(void)
     tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);
+    tcase_add_test(t, without_a_command_the_log_or_the_model_must_say_so);
     tcase_add_test(t, logs_too_short_to_predict_are_refused);
     tcase_add_test(t, numbers_that_no_rig_has_are_told);
     tcase_add_loop_test(t, models_of_real_rigs_follow_their_logs, 0, 3);

@@ -97,13 +97,17 @@ MK_NODISCARD enum mk_status mk_export_fmu(const char *path, const struct mk_mode
 
 #define MK_IMPORT_COLUMNS 16
 
-/* One column of a log and where it comes from: sign * (value in `unit`) + offset. */
+/* One column of a log and where it comes from: sign * (from + plus - minus, in `unit`) + offset. A
+ * sum or a difference is what an angle is that was measured from elsewhere: of a link from the
+ * vertical instead of from the link before it. */
 struct mk_import_column {
-    char to[32];   /* column of the log: t, q1, q2, u, tau1, ... or any other name */
-    char from[64]; /* column of the file, by name or by number from 1 */
-    char unit[16]; /* "": the log's own */
-    double sign;   /* 1, -1, or any factor */
-    double offset; /* in the log's unit */
+    char to[32];    /* column of the log: t, q1, q2, u, tau1, ... or any other name */
+    char from[64];  /* column of the file, by name or by number from 1 */
+    char plus[64];  /* column that is added; "": none */
+    char minus[64]; /* column that is subtracted; "": none */
+    char unit[16];  /* of all three; "": the log's own */
+    double sign;    /* 1, -1, or any factor */
+    double offset;  /* in the log's unit */
 };
 
 /* What the columns of a file mean (docs/formats.md, "Mapping"). */
@@ -112,6 +116,7 @@ struct mk_import_map {
     enum mk_plant_kind rig;
     double u_to_torque;             /* N m per unit of command; 0: unknown */
     int encoder_cpr[MK_MAX_JOINTS]; /* 0: unknown */
+    bool no_input;                  /* nothing drove the rig: there is no command */
     int count;
     struct mk_import_column column[MK_IMPORT_COLUMNS];
 };

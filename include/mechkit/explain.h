@@ -119,6 +119,8 @@ struct mk_control_gain {
 #define MK_MAX_CONTROL_GAINS 2
 
 struct mk_explain_options {
+    /* Parameters of which the model's value says nothing (mk_model_read_open). */
+    bool unknown[MK_MAX_FIT_PARAMETERS];
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
@@ -157,6 +159,11 @@ struct mk_explanation {
      */
     struct mk_model given, refit, extended;
     bool offered;
+    /* No command acts in the logs: all inertias, weights, frictions and stiffnesses may be
+     * multiplied by one number. Parameter `scale_holder` has kept its given value, all others,
+     * those of causes too, and their standard errors are counted in it. */
+    bool scale_free;
+    int scale_holder;
     double
         std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
     double noise[MK_MAX_JOINTS];      /* of the readings, rad */

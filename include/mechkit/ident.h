@@ -24,7 +24,6 @@ extern "C" {
 #endif
 #pragma GCC visibility push(default)
 
-#define MK_MAX_FIT_PARAMETERS (MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS)
 #define MK_MAX_FIT_WARNINGS 16
 
 struct mk_ident_method_info {
@@ -48,6 +47,8 @@ struct mk_ident_options {
     double cutoff_hz;
     /* Parameters held at the model's value, by number as above. */
     bool fixed[MK_MAX_FIT_PARAMETERS];
+    /* Parameters of which the model's value says nothing (mk_model_read_open). */
+    bool unknown[MK_MAX_FIT_PARAMETERS];
     int threads; /* 0: as many as there are processors */
     /* What mk_data_check_logs said of these logs for MK_DATA_IDENTIFY; NULL: it is asked. */
     const struct mk_data_check *data_check;
@@ -75,6 +76,15 @@ struct mk_own_value {
 };
 #define MK_MAX_OWN_VALUES 256
 
+/* What data tell about a parameter where the scale is free: how it compares with the held one. */
+struct mk_ident_ratio {
+    char name[132]; /* "p2/p1" */
+    char unit[24];  /* SI, "1/s^2"; the same in command units */
+    int parameter;  /* number of the first */
+    double value;
+    double std_error; /* NaN: not determined by the data */
+};
+
 struct mk_ident_result {
     struct mk_model model; /* fitted: values, spreads and standard errors filled in */
     char method[24];
@@ -88,6 +98,14 @@ struct mk_ident_result {
     double noise[MK_MAX_JOINTS]; /* standard deviation of the readings' noise, rad; NaN unknown */
     int own_count;
     struct mk_own_value own[MK_MAX_OWN_VALUES]; /* by log; what does not fit is left out */
+    /* Data without a torque show ratios of inertias, weights, frictions and stiffnesses alone, for
+     * all of them may be multiplied by one number. Parameter `scale_holder` then keeps its given
+     * value; standard errors of the others are NaN, or follow from that of the held one if the
+     * model has it, and the covariance is that at the held value. */
+    bool scale_free;
+    int scale_holder;
+    int ratio_count;
+    struct mk_ident_ratio ratio[MK_MAX_FIT_PARAMETERS];
     int iterations;
     bool converged;
     size_t rows; /* readings used */

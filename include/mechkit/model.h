@@ -29,6 +29,8 @@ extern "C" {
 #define MK_MAX_PARAMETERS 8
 #define MK_MAX_EFFECTS 12
 #define MK_MAX_EFFECT_PARAMETERS 5
+/* Base parameters, then those of the effects in order. */
+#define MK_MAX_FIT_PARAMETERS (MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS)
 #define MK_MAX_STATES 24
 #define MK_MAX_EVENTS 24
 #define MK_FRICTION_STEEPNESS 15.0 /* k in S_k(v) = tanh(k v), s/rad; report (2.3), errata 2.4 */
@@ -162,6 +164,7 @@ struct mk_model {
     int effect_count;
     struct mk_effect_use effect[MK_MAX_EFFECTS];
     double rtol, atol; /* integration tolerances, defaults 1e-8, 1e-10 */
+    bool no_motor;     /* nothing drives the rig: its logs need no command, which is 0 */
 };
 
 /* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */
@@ -173,6 +176,11 @@ void mk_model_default(enum mk_plant_kind kind, struct mk_model *out);
  */
 MK_NODISCARD enum mk_status mk_model_read(const char *path, struct mk_model *out,
                                           struct mk_error *err);
+/* The same for who can do without some values: of a parameter that the file says is `?` *out has a
+ * usual value and unknown[number] (MK_MAX_FIT_PARAMETERS of them, base parameters first, then those
+ * of the effects in order) is true. mk_model_read refuses `?`: MK_ERR_RANGE. */
+MK_NODISCARD enum mk_status mk_model_read_open(const char *path, struct mk_model *out,
+                                               bool *unknown, struct mk_error *err);
 /* Writes it, atomically; reads back equal. `comment` (may be NULL, may have several lines) goes on
  * top as # lines. MK_ERR_IO, MK_ERR_NOSPACE, MK_ERR_PERM. */
 MK_NODISCARD enum mk_status mk_model_write(const char *path, const struct mk_model *model,

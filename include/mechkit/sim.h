@@ -119,16 +119,19 @@ struct mk_record {
     size_t rows;
     const double *t;                /* s, borrowed from the log */
     const double *q[MK_MAX_JOINTS]; /* rad; NaN where a sample was dropped */
-    const double *u[MK_MAX_INPUTS]; /* commands; u[1] NULL with one motor */
-    const double *late_us;          /* how late each exchange was; NULL: the log does not say, or
-                                       the board's own clock made the samples, on time */
-    bool board_clock;               /* it did */
-    const double *flags;            /* as of mechkit/loop.h; NULL: the log has none */
-    double u_to_torque;             /* 1 when the log has tau */
-    bool si;                        /* the log has tau */
+    /* Commands; NULL: 0 throughout. u[1] is NULL with one motor, u[0] where nothing drives the rig.
+     */
+    const double *u[MK_MAX_INPUTS];
+    const double *late_us; /* how late each exchange was; NULL: the log does not say, or
+                              the board's own clock made the samples, on time */
+    bool board_clock;      /* it did */
+    const double *flags;   /* as of mechkit/loop.h; NULL: the log has none */
+    double u_to_torque;    /* 1 when the log has tau */
+    bool si;               /* the log has tau */
 };
-/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. MK_ERR_PARSE names what is
- * missing, or that the log is of another rig. */
+/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. A log needs no command where
+ * its metadata say `input: none` or the model has no motor. MK_ERR_PARSE names what is missing, or
+ * that the log is of another rig, or that it has a command where there is said to be none. */
 MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);

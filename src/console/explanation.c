@@ -199,6 +199,13 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict == MK_VERDICT_PARAMETERS)
         print_values(out, e);
     print_rivals(out, e);
+    if (e->scale_free)
+        fprintf(
+            out,
+            "No command acts in these data: they show ratios of inertias, weights and frictions "
+            "only. %s is\nheld at its given value %g, and all torques are counted in it.\n",
+            mk_plant(e->given.plant)->parameter[e->scale_holder].name,
+            e->given.parameter[e->scale_holder]);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
             fprintf(out, "  missing torque in the equation of joint %d: %.3g %s rms\n", j + 1,

@@ -177,7 +177,7 @@ struct job {
 
 static enum mk_status read_input(struct job *j, struct mk_error *err)
 {
-    enum mk_status st = mk_model_read(j->o.model, &j->model, err);
+    enum mk_status st = mk_model_read_open(j->o.model, &j->model, j->o.explain.unknown, err);
     if (st == MK_OK)
         st = log_read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs,
                           err);

@@ -57,7 +57,9 @@ const struct subcommand sub_identify = {
     .summary = "fit a model's parameters to logs",
     .synopsis = "--model M.ini --out FITTED.ini [options] LOG.csv...",
     .about = "Fits [parameters], and those of the effects in the model, and says how well they are "
-             "known.",
+             "known.\n"
+             "Data without a torque, free swings, tell ratios of parameters: p1 then keeps its "
+             "value.",
     .options = option_rows,
     .argument = "log",
     .least = 1,
@@ -111,6 +113,22 @@ static void print_own_values(const struct mk_ident_result *r, const char *const 
     }
 }
 
+static void print_ratios(const struct mk_ident_result *r)
+{
+    if (!r->scale_free)
+        return;
+    const struct mk_ident_parameter *held = &r->parameter[r->scale_holder];
+    printf("  the scale is free: these data show no torque, so inertias, weights and frictions may "
+           "all\n"
+           "  be multiplied by one number. %s is held at %g; what the data determine are ratios:\n",
+           held->name, held->value);
+    for (int i = 0; i < r->ratio_count; i++) {
+        const struct mk_ident_ratio *p = &r->ratio[i];
+        printf("  %-28s %14.8g %12.3g %8.3f   %s\n", p->name, p->value, p->std_error,
+               100.0 * p->std_error / fabs(p->value), p->unit);
+    }
+}
+
 static void print_result(const struct mk_ident_result *r, const char *const *files)
 {
     data_checks_print(stdout, &r->data_check);
@@ -122,10 +140,13 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
         printf("  %-28s %14.8g ", p->name, p->value);
         if (p->fixed)
             printf("%12s %8s", "held", "");
+        else if (r->scale_free && isnan(p->std_error))
+            printf("%12s %8s", "see below", "");
         else
             printf("%12.3g %8.3f", p->std_error, 100.0 * p->std_error / fabs(p->value));
         printf("   %.6g\n", p->initial);
     }
+    print_ratios(r);
     print_own_values(r, files);
     for (int j = 0; j < mk_model_joints(&r->model); j++)
         printf("  noise of q%d: %.3g rad\n", j + 1, r->noise[j]);
@@ -188,6 +209,24 @@ static void add_own_values(cJSON *to, const struct mk_ident_result *r, int param
     }
 }
 
+static void add_ratios(cJSON *to, const struct mk_ident_result *r)
+{
+    cJSON_AddStringToObject(to, "scale", r->scale_free ? "free" : "known");
+    if (!r->scale_free)
+        return;
+    cJSON_AddStringToObject(to, "scale_held", r->parameter[r->scale_holder].name);
+    cJSON *all = cJSON_AddArrayToObject(to, "ratios");
+    for (int i = 0; i < r->ratio_count; i++) {
+        const struct mk_ident_ratio *p = &r->ratio[i];
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "name", p->name);
+        cJSON_AddItemToObject(one, "value", mk_json_number(p->value));
+        cJSON_AddItemToObject(one, "stderr", mk_json_number(p->std_error));
+        cJSON_AddStringToObject(one, "unit", p->unit);
+        cJSON_AddItemToArray(all, one);
+    }
+}
+
 static cJSON *result_json(const struct mk_ident_result *r, const char *const *files)
 {
     cJSON *o = cJSON_CreateObject();
@@ -210,6 +249,7 @@ static cJSON *result_json(const struct mk_ident_result *r, const char *const *fi
         add_own_values(one, r, i, files);
     }
     cJSON_AddStringToObject(o, "method", r->method);
+    add_ratios(o, r);
     cJSON_AddItemToObject(o, "condition_number", mk_json_number(r->condition_number));
     cJSON_AddItemToObject(o, "condition_number_scaled", mk_json_number(r->condition_number_scaled));
     cJSON_AddItemToObject(o, "cost", mk_json_number(r->cost));
@@ -315,7 +355,7 @@ static enum mk_status write_output(const struct job *j, struct mk_error *err)
 static int identify(struct job *j)
 {
     struct mk_error err = MK_ERROR_INIT;
-    if (mk_model_read(j->o.model, &j->model, &err) != MK_OK)
+    if (mk_model_read_open(j->o.model, &j->model, j->o.ident.unknown, &err) != MK_OK)
         return report_error(&err);
     int rc = fix_parameters("identify", &j->o.fixed, &j->model, j->o.ident.fixed);
     if (rc != EXIT_OK)

@@ -71,7 +71,15 @@ static void print_column(const struct mk_import_column *c)
         fputs("-", stdout);
     else if (c->sign != 1.0)
         printf("%g * ", c->sign);
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs("(", stdout);
     fputs(mk_show_text(from, sizeof from, c->from), stdout);
+    if (*c->plus)
+        printf(" + %s", mk_show_text(from, sizeof from, c->plus));
+    if (*c->minus)
+        printf(" - %s", mk_show_text(from, sizeof from, c->minus));
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs(")", stdout);
     if (*c->unit)
         printf(" [%s]", c->unit);
     if (c->offset != 0.0)
@@ -86,6 +94,8 @@ static void print_map(const struct options *o, const struct mk_import_map *map,
            mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
         print_column(&map->column[i]);
+    if (map->no_input)
+        puts("  no command: nothing drove the rig");
     if (*table->left_out)
         printf("  left out: %s\n", table->left_out);
 }
@@ -121,6 +131,10 @@ static enum mk_status write_report(const struct options *o, const struct mk_impo
         const struct mk_import_column *c = &map->column[i];
         cJSON *item = cJSON_AddObjectToObject(columns, c->to);
         cJSON_AddStringToObject(item, "column", c->from);
+        if (*c->plus)
+            cJSON_AddStringToObject(item, "plus", c->plus);
+        if (*c->minus)
+            cJSON_AddStringToObject(item, "minus", c->minus);
         cJSON_AddStringToObject(item, "unit", c->unit);
         cJSON_AddItemToObject(item, "sign", mk_json_number(c->sign));
         cJSON_AddItemToObject(item, "offset", mk_json_number(c->offset));

@@ -111,6 +111,9 @@ class Fit
         n_ = plant_->joints;
         np_ = plant_->parameter_count;
         extra_ = n_ == 2 ? 2 : 0;
+        undriven_ = std::all_of(points.begin(), points.end(), [](const Point &p) {
+            return std::fabs(p.u[0]) + std::fabs(p.u[1]) == 0.0;
+        });
     }
     bool solve(double span);
     // After solve(): the same with no mass, stiffness or friction below zero, as a rig can be at
@@ -127,6 +130,9 @@ class Fit
     int n_, np_, extra_;
     VectorXd p_, deviation_, right_;
     MatrixXd gram_;
+    // Nothing drives the rig: both sides of its equations may be multiplied by anything. The first
+    // parameter, an inertia on every plant, is then 1, and the others are counted in it.
+    bool undriven_ = false;
 
     int passive() const { return 1 - plant_->motor_joint; }
     void rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[2]) const;
@@ -147,6 +153,10 @@ void Fit::rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[
     }
     if (plant_->motor_joint == 1)
         tau[0] = 0.0;
+    for (int j = 0; j < n_ && undriven_; j++) {
+        tau[j] -= phi[j][0];
+        phi[j][0] = 0.0;
+    }
 }
 
 bool Fit::solve(double span)
@@ -183,6 +193,8 @@ bool Fit::solve(double span)
     p_ = axes * (inverse.asDiagonal() * (axes.transpose() * right));
     if (!p_.allFinite())
         return false;
+    if (undriven_)
+        p_[0] = 1.0;
     // Neighbouring points share their readings: as many of them count as windows fit in.
     double windows = std::max(1.0, span / (2.0 * HALF_WINDOW));
     double independent = std::min(windows, static_cast<double>(points_.size())) * n_;
@@ -253,6 +265,8 @@ void Fit::solve_physical()
         }
     }
     p_ = scale.cwiseProduct(x);
+    if (undriven_)
+        p_[0] = 1.0;
 }
 
 int Fit::wrong_sign() const
@@ -360,7 +374,7 @@ bool hangs(const Columns &c, const mk_plant_info *plant)
     for (int j = 0; j < plant->joints; j++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
         for (size_t r = 0; r < rows; r++) {
-            if (std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
+            if (c.u[0] && std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
                 return true;
             low = std::fmin(low, c.q[j][r]);
             high = std::fmax(high, c.q[j][r]);
@@ -442,7 +456,8 @@ Consistency consistency(const mk_log &log, enum mk_plant_kind kind)
     for (int j = 0; j < plant->joints; j++)
         if (!c.q[j])
             return out;
-    if (!c.t || !c.u[0] || c.rows < 50)
+    const char *input = mk_log_find_meta(&log, "input");
+    if (!c.t || (!c.u[0] && !(input && std::strcmp(input, "none") == 0)) || c.rows < 50)
         return out;
     out.hangs = hangs(c, plant);
     out.astray = speed_is_astray(log, 0) + speed_is_astray(log, 1);

@@ -103,6 +103,8 @@ class Changes
                 continue;
             any = true;
             std::swap(a->from, b->from);
+            std::swap(a->plus, b->plus);
+            std::swap(a->minus, b->minus);
             if (whole) {
                 std::swap(a->unit, b->unit);
                 std::swap(a->sign, b->sign);
@@ -201,6 +203,10 @@ std::string difference(const mk_import_map &before, const mk_import_map &now)
         const mk_import_column &a = before.column[i], &b = now.column[i];
         if (strcmp(a.from, b.from) != 0)
             put(b, "column", b.from);
+        if (strcmp(a.plus, b.plus) != 0)
+            put(b, "plus", b.plus);
+        if (strcmp(a.minus, b.minus) != 0)
+            put(b, "minus", b.minus);
         if (strcmp(a.unit, b.unit) != 0)
             put(b, "unit", *b.unit ? b.unit : native_unit(quantity_of_column(b.to)));
         if (a.sign != b.sign)

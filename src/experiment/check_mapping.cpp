@@ -75,6 +75,7 @@ mk_import_map map_itself(const CheckedLog &c)
     static const char *const names[] = {"t", "q1", "q2", "u", "tau", "u1", "u2", "tau1", "tau2"};
     mk_import_map map = {};
     map.rig = mk_plant(c.model.plant)->kind;
+    map.no_input = !c.record.u[0];
     for (const char *name : names) {
         if (!mk_log_get(&c.log, name) || (strcmp(name, "q2") == 0 && mk_model_joints(&c.model) < 2))
             continue;

@@ -17,6 +17,8 @@
 #include "explain/log_values.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
+#include "ident/first_values.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -26,12 +28,54 @@ namespace
 
 constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
 
+// Whether no command acts in any of the logs, so that they leave the scale of the model open. Logs
+// that cannot be read are told of later.
+bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &logs)
+{
+    std::vector<mk_record> records(logs.size());
+    for (size_t i = 0; i < logs.size(); i++)
+        if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
+            return model.no_motor;
+    return scale_is_free(model, records);
+}
+
+bool any_unknown(const mk_explain_options &options)
+{
+    return std::any_of(std::begin(options.unknown), std::end(options.unknown),
+                       [](bool unknown) { return unknown; });
+}
+
+// The given model, or one that follows the data where that is orders of magnitude off or unknown.
+mk_model start_values(const mk_model &model, const mk_explain_options &options,
+                      const mk_log *const *logs, size_t count,
+                      const std::vector<const FitLog *> &training)
+{
+    IdentProblem problem = {};
+    problem.model = model;
+    std::copy(std::begin(options.unknown), std::end(options.unknown), problem.options.unknown);
+    if (model.no_motor)
+        problem.options.fixed[scale_holder(model, nullptr)] = true;
+    for (size_t i = 0; i < count; i++) {
+        mk_record record;
+        if (mk_record_from_log(logs[i], &model, &record, nullptr) != MK_OK)
+            return model;
+        problem.logs.push_back(logs[i]);
+        problem.records.push_back(record);
+    }
+    for (const FitLog *log : training)
+        for (int j = 0; j < log->joints; j++)
+            problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
+    FitOptions fit;
+    fit.threads = options.threads;
+    return first_values(problem, training, fit).front();
+}
+
 class Explainer
 {
   public:
     Explainer(const mk_model &model_in, mk_explanation &out_in,
               const mk_explain_options &options_in)
-        : model(model_in), out(out_in), options(options_in)
+        : model(model_in), start(model_in), out(out_in), options(options_in)
     {
     }
 
@@ -44,14 +88,17 @@ class Explainer
             return st;
         for (const FitLog &log : data.logs)
             training.push_back(&log);
+        start = start_values(model, options, logs, log_count, training);
+        if (any_unknown(options))
+            model = start;
         SearchOptions so;
-        so.given = &model;
+        so.given = &start;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
         search = std::make_unique<Search>(training, so);
         Hypothesis refit;
-        if (!search->refit(model, nullptr, refit))
+        if (!search->refit(start, nullptr, refit))
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
@@ -82,14 +129,15 @@ class Explainer
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
             measure_gain(values.model, options, data, training, *causes, verdict, out, err);
-        if (measured == MK_OK)
+        if (measured == MK_OK && !model.no_motor)
             propose_experiment(values.model, training, causes->best, verdict.rivals(), options.next,
                                out);
         return measured;
     }
 
   private:
-    const mk_model &model;
+    mk_model model; // as given; where values of it are unknown, as the fit starts
+    mk_model start; // base parameters right to within a factor of some three
     mk_explanation &out;
     mk_explain_options options;
     TrainingData data;
@@ -136,7 +184,9 @@ class Explainer
             training.push_back(&log);
         causes.reset();
         search = std::make_unique<Search>(training, so);
-        if (!search->refit(values.model, nullptr, refit))
+        mk_model from = values.model;
+        std::copy_n(start.parameter, MK_MAX_PARAMETERS, from.parameter);
+        if (!search->refit(from, nullptr, refit))
             refit = lost.fit;
     }
     // A model that does not follow its data bends within a stretch, and what it misses there is
@@ -332,10 +382,19 @@ try {
     if (learn.empty())
         return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
                            "nothing moves in this log: there is nothing to explain");
-    mk::Explainer explainer(*model, *result, o);
+    // For the fits a rig that nothing drove in these logs is one without a motor.
+    mk_model as_driven = *model;
+    std::vector<const mk_log *> all(logs, logs + log_count);
+    all.insert(all.end(), holdouts, holdouts + holdout_count);
+    as_driven.no_motor = mk::nothing_drives(*model, all);
+    mk::Explainer explainer(as_driven, *result, o);
     st = explainer.run(learn.data(), learn.size(), held.data(), held.size(), err);
     if (st != MK_OK)
         return st;
+    result->scale_free = as_driven.no_motor;
+    result->scale_holder = mk::scale_holder(*model, nullptr);
+    for (mk_model *m : {&result->given, &result->refit, &result->extended})
+        m->no_motor = model->no_motor;
     result->seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     *out = *result;

@@ -212,6 +212,10 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
+    cJSON_AddStringToObject(o, "scale", e->scale_free ? "free" : "known");
+    if (e->scale_free)
+        cJSON_AddStringToObject(o, "scale_held",
+                                mk_plant(e->given.plant)->parameter[e->scale_holder].name);
     cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
     if (e->next.input[0]) {
         cJSON *next = cJSON_AddObjectToObject(o, "next_experiment");

@@ -85,7 +85,8 @@ struct FitResiduals {
 };
 
 // Numbers (mechkit/ident.h) of the parameters that a fit may move: no constants of a law, no
-// counts, no parameter that its term does not use.
+// counts, no parameter that its term does not use, and of a rig that nothing drives not the one
+// that holds the scale (scale.hpp).
 std::vector<int> fitted_parameters(const mk_model &model);
 
 // Numbers of the parameters that have a value of their own in every log.

@@ -297,7 +297,7 @@ static bool says_something(const mk_record &record, size_t row)
     bool reads = false;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         reads = reads || (record.q[j] && !std::isnan(record.q[j][row]));
-    return reads && !std::isnan(record.u[0][row]);
+    return reads && !(record.u[0] && std::isnan(record.u[0][row]));
 }
 
 std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest)

@@ -9,6 +9,7 @@
 #include <new>
 
 #include "ident/method.hpp"
+#include "ident/scale.hpp"
 #include "sim/record_check.hpp"
 
 namespace
@@ -69,7 +70,7 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
 {
     size_t beyond = 0, rows = 0;
     for (const mk_record &record : problem.records) {
-        for (size_t k = 0; k < record.rows; k++)
+        for (size_t k = 0; record.u[0] && k < record.rows; k++)
             beyond += std::fabs(record.u[0][k]) > problem.model.u_max * (1.0 + 1e-9);
         rows += record.rows;
     }
@@ -91,6 +92,31 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
         p.std_error = p.crb = std::nan("");
         p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;
     }
+}
+
+// A fit with the scale held where the data leave it open: at once where no command acts, else after
+// a fit has shown it.
+enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem &problem,
+                                 mk_ident_result &r, mk_error *err)
+{
+    const int holder = mk::scale_holder(problem.model, problem.options.unknown);
+    if (holder < 0 || mk::scale_is_held(problem.model, problem.options.fixed))
+        return method.fit(problem, r, err);
+    const mk_ident_result unfitted = r;
+    const bool free = mk::scale_is_free(problem.model, problem.records);
+    problem.options.fixed[holder] = free;
+    r.parameter[holder].fixed = free;
+    enum mk_status st = method.fit(problem, r, err);
+    if (st != MK_OK || (!free && !mk::scale_was_not_found(r, holder)))
+        return st;
+    if (!free) {
+        r = unfitted;
+        problem.options.fixed[holder] = r.parameter[holder].fixed = true;
+        st = method.fit(problem, r, err);
+    }
+    if (st == MK_OK)
+        mk::tell_ratios(holder, r);
+    return st;
 }
 
 } // namespace
@@ -160,7 +186,9 @@ try {
     result->model = *model;
     snprintf(result->method, sizeof result->method, "%s", name);
     name_parameters(problem.options, *result);
-    st = method->fit(problem, *result, err);
+    // Whether the scale is free is seen in the data.
+    problem.model.no_motor = false;
+    st = fit_what_is_known(*method, problem, *result, err);
     if (st != MK_OK)
         return st;
     for (int j = 0; j < mk_model_joints(model); j++)
@@ -168,7 +196,10 @@ try {
             mk::warn(*result,
                      "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
     warn_of_clipping(problem, *result);
+    result->model.no_motor = model->no_motor;
     for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
+        if (result->scale_free && i == result->scale_holder)
+            continue;
         double e = result->parameter[i].std_error;
         if (i < mk_plant(model->plant)->parameter_count)
             result->model.parameter_stderr[i] = std::isfinite(e) ? e : 0.0;

@@ -48,7 +48,8 @@ struct Pendulum {
 
 bool free_row(const MeasureProblem &problem, const mk_record &rec, size_t k)
 {
-    return std::isnan(rec.u[0][k]) || std::fabs(rec.u[0][k]) < 1e-3 * problem.model.u_max;
+    return !rec.u[0] || std::isnan(rec.u[0][k]) ||
+           std::fabs(rec.u[0][k]) < 1e-3 * problem.model.u_max;
 }
 
 // The wheel stands still on its pendulum over the tenth of a second from row k on.

@@ -12,10 +12,32 @@ static enum mk_status missing(const struct mk_log *log, struct mk_error *err, co
     return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s", what);
 }
 
+/* Whether a log is of a rig that nothing drives, so that its command is 0 without a column. */
+static bool nothing_drives(const struct mk_log *log, const struct mk_model *model)
+{
+    const char *input = mk_log_find_meta(log, "input");
+    return model->no_motor || (input && strcmp(input, "none") == 0);
+}
+
+/* A command where there is said to be none: one of the two is wrong. */
+static enum mk_status check_undriven(const struct mk_log *log, const struct mk_model *model,
+                                     const struct mk_record *record, struct mk_error *err)
+{
+    for (int i = 0; i < MK_MAX_INPUTS && nothing_drives(log, model); i++)
+        for (size_t k = 0; record->u[i] && k < record->rows; k++)
+            if (fabs(record->u[i][k]) > 0.0)
+                return mk_error_at(
+                    err, MK_ERR_PARSE, log->path, log->first_row_line + (int)k, 0,
+                    "the command is %g, but %s says that nothing drives the rig", record->u[i][k],
+                    model->no_motor ? "`motor = none` in the model" : "`# input: none` in the log");
+    return MK_OK;
+}
+
 /* The command's columns under their various names (docs/formats.md). */
-static enum mk_status find_commands(const struct mk_log *log, const struct mk_plant_info *plant,
+static enum mk_status find_commands(const struct mk_log *log, const struct mk_model *model,
                                     struct mk_record *out, struct mk_error *err)
 {
+    const struct mk_plant_info *plant = mk_plant(model->plant);
     static const struct {
         const char *one, *two;
         bool si;
@@ -32,7 +54,13 @@ static enum mk_status find_commands(const struct mk_log *log, const struct mk_pl
         out->si = names[i].si;
         return MK_OK;
     }
-    return missing(log, err, "u (the command), tau, or u1/tau1: one of them is needed");
+    return nothing_drives(log, model)
+               ? MK_OK
+               : missing(
+                     log, err,
+                     "u (the command), tau, or u1/tau1: one of them is needed. If nothing drove "
+                     "the rig, say so: `motor = none` in [rig] of the model, or `# input: none` in "
+                     "the log (mechkit import: `input = none` in [rig] of the mapping)");
 }
 
 enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,
@@ -58,7 +86,9 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     const char *clock = mk_log_find_meta(log, "clock");
     out->board_clock = clock && strcmp(clock, "board") == 0;
     out->late_us = out->board_clock ? NULL : mk_log_get(log, "late_us");
-    enum mk_status st = find_commands(log, plant, out, err);
+    enum mk_status st = find_commands(log, model, out, err);
+    if (st == MK_OK)
+        st = check_undriven(log, model, out, err);
     out->u_to_torque = out->si ? 1.0 : model->u_to_torque;
     return st;
 }
