@@ -88,39 +88,28 @@ class Explainer
             return st;
         for (const FitLog &log : data.logs)
             training.push_back(&log);
-        start = start_values(model, options, logs, log_count, training);
-        if (any_unknown(options))
-            model = start;
         SearchOptions so;
         so.given = &start;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
-        search = std::make_unique<Search>(training, so);
         Hypothesis refit;
-        if (!search->refit(start, nullptr, refit))
+        if (!first_fit(so, start_values(model, options, logs, log_count, training), refit))
             return mk_error_set(
                 err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                 "the model cannot follow the data: are rig, units and signs right?");
-        const mk_model plain = refit.point.model;
+        const Hypothesis plain = refit;
         values = find_log_values(model, {logs, logs + log_count}, out.window_s, *search, refit);
-        refit = values.fit;
-        data.second_half = !values.found.empty();
-        put_back_lost_counts(so, refit);
-        search_causes(refit);
-        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
-            search_causes(refit);
-        look_closer(so);
-        causes->polish_rivals();
-        ask_held_out();
-        shed_what_misleads();
+        search_beside_values(so);
+        if (drop_log_values(so, plain))
+            search_beside_values(so);
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         Verdict verdict(values.model, training, *causes, lost, out);
         verdict.decide();
         out.given = model;
-        out.refit = plain;
+        out.refit = plain.point.model;
         describe_log_values(values, causes->best, training, options.threads, out);
         if (out.log_value_count > 0 && out.verdict < MK_VERDICT_EFFECT)
             out.verdict = MK_VERDICT_EFFECT;
@@ -147,6 +136,67 @@ class Explainer
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
 
+    // The fit that all else starts from: of the given values, unless one of `other` values ends
+    // clearly nearer to the data. An effect alone can leave the given values far from the data and
+    // those of a linear method near, and yet make the given ones the better place to search from.
+    bool first_fit(SearchOptions &so, const mk_model &other, Hypothesis &refit)
+    {
+        const bool given = !any_unknown(options);
+        if (!given)
+            model = other;
+        start = model;
+        search = std::make_unique<Search>(training, so);
+        const bool fitted = search->refit(start, nullptr, refit);
+        const bool same = std::equal(std::begin(other.parameter), std::end(other.parameter),
+                                     std::begin(model.parameter));
+        if (!given || same || search->cancelled)
+            return fitted;
+        const mk_model given_start = start;
+        Hypothesis again;
+        start = other;
+        auto second = std::make_unique<Search>(training, so);
+        if (second->refit(start, nullptr, again) &&
+            (!fitted || again.score < refit.score - ENOUGH)) {
+            search = std::move(second);
+            refit = std::move(again);
+            return true;
+        }
+        start = given_start;
+        return fitted;
+    }
+    void search_beside_values(SearchOptions &so)
+    {
+        Hypothesis refit = values.fit;
+        data.second_half = !values.found.empty();
+        put_back_lost_counts(so, refit);
+        search_causes(refit);
+        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
+            search_causes(refit);
+        look_closer(so);
+        causes->polish_rivals();
+        ask_held_out();
+        shed_what_misleads();
+    }
+    // What differs from log to log is looked for before the causes, and can then stand in for a
+    // part of one. With the causes in the model it no longer differs, and the search is to be
+    // repeated without it. True if so.
+    bool drop_log_values(SearchOptions &so, const Hypothesis &plain)
+    {
+        if (values.found.empty() || search->cancelled)
+            return false;
+        const std::vector<LogValue> left =
+            that_still_differ(values, causes->best, training, search->usual_options());
+        if (left.size() == values.found.size())
+            return false;
+        lost = {};
+        training.clear();
+        for (const FitLog &log : data.logs)
+            training.push_back(&log);
+        causes.reset();
+        search = std::make_unique<Search>(training, so);
+        values = with_log_values(model, left, *search, plain);
+        return true;
+    }
     void search_causes(const Hypothesis &refit)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);

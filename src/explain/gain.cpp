@@ -80,12 +80,12 @@ struct Gain {
         const double sd = held.deviation(model, j);
         return sd > 0.0 ? out.noise[j] / sd : 0.0;
     }
-    double floor_of(const HeldOut &held) const
+    // What the readings' own noise leaves of the error. No model is below it: a joint that comes
+    // out so moved little, and the noise that the fits saw was not all its own there.
+    double floor_of(const HeldOut &held, int j, const HeldOutFigures &refitted,
+                    const HeldOutFigures &after) const
     {
-        double sum = 0.0;
-        for (int j = 0; j < mk_model_joints(&model); j++)
-            sum += noise_share(held, j) * noise_share(held, j);
-        return sum;
+        return std::min({noise_share(held, j), refitted.nrmse(j), after.nrmse(j)});
     }
     // Where there is something to close, an extension that widens it is not what is missing,
     // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
@@ -144,14 +144,15 @@ struct Gain {
             out.extended = out.given;
             after = before;
         }
+        double floor = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
             out.before[j] = before.nrmse(j);
             out.refitted[j] = refitted.nrmse(j);
             out.after[j] = after.nrmse(j);
-            out.floor[j] = noise_share(held, j);
+            out.floor[j] = floor_of(held, j, refitted, after);
+            floor += out.floor[j] * out.floor[j];
         }
-        const double floor = floor_of(held);
-        double room = refitted.total() - floor;
+        const double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
         confirm(held, after);
         return MK_OK;

@@ -15,7 +15,8 @@ namespace mk
 struct LogValue {
     const mk_effect_info *effect;
     int joint, parameter;
-    double gain; // log likelihood beyond one value for all logs, after the penalty
+    double gain;   // log likelihood beyond one value for all logs, after the penalty
+    double spread; // to start a fit from, in the parameter's unit
 };
 
 struct LogValues {
@@ -30,6 +31,15 @@ struct LogValues {
 // logs, or where the refitted model follows its data.
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
                           double window_s, Search &search, const Hypothesis &refit);
+
+// Those of `values` that still differ from log to log in `best`, which has causes beside them.
+std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesis &best,
+                                        const std::vector<const FitLog *> &training,
+                                        const FitOptions &options);
+
+// `found` and no others in the given model, of which `refit` is the fit.
+LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &found, Search &search,
+                          const Hypothesis &refit);
 
 // Describes what was found, log by log, and how far friction holds each joint off.
 void describe_log_values(const LogValues &values, const Hypothesis &best,
