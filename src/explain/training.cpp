@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <new>
+#include <numeric>
 #include <utility>
 
 #include "sim/record_check.hpp"
@@ -16,7 +17,9 @@ namespace
 
 constexpr size_t FEWEST = 40;  // rows of a log
 constexpr double MOTION = 5.0; // counts: less is rest
-constexpr double WINDOW = 5.0; // s of a long log: some swings, and few start states
+// Of long logs windows are searched. They cost a start state each.
+constexpr double WINDOW = 5.0;          // s: some swings
+constexpr double SHORTEST_WINDOW = 1.0; // s: with more logs than this allows some have none
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
 OwnedLog slice(const mk_log &log, size_t first, size_t last)
@@ -59,38 +62,49 @@ struct Part {
     double seconds() const { return record.t[rows.last - 1] - record.t[rows.first]; }
 };
 
-// Windows of equal length, spread evenly over all parts; of a shorter part all of it.
+// How many windows each part gets, as its length is, and one at least where that leaves them long
+// enough.
+std::vector<size_t> window_counts(const std::vector<Part> &parts, double all_s, double most_s)
+{
+    const double most = std::max(1.0, std::floor(most_s / SHORTEST_WINDOW));
+    const double usual = std::max(1.0, std::round(most_s / WINDOW));
+    const bool each = (double)parts.size() <= most;
+    const double together = each ? usual : most;
+    std::vector<size_t> counts;
+    double before = 0.0; // s
+    for (const Part &part : parts) {
+        const double after = before + part.seconds();
+        const double share =
+            std::round(after / all_s * together) - std::round(before / all_s * together);
+        counts.push_back((size_t)std::max(each ? 1.0 : 0.0, share));
+        before = after;
+    }
+    return counts;
+}
+
+// Windows of one length, spread evenly over all parts and over all of each; of a part that is no
+// longer than its windows all of it.
 std::vector<Part> windows_over(const std::vector<Part> &parts, double all_s, double most_s)
 {
-    const double count = std::max(1.0, std::round(most_s / WINDOW));
-    const Part &one = parts.front();
-    const double rows_s = one.seconds() / (double)(one.rows.last - one.rows.first);
-    const double length = std::max(most_s / count, ((double)FEWEST + 1.0) * rows_s);
+    const std::vector<size_t> counts = window_counts(parts, all_s, most_s);
+    const size_t all = std::accumulate(counts.begin(), counts.end(), (size_t)0);
+    const double length = most_s / (double)std::max<size_t>(1, all);
     std::vector<Part> windows;
-    double before = 0.0; // s of the parts before
-    double next = 0.0;   // number of the next window
-    for (const Part &part : parts) {
-        const mk_record &r = part.record;
-        size_t first = part.rows.first;
-        for (; (next + 0.5) * all_s / count <= before + part.seconds(); next += 1.0) {
-            const double begin = r.t[part.rows.first], end = r.t[part.rows.last - 1];
-            double from = begin + (next + 0.5) * all_s / count - before - 0.5 * length;
-            from = std::max(begin, std::min(from, end - length));
-            while (first < part.rows.last && r.t[first] < from)
-                first++;
-            size_t last = first;
-            while (last < part.rows.last && r.t[last] <= std::max(from, r.t[first]) + length)
-                last++;
-            if (last - first >= FEWEST)
-                windows.push_back({part.log, r, {first, last}});
-            first = last;
-            if (first == part.rows.last)
-                first--;
+    for (size_t i = 0; i < parts.size(); i++) {
+        const Part &part = parts[i];
+        const size_t rows = part.rows.last - part.rows.first, count = counts[i];
+        const size_t wanted =
+            std::max(FEWEST, (size_t)std::ceil((double)rows * length / part.seconds()));
+        if (wanted * count >= rows) {
+            windows.push_back(part);
+            continue;
         }
-        before += part.seconds();
+        for (size_t k = 0; k < count; k++) {
+            const size_t middle = part.rows.first + rows * (2 * k + 1) / (2 * count);
+            const size_t first = middle - wanted / 2;
+            windows.push_back({part.log, part.record, {first, first + wanted}});
+        }
     }
-    if (windows.empty())
-        windows.push_back(one);
     return windows;
 }
 
