@@ -52,15 +52,17 @@ struct mk_row_choice {
 struct mk_left_out {
     size_t log;          /* number among those given */
     double from_s, to_s; /* s from its first row */
+    double log_s;        /* how long the whole log is */
     int joint;           /* foreign contact: in whose equation, 1-based; 0: was not asked for */
     char file[128];      /* the log's path, "" without one */
     char why[160];       /* half a sentence */
 };
-#define MK_MAX_LEFT_OUT 64
+#define MK_MAX_LEFT_OUT 256
 
 /* What is left out of logs: rows that were not asked for, and stretches of foreign contact, as a
  * hand or a kick (docs/identification.md), which are looked for in all logs together. `out` has
- * room for MK_MAX_LEFT_OUT. MK_ERR_PARSE (a log does not fit the model), MK_ERR_NOMEM. */
+ * room for MK_MAX_LEFT_OUT. MK_ERR_PARSE (a log does not fit the model), MK_ERR_RANGE (of a log
+ * nothing was asked for, or there are too many stretches), MK_ERR_NOMEM. */
 MK_NODISCARD enum mk_status mk_find_left_out(const struct mk_model *model,
                                              const struct mk_log *const *logs, size_t log_count,
                                              const struct mk_row_choice *choice,

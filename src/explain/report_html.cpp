@@ -213,17 +213,40 @@ void shade_left_out(const mk_record &r, Plot &plot)
     }
 }
 
+// A log as a bar, and what is left out of it.
+void add_bar(std::string &s, const mk_left_out *first, const mk_left_out *last)
+{
+    constexpr double WIDTH = 640.0, HEIGHT = 14.0, LEAST = 2.0; // LEAST: what can be seen
+    s += "<svg viewBox='0 0 640 14' role='img'>";
+    add(s, "<rect class='whole-log' width='%g' height='%g'/>", WIDTH, HEIGHT);
+    for (const mk_left_out *one = first; one < last; one++)
+        add(s, "<rect class='left-out' x='%.1f' width='%.1f' height='%g'/>",
+            WIDTH * one->from_s / one->log_s,
+            std::max(LEAST, WIDTH * (one->to_s - one->from_s) / one->log_s), HEIGHT);
+    s += "</svg>";
+}
+
 // What is left out of the logs, with the reasons.
 std::string left_out_list(const mk_explanation &e)
 {
+    std::vector<mk_left_out> all(e.left_out, e.left_out + e.left_out_count);
+    std::stable_sort(all.begin(), all.end(),
+                     [](const mk_left_out &a, const mk_left_out &b) { return a.log < b.log; });
     std::string s;
-    for (int i = 0; i < e.left_out_count; i++) {
-        const mk_left_out &one = e.left_out[i];
-        s += "<li>" + escaped(one.file);
-        add(s, ", %.2f to %.2f s: ", one.from_s, one.to_s);
-        s += escaped(one.why) + "</li>";
+    for (size_t i = 0, next = 0; i < all.size(); i = next) {
+        while (next < all.size() && all[next].log == all[i].log)
+            next++;
+        s += "<figure class='log'><figcaption>" + escaped(all[i].file);
+        add(s, ", %.4g s long:<br>", all[i].log_s);
+        for (size_t k = i; k < next; k++) {
+            add(s, "%.2f to %.2f s: ", all[k].from_s, all[k].to_s);
+            s += escaped(all[k].why) + "<br>";
+        }
+        s += "</figcaption>";
+        add_bar(s, all.data() + i, all.data() + next);
+        s += "</figure>";
     }
-    return s.empty() ? s : "<p>Left out of the logs (shaded in plots):</p><ul>" + s + "</ul>";
+    return s.empty() ? s : "<p>Left out of the logs:</p>" + s;
 }
 
 // Error of two models over the held-out data, joint by joint: with the extension and without, or,
@@ -566,7 +589,8 @@ const char style[] =
     "table{border-collapse:collapse;width:100%;font-size:.88em}td,th{border-bottom:1px solid #ccc;"
     "padding:.3em .5em;text-align:left;vertical-align:top}figure{margin:1em 0}svg{width:100%}"
     "div{overflow-x:auto}"
-    ".left-out{fill:#f3d9b0;stroke:none}.frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{"
+    ".left-out{fill:#f3d9b0;stroke:none}.whole-log{fill:#dfe6ee}.log{margin:.4em 0}"
+    ".log figcaption{font-size:.85em}.frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{"
     "font-size:12px;fill:#444}"
     ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
     ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"

@@ -35,12 +35,17 @@ Part part_of(const mk_record &whole, const mk_row_choice &choice)
     const size_t last_row = (size_t)(std::upper_bound(t, end, last) - t);
     part.record.t += first_row;
     part.record.rows = last_row > first_row ? last_row - first_row : 0;
-    for (int j = 0; j < MK_MAX_JOINTS; j++)
-        if (part.record.q[j])
-            part.record.q[j] += first_row;
-    for (int i = 0; i < MK_MAX_INPUTS; i++)
-        if (part.record.u[i])
-            part.record.u[i] += first_row;
+    const auto cut = [first_row](const double *&column) {
+        if (column)
+            column += first_row;
+    };
+    for (const double *&q : part.record.q)
+        cut(q);
+    for (const double *&u : part.record.u)
+        cut(u);
+    cut(part.record.late_us);
+    cut(part.record.flags);
+    cut(part.record.left_out);
     part.start = part.record.rows ? part.record.t[0] - t[0] : 0.0;
     return part;
 }
@@ -53,37 +58,43 @@ class List
     {
         *count = 0;
     }
-    mk_left_out *add(size_t log, double from, double to, int joint)
+    bool full() const { return lacks_room; }
+    void add_unasked(size_t log, double from, double to, const Part &part)
     {
-        if (*count == MK_MAX_LEFT_OUT)
-            return nullptr;
-        mk_left_out *one = &out[(*count)++];
-        *one = {log, from, to, joint, "", ""};
-        if (logs[log]->path)
-            snprintf(one->file, sizeof one->file, "%s", logs[log]->path);
-        return one;
-    }
-    void add_unasked(size_t log, double from, double to)
-    {
-        if (mk_left_out *one = add(log, from, to, 0))
+        if (mk_left_out *one = add(log, from, to, part))
             snprintf(one->why, sizeof one->why, "was not asked for");
     }
     void add_contact(const mk_model &model, const Contact &c, const Part &part)
     {
         const double end = part.record.t[part.record.rows - 1] - part.record.t[0];
         mk_left_out *one =
-            add(c.log, part.start + c.from_s, part.start + std::min(c.to_s, end), c.joint);
-        if (one)
-            snprintf(one->why, sizeof one->why,
-                     "a torque of up to %.3g %s acts on joint %d that is in no model, %.1f times "
-                     "all that is missing elsewhere: somebody's hand, or a collision?",
-                     c.torque, mk_model_unit(&model, "N m"), c.joint, c.times);
+            add(c.log, part.start + c.from_s, part.start + std::min(c.to_s, end), part);
+        if (!one)
+            return;
+        one->joint = c.joint;
+        snprintf(one->why, sizeof one->why,
+                 "a torque of up to %.3g %s acts on joint %d that is in no model, %.1f times "
+                 "all that is missing elsewhere: somebody's hand, or a collision?",
+                 c.torque, mk_model_unit(&model, "N m"), c.joint, c.times);
     }
 
   private:
     const mk_log *const *logs;
     mk_left_out *out;
     int *count;
+    bool lacks_room = false;
+
+    mk_left_out *add(size_t log, double from, double to, const Part &part)
+    {
+        lacks_room = lacks_room || *count == MK_MAX_LEFT_OUT;
+        if (lacks_room)
+            return nullptr;
+        mk_left_out *one = &out[(*count)++];
+        *one = {log, from, to, part.length, 0, "", ""};
+        if (logs[log]->path)
+            snprintf(one->file, sizeof one->file, "%s", logs[log]->path);
+        return one;
+    }
 };
 
 bool is_in(const mk_left_out &span, double t)
@@ -145,15 +156,24 @@ try {
             return st;
         parts.push_back(mk::part_of(record, asked));
         records.push_back(parts.back().record);
+        if (record.rows > 0 && records.back().rows == 0)
+            return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
+                               "no row of this log was asked for: it is %.4g s long",
+                               parts.back().length);
         constexpr double INSTANT = 1e-9; // s: rows on the limit are kept
         if (asked.from_s > 0.0)
-            list.add_unasked(i, 0.0, std::min(asked.from_s, parts[i].length) - INSTANT);
+            list.add_unasked(i, 0.0, asked.from_s - INSTANT, parts[i]);
         if (asked.to_s > 0.0 && asked.to_s < parts[i].length)
-            list.add_unasked(i, asked.to_s + INSTANT, parts[i].length);
+            list.add_unasked(i, asked.to_s + INSTANT, parts[i].length, parts[i]);
     }
     if (!asked.keep_all)
         for (const mk::Contact &c : mk::find_contacts(*model, records))
             list.add_contact(*model, c, parts[c.log]);
+    if (list.full())
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "more than %d stretches of these logs would be left out: give fewer "
+                            "logs, or without the rows that are not to be used",
+                            MK_MAX_LEFT_OUT);
     return MK_OK;
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory to look for what is to be left out");

@@ -1,4 +1,4 @@
-/* What is left out of logs, as JSON: [{file, from_s, to_s, why}]. */
+/* What is left out of logs, as JSON: [{file, from_s, to_s, joint, why}]. */
 #ifndef MECHKIT_IDENT_LEFT_OUT_JSON_H
 #define MECHKIT_IDENT_LEFT_OUT_JSON_H
 
