@@ -2,6 +2,7 @@
 // support/truth.hpp, which has a formulation of its own.
 #include "suites.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -116,6 +117,19 @@ START_TEST(parameters_that_are_far_off_change_nothing)
             c.given.parameter[i] *= i % 2 ? factor : 1.0;
         check_found(c, 0.0, 0.8);
     }
+}
+END_TEST
+
+// As one that is switched off, in spite of the command that is logged.
+START_TEST(a_log_that_stands_still_hides_no_hand_in_another)
+{
+    truth::Case c = made("pendulum", nullptr, 71);
+    touch(c, hand_at(c, 3.5, 4.4));
+    mk_log *still = c.train[1].get();
+    for (size_t column = 0; column < still->column_count; column++)
+        if (strcmp(still->columns[column].name, "q1") == 0)
+            std::fill_n(still->columns[column].data, still->rows, 0.0);
+    check_found(c, 3.5, 4.4);
 }
 END_TEST
 
@@ -303,6 +317,7 @@ Suite *suite_contact(void)
     tcase_add_loop_test(t, a_hand_is_found_at_the_start_in_the_middle_and_at_the_end, 0, 5);
     tcase_add_test(t, a_kick_is_found);
     tcase_add_test(t, parameters_that_are_far_off_change_nothing);
+    tcase_add_test(t, a_log_that_stands_still_hides_no_hand_in_another);
     tcase_add_loop_test(t, a_rig_alone_is_not_touched, 0, 5);
     tcase_add_loop_test(t, what_a_smoother_cannot_follow_is_no_hand, 0, 4);
     tcase_add_test(t, rows_that_were_not_asked_for_are_marked_and_have_no_angles);
