@@ -8,11 +8,13 @@
 #include <cmath>
 #include <cstring>
 #include <initializer_list>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "explain/slips.hpp"
+#include "explain/training.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
@@ -98,13 +100,15 @@ mk_model pendulum(bool exact)
 }
 
 // Frees the logs; `hold` may be null.
-mk_explanation explained(const mk_model &model, mk_log *train, mk_log *hold, double most_s = 0.0)
+mk_explanation explained(const mk_model &model, mk_log *train, mk_log *hold, double most_s = 0.0,
+                         bool keep_all = false)
 {
     mk_explanation e;
     mk_error err = MK_ERROR_INIT;
     mk_explain_options options = {};
     options.threads = 2;
     options.most_s = most_s;
+    options.rows.keep_all = keep_all;
     enum mk_status st = mk_explain(&model, &train, 1, &hold, hold ? 1 : 0, &options, &e, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     mk_log_free(train);
@@ -259,8 +263,8 @@ START_TEST(a_long_hole_in_a_log_is_not_bridged)
     ck_assert_int_eq(e.cause_count, 1);
     ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
     ck_assert_double_eq_tol(e.cause[0].value[0], 0.012, 6e-4);
-    // The longer part.
-    ck_assert_double_eq_tol(e.searched_s, (double)(rows - first) / 250.0, 0.01);
+    // Both parts, each from its first row to its last one.
+    ck_assert_double_eq_tol(e.searched_s, (double)(rows - 2) / 250.0, 0.01);
 }
 END_TEST
 
@@ -297,6 +301,66 @@ START_TEST(of_long_records_a_part_is_searched_and_said)
     ck_assert_double_eq_tol(e.given_s, 6.0, 0.01);
     ck_assert_double_eq_tol(e.searched_s, 3.0, 0.01);
     ck_assert(e.verdict == MK_VERDICT_EFFECT && named(e, "quadratic-drag"));
+}
+END_TEST
+
+// The windows that are searched of logs of some lengths, in s, with another one to measure on.
+static mk::TrainingData searched(const std::vector<double> &lengths, double most_s)
+{
+    std::vector<mk::OwnedLog> logs;
+    std::vector<const mk_log *> given;
+    for (double seconds : lengths) {
+        logs.emplace_back(record({}, 0, seconds));
+        given.push_back(logs.back().get());
+    }
+    const mk::OwnedLog hold(record({}, 1, 5.0));
+    const mk_log *held = hold.get();
+    mk::TrainingData data;
+    mk_explain_options options = {};
+    options.most_s = most_s;
+    auto e = std::make_unique<mk_explanation>();
+    mk_error err = MK_ERROR_INIT;
+    const mk_model model = pendulum(true);
+    const enum mk_status st =
+        data.load(model, options, given.data(), given.size(), &held, 1, *e, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    return data;
+}
+
+START_TEST(of_several_long_logs_a_part_of_each_is_searched)
+{
+    const std::vector<double> rows[] = {
+        {9, 9, 9, 9}, {60}, {100, 5, 5, 5}, {6, 6, 6, 6, 6, 6, 6, 6, 6, 6, 6, 6}};
+    const std::vector<double> &lengths = rows[_i];
+    const mk::TrainingData data = searched(lengths, 30.0);
+    std::vector<double> taken(lengths.size(), 0.0), first(lengths.size(), HUGE_VAL);
+    std::vector<double> last(lengths.size(), 0.0);
+    double all = 0.0, together = 0.0;
+    for (const mk::FitLog &log : data.logs) {
+        const auto i = (size_t)log.source;
+        taken[i] += log.duration();
+        first[i] = std::fmin(first[i], log.start);
+        last[i] = std::fmax(last[i], log.start + log.duration());
+    }
+    for (size_t i = 0; i < lengths.size(); i++)
+        all += lengths[i], together += taken[i];
+    ck_assert_double_eq_tol(together, 30.0, 3.0);
+    for (size_t i = 0; i < lengths.size(); i++) {
+        ck_assert_msg(taken[i] > 0.4 * lengths[i] / all * 30.0, "%g s of log %zu", taken[i], i);
+        ck_assert_double_lt(first[i], 0.5 * lengths[i]);
+        ck_assert_double_gt(last[i], 0.5 * lengths[i]);
+    }
+    if (lengths.size() == 1) // from near its start to near its end
+        ck_assert(first[0] < 5.0 && last[0] > 55.0);
+}
+END_TEST
+
+START_TEST(with_more_logs_than_windows_those_are_spread_over_them)
+{
+    const mk::TrainingData data = searched(std::vector<double>(12, 3.0), 4.0);
+    ck_assert_uint_eq(data.logs.size(), 4);
+    for (size_t i = 0; i < 4; i++)
+        ck_assert(data.logs[i].source / 3 == (int)i && data.logs[i].duration() > 0.9);
 }
 END_TEST
 
@@ -477,8 +541,8 @@ START_TEST(of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back)
                             : from[std::min(k, data->rows - 1)] * (k < data->rows || *name == 'q');
         }
         mk_log_free(data);
-        // The rest itself is not physical, nor looked at.
-        mk_explanation e = explained(pendulum(true), log, nullptr);
+        // The rest itself is not physical (something holds the rig), nor looked at.
+        mk_explanation e = explained(pendulum(true), log, nullptr, 0.0, true);
         ck_assert(e.held_back);
         ck_assert_double_eq_tol(e.held_to, long_rest ? 6.0 : 6.4, 0.02);
         ck_assert_double_eq_tol(e.held_from, long_rest ? 4.5 : 4.8, 0.02);
@@ -907,6 +971,8 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_long_hole_in_a_log_is_not_bridged);
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
+    tcase_add_loop_test(t, of_several_long_logs_a_part_of_each_is_searched, 0, 4);
+    tcase_add_test(t, with_more_logs_than_windows_those_are_spread_over_them);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "mechkit/exchange.h"
+#include "mechkit/ident.h"
 #include "mechkit/sim.h"
 #include "support/files.h"
 #include "support/program.h"
@@ -187,6 +188,36 @@ START_TEST(dropped_rows_and_readings_do_not_stop_a_prediction)
     mk_log_free(predict(&m, log, 1.0, &f));
     ck_assert_double_lt(f.rms[0], 0.02);
     ck_assert_uint_lt(f.rows, log->rows);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Readings from 1.3 to 1.9 s say nothing of the rig, and no motion leads across them. */
+START_TEST(of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_it)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    const struct mk_left_out stretch = {.log = 4, .from_s = 1.299, .to_s = 1.901, .joint = 1};
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 0, 4), *copy;
+    struct mk_log *rest = record_from(&m, (double[]){2.0, -1.0}, 0, 4);
+    for (size_t c = 0; c < log->column_count; c++)
+        for (size_t k = 700; k < log->rows && log->columns[c].name[0] != 't'; k++)
+            log->columns[c].data[k] = rest->columns[c].data[k];
+    ck_assert_int_eq(mk_leave_out(log, 3, &stretch, 1, &copy, &err), MK_OK);
+    ck_assert_ptr_null(copy);
+    ck_assert_int_eq(mk_leave_out(log, 4, &stretch, 1, &copy, &err), MK_OK);
+    for (int windows = 0; windows < 2; windows++) {
+        struct mk_log *out = predict(&m, copy, windows ? 1.0 : 0.0, &f);
+        for (int j = 0; j < 2; j++)
+            ck_assert_double_lt(f.rms[j], 1e-3);
+        for (size_t k = 0; k < log->rows; k++)
+            ck_assert(isnan(mk_log_get(out, "q1")[k]) == (k >= 650 && k <= 950));
+        mk_log_free(out);
+    }
+    mk_log_free(rest);
+    mk_log_free(copy);
     mk_log_free(log);
 }
 END_TEST
@@ -389,6 +420,7 @@ Suite *suite_predict(void)
     tcase_add_loop_test(t, a_window_starts_where_a_wrong_model_meets_its_readings_best, 0, 2);
     tcase_add_test(t, a_window_knows_nothing_of_later_readings);
     tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
+    tcase_add_test(t, of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_it);
     tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);

@@ -124,12 +124,13 @@ struct mk_explain_options {
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
-    double most_s;   /* of data to search in, evenly from the logs; 0: 30 s; HUGE_VAL: all. The time
-                        that a search takes grows with it. */
+    double most_s;   /* of data to search in, in windows spread evenly over the logs; 0: 30 s;
+                        HUGE_VAL: all. The time that a search takes grows with it. */
     /* What mk_data_check_logs said of the logs (MK_DATA_EXPLAIN) and the hold-out logs
      * (MK_DATA_HOLD_OUT); NULL: it is asked. */
     const struct mk_data_check *data_check;
     bool force; /* searches in spite of a fatal finding */
+    struct mk_row_choice rows;
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -174,6 +175,9 @@ struct mk_explanation {
     double gain_refit, gain_extended;
     int tried; /* causes looked at */
 
+    /* Of the logs, then of the hold-out logs, numbered on. */
+    int left_out_count;
+    struct mk_left_out left_out[MK_MAX_LEFT_OUT];
     double given_s, searched_s; /* data to learn from, and what of it was searched in */
     double window_s;
     bool held_back; /* no hold-out logs were given: the end of the last log was held back, of one

@@ -40,6 +40,43 @@ const struct mk_ident_method_info *mk_ident_method_by_name(const char *name);
  * Returning false stops the fit (MK_ERR_INTR). */
 typedef bool (*mk_progress_fn)(void *context, double done, const char *what);
 
+/* --- rows that are left out ------------------------------------------------------------------ */
+
+/* Which rows of logs are used; all zero: those in which the rig is on its own. Times are s from the
+ * first row of each log. */
+struct mk_row_choice {
+    double from_s, to_s; /* only rows between; to_s 0: up to the end */
+    bool keep_all;       /* foreign contact is kept */
+};
+
+struct mk_left_out {
+    size_t log;          /* number among those given */
+    double from_s, to_s; /* s from its first row */
+    double log_s;        /* how long the whole log is */
+    int joint;           /* foreign contact: in whose equation, 1-based; 0: was not asked for */
+    char file[128];      /* the log's path, "" without one */
+    char why[160];       /* half a sentence */
+};
+#define MK_MAX_LEFT_OUT 256
+
+/* What is left out of logs: rows that were not asked for, and stretches of foreign contact, as a
+ * hand or a kick (docs/identification.md), which are looked for in all logs together. `out` has
+ * room for MK_MAX_LEFT_OUT. MK_ERR_PARSE (a log does not fit the model), MK_ERR_RANGE (of a log
+ * nothing was asked for, or there are too many stretches), MK_ERR_NOMEM. */
+MK_NODISCARD enum mk_status mk_find_left_out(const struct mk_model *model,
+                                             const struct mk_log *const *logs, size_t log_count,
+                                             const struct mk_row_choice *choice,
+                                             struct mk_left_out *out, int *count,
+                                             struct mk_error *err);
+/* A copy of log number `number` without its angles in these rows, which a column `left_out` marks
+ * with 1: fits and predictions pass over them. *out is NULL where none of them is left out. The
+ * caller frees it. MK_ERR_NOMEM. */
+MK_NODISCARD enum mk_status mk_leave_out(const struct mk_log *log, size_t number,
+                                         const struct mk_left_out *left_out, int count,
+                                         struct mk_log **out, struct mk_error *err);
+
+/* --- fits ------------------------------------------------------------------------------------ */
+
 struct mk_ident_options {
     const char *method; /* NULL: "output-error" */
     /* Linear methods: equations are averaged over windows of 1 / cutoff_hz, which pass half of that
@@ -53,6 +90,7 @@ struct mk_ident_options {
     /* What mk_data_check_logs said of these logs for MK_DATA_IDENTIFY; NULL: it is asked. */
     const struct mk_data_check *data_check;
     bool force; /* fits in spite of a fatal finding */
+    struct mk_row_choice rows;
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -109,6 +147,8 @@ struct mk_ident_result {
     int iterations;
     bool converged;
     size_t rows; /* readings used */
+    int left_out_count;
+    struct mk_left_out left_out[MK_MAX_LEFT_OUT];
     int warning_count;
     char warning[MK_MAX_FIT_WARNINGS][320];
     struct mk_data_check data_check; /* what is doubted of the logs */

@@ -122,12 +122,14 @@ struct mk_record {
     /* Commands; NULL: 0 throughout. u[1] is NULL with one motor, u[0] where nothing drives the rig.
      */
     const double *u[MK_MAX_INPUTS];
-    const double *late_us; /* how late each exchange was; NULL: the log does not say, or
-                              the board's own clock made the samples, on time */
-    bool board_clock;      /* it did */
-    const double *flags;   /* as of mechkit/loop.h; NULL: the log has none */
-    double u_to_torque;    /* 1 when the log has tau */
-    bool si;               /* the log has tau */
+    const double *late_us;  /* how late each exchange was; NULL: the log does not say, or
+                               the board's own clock made the samples, on time */
+    bool board_clock;       /* it did */
+    const double *left_out; /* other than 0 in rows that are left out (mk_leave_out): they have
+                               no readings, and no motion goes on across them; NULL: none */
+    const double *flags;    /* as of mechkit/loop.h; NULL: the log has none */
+    double u_to_torque;     /* 1 when the log has tau */
+    bool si;                /* the log has tau */
 };
 /* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. A log needs no command where
  * its metadata say `input: none` or the model has no motor. MK_ERR_PARSE names what is missing, or
@@ -166,11 +168,12 @@ struct mk_predict_figures {
     int own_count;
     struct mk_own_estimate own[MK_MAX_OWN_ESTIMATES];
 };
-/* Free-run prediction. Parameters with a spread get the values that the first half of the log says
- * (least squares of free runs over its windows, with the spread as prior); the figures are then
- * those of the windows that begin in the second half. *out gets columns t, q1, (q2,) dq1, (dq2,)
- * and `window` when windowed; the caller frees it. A window in which the solver fails is filled
- * with NaN from there on and counted in *failed (may be NULL). */
+/* Free-run prediction. Rows that are left out have none: a window ends before them, and the next
+ * one begins behind them. Parameters with a spread get the values that the first half of the log
+ * says (least squares of free runs over its windows, with the spread as prior); the figures are
+ * then those of the windows that begin in the second half. *out gets columns t, q1, (q2,) dq1,
+ * (dq2,) and `window` when windowed; the caller frees it. A window in which the solver fails is
+ * filled with NaN from there on and counted in *failed (may be NULL). */
 MK_NODISCARD enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
                                        const struct mk_predict_options *options,
                                        struct mk_log **out, struct mk_predict_figures *figures,

@@ -10,6 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "console/left_out.h"
+
 static void print_cause(FILE *out, const struct mk_model *model, const struct mk_cause *c)
 {
     fprintf(out, "  %s", c->effect->name);
@@ -188,6 +190,7 @@ static bool drowns(const struct mk_explanation *e)
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
     data_checks_print(out, &e->data_check);
+    left_out_print(out, e->left_out, e->left_out_count);
     fprintf(out, "%s\n", sentence(e));
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);

@@ -10,6 +10,7 @@
 #include "console/control_gain.h"
 #include "console/data_checks.h"
 #include "console/explanation.h"
+#include "console/left_out.h"
 #include "console/options.h"
 #include "console/signals.h"
 #include "mechkit/explain.h"
@@ -42,10 +43,11 @@ static const struct option_row option_rows[] = {
     {"window", OPTION_NUMBER(explain.window_s), "S",
      "length of the free runs that are compared; default 1", .wants = "seconds above 0"},
     {"seconds", OPTION_CALL(explain.most_s), "S|all",
-     "most data to search in, from the starts of the logs; default 30", .take = take_seconds,
+     "most data to search in, in windows spread over the logs; default 30", .take = take_seconds,
      .wants = "seconds above 0, or all"},
     {"force", OPTION_FLAG(explain.force), NULL,
      "go on in spite of a fatal finding of the data check"},
+    LEFT_OUT_OPTIONS(explain.rows),
     {"threads", OPTION_COUNT(explain.threads), "N", "default: all processors", 1, 256},
     {0}};
 
@@ -254,6 +256,14 @@ static int explain(struct job *j)
     }
     drop_unused(j);
     if (search(j, &err) != MK_OK) {
+        remove_folder();
+        return report_error(&err);
+    }
+    left_out_warn(j->e.left_out, j->e.left_out_count);
+    const size_t count = (size_t)j->o.input.count;
+    if (left_out_apply(j->logs, count, 0, j->e.left_out, j->e.left_out_count, &err) != MK_OK ||
+        left_out_apply(j->holdouts, j->o.holdout.count, count, j->e.left_out, j->e.left_out_count,
+                       &err) != MK_OK) {
         remove_folder();
         return report_error(&err);
     }

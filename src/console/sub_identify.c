@@ -9,8 +9,10 @@
 #include "base/out_file.h"
 #include "console/data_checks.h"
 #include "console/fix.h"
+#include "console/left_out.h"
 #include "console/options.h"
 #include "experiment/data_check_json.h"
+#include "ident/left_out_json.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
 
@@ -47,6 +49,7 @@ static const struct option_row option_rows[] = {
      "linear methods: averaging over windows of 1 / HZ; default 3", .wants = "Hz above 0"},
     {"force", OPTION_FLAG(ident.force), NULL,
      "go on in spite of a fatal finding of the data check"},
+    LEFT_OUT_OPTIONS(ident.rows),
     {"threads", OPTION_COUNT(ident.threads), "N", "default: all processors", 1, 256},
     {0}};
 
@@ -275,6 +278,8 @@ static cJSON *result_json(const struct mk_ident_result *r, const char *const *fi
 }
 
 struct job {
+    struct mk_left_out left_out[2 * MK_MAX_LEFT_OUT]; /* of logs, then of those to validate on */
+    int left_out_count;
     struct options o;
     struct mk_model model;
     struct mk_log *logs[MAX_FILES], *validation[MAX_FILES];
@@ -327,6 +332,31 @@ static enum mk_status fit(struct job *j, struct mk_error *err)
     return st;
 }
 
+/* Of the logs as the fit found it, of those to validate on as all logs together show it. */
+static enum mk_status leave_out(struct job *j, struct mk_error *err)
+{
+    const struct mk_log *all[2 * MAX_FILES];
+    struct mk_left_out found[MK_MAX_LEFT_OUT];
+    const size_t count = (size_t)j->o.input.count, checks = j->o.validate.count;
+    int of_all = 0;
+    memcpy(j->left_out, j->result.left_out, sizeof j->result.left_out);
+    j->left_out_count = j->result.left_out_count;
+    for (size_t i = 0; i < count + checks; i++)
+        all[i] = i < count ? j->logs[i] : j->validation[i - count];
+    enum mk_status st = MK_OK;
+    if (checks > 0)
+        st =
+            mk_find_left_out(&j->model, all, count + checks, &j->o.ident.rows, found, &of_all, err);
+    for (int i = 0; i < of_all; i++)
+        if (found[i].log >= count)
+            j->left_out[j->left_out_count++] = found[i];
+    if (st == MK_OK)
+        st = left_out_apply(j->logs, count, 0, j->left_out, j->left_out_count, err);
+    return st == MK_OK
+               ? left_out_apply(j->validation, checks, count, j->left_out, j->left_out_count, err)
+               : st;
+}
+
 static enum mk_status compare_all(struct job *j, struct mk_error *err)
 {
     const struct mk_model *fitted = &j->result.model;
@@ -369,8 +399,13 @@ static int identify(struct job *j)
         return report_output_error(&err);
     if (fit(j, &err) != MK_OK)
         return report_error(&err);
+    if (leave_out(j, &err) != MK_OK)
+        return report_error(&err);
+    left_out_warn(j->left_out, j->left_out_count);
+    left_out_print(stdout, j->left_out, j->left_out_count);
     print_result(&j->result, (const char *const *)j->o.input.text);
     j->json = result_json(&j->result, (const char *const *)j->o.input.text);
+    cJSON_AddItemToObject(j->json, "left_out", left_out_json(j->left_out, j->left_out_count));
     if (compare_all(j, &err) != MK_OK)
         return report_error(&err);
     return write_output(j, &err) == MK_OK ? EXIT_OK : report_output_error(&err);

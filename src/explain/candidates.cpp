@@ -327,7 +327,7 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         r.q_min[j] = HUGE_VAL, r.q_max[j] = -HUGE_VAL;
     for (const FitLog *log : logs) {
-        r.seconds = std::max(r.seconds, log->duration());
+        r.seconds = std::max(r.seconds, log->start + log->duration());
         for (int j = 0; j < log->joints; j++) {
             const std::vector<double> &q = log->q[j];
             r.v_max[j] = std::max(r.v_max[j], log->v_max[j]);

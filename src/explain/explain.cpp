@@ -427,15 +427,20 @@ try {
                         err);
     if (st != MK_OK)
         return st;
-    const mk::LogList learn = mk::used_logs(*model, {logs, log_count}, MK_DATA_EXPLAIN);
-    const mk::LogList held = mk::used_logs(*model, {holdouts, holdout_count}, MK_DATA_HOLD_OUT);
+    std::vector<const mk_log *> all(logs, logs + log_count);
+    all.insert(all.end(), holdouts, holdouts + holdout_count);
+    std::vector<mk::OwnedLog> made;
+    st = mk::leave_out(*model, o.rows, all, made, *result, err);
+    if (st != MK_OK)
+        return st;
+    const mk::LogList learn = mk::used_logs(*model, {all.data(), log_count}, MK_DATA_EXPLAIN);
+    const mk::LogList held =
+        mk::used_logs(*model, {all.data() + log_count, holdout_count}, MK_DATA_HOLD_OUT);
     if (learn.empty())
         return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
                            "nothing moves in this log: there is nothing to explain");
     // For the fits a rig that nothing drove in these logs is one without a motor.
     mk_model as_driven = *model;
-    std::vector<const mk_log *> all(logs, logs + log_count);
-    all.insert(all.end(), holdouts, holdouts + holdout_count);
     as_driven.no_motor = mk::nothing_drives(*model, all);
     mk::Explainer explainer(as_driven, *result, o);
     st = explainer.run(learn.data(), learn.size(), held.data(), held.size(), err);

@@ -41,6 +41,8 @@ void HeldOut::add_windows(const mk_model &m, int number, const mk_log &predictio
         // Of errors below the rounding of the readings, as at rest, none is better than another.
         const double rounding = sd > 0.0 ? TURN / m.encoder_cpr[j] / std::sqrt(12.0) / sd : 0.0;
         for (size_t k = 0; q && sd > 0.0 && k < record.rows; k++) {
+            if (std::isnan(window[k])) // left out
+                continue;
             const size_t place = first + (size_t)window[k];
             if (place >= f.window.size())
                 f.window.resize(place + 1, 0.0), f.log.resize(place + 1, number);

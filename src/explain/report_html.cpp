@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/out_file.h"
@@ -75,6 +76,7 @@ class Plot
   public:
     Plot(const char *x_title, const char *y_title) : x_name(x_title), y_name(y_title) {}
     void add_series(Series s) { all.push_back(std::move(s)); }
+    void shade(double from, double to) { shaded.push_back({from, to}); }
 
     std::string svg() const
     {
@@ -88,11 +90,18 @@ class Plot
             }
         if (!(x1 > x0) || !std::isfinite(y0))
             return "";
+        for (const auto &[from, to] : shaded)
+            x0 = std::min(x0, from), x1 = std::max(x1, to);
         if (!(y1 > y0))
             y0 -= 1.0, y1 += 1.0;
         double pad = 0.06 * (y1 - y0);
         Frame f = {x0, x1, y0 - pad, y1 + pad};
         std::string s = "<svg viewBox='0 0 640 270' role='img'>";
+        for (const auto &[from, to] : shaded) {
+            const double left = f.px(from);
+            add(s, "<rect class='left-out' x='%.1f' y='32' width='%.1f' height='190'/>", left,
+                f.px(to) - left);
+        }
         axes(s, f);
         for (const Series &one : all)
             draw(s, f, one);
@@ -108,6 +117,7 @@ class Plot
     };
     const char *x_name, *y_name;
     std::vector<Series> all;
+    std::vector<std::pair<double, double>> shaded; // of x
 
     void axes(std::string &s, const Frame &f) const
     {
@@ -191,6 +201,54 @@ mk_log beginning_of(const mk_log &log)
     return part;
 }
 
+void shade_left_out(const mk_record &r, Plot &plot)
+{
+    for (size_t k = 0; r.left_out && k < r.rows; k++) {
+        if (r.left_out[k] == 0.0)
+            continue;
+        const size_t first = k;
+        while (k < r.rows && r.left_out[k] != 0.0)
+            k++;
+        plot.shade(r.t[first] - r.t[0], r.t[k - 1] - r.t[0]);
+    }
+}
+
+// A log as a bar, and what is left out of it.
+void add_bar(std::string &s, const mk_left_out *first, const mk_left_out *last)
+{
+    constexpr double WIDTH = 640.0, HEIGHT = 14.0, LEAST = 2.0; // LEAST: what can be seen
+    s += "<svg viewBox='0 0 640 14' role='img'>";
+    add(s, "<rect class='whole-log' width='%g' height='%g'/>", WIDTH, HEIGHT);
+    for (const mk_left_out *one = first; one < last; one++)
+        add(s, "<rect class='left-out' x='%.1f' width='%.1f' height='%g'/>",
+            WIDTH * one->from_s / one->log_s,
+            std::max(LEAST, WIDTH * (one->to_s - one->from_s) / one->log_s), HEIGHT);
+    s += "</svg>";
+}
+
+// What is left out of the logs, with the reasons.
+std::string left_out_list(const mk_explanation &e)
+{
+    std::vector<mk_left_out> all(e.left_out, e.left_out + e.left_out_count);
+    std::stable_sort(all.begin(), all.end(),
+                     [](const mk_left_out &a, const mk_left_out &b) { return a.log < b.log; });
+    std::string s;
+    for (size_t i = 0, next = 0; i < all.size(); i = next) {
+        while (next < all.size() && all[next].log == all[i].log)
+            next++;
+        s += "<figure class='log'><figcaption>" + escaped(all[i].file);
+        add(s, ", %.4g s long:<br>", all[i].log_s);
+        for (size_t k = i; k < next; k++) {
+            add(s, "%.2f to %.2f s: ", all[k].from_s, all[k].to_s);
+            s += escaped(all[k].why) + "<br>";
+        }
+        s += "</figcaption>";
+        add_bar(s, all.data() + i, all.data() + next);
+        s += "</figure>";
+    }
+    return s.empty() ? s : "<p>Left out of the logs:</p>" + s;
+}
+
 // Error of two models over the held-out data, joint by joint: with the extension and without, or,
 // where there is none, refitted and as given.
 std::string error_plots(const mk_explanation &e, const mk_log *whole)
@@ -225,6 +283,7 @@ std::string error_plots(const mk_explanation &e, const mk_log *whole)
                   j == 0 ? "q1 simulated - measured, rad" : "q2 simulated - measured, rad");
         plot.add_series(std::move(sb));
         plot.add_series(std::move(sa));
+        shade_left_out(record, plot);
         s += "<figure>" + plot.svg() + "</figure>";
     }
     return s;
@@ -530,7 +589,9 @@ const char style[] =
     "table{border-collapse:collapse;width:100%;font-size:.88em}td,th{border-bottom:1px solid #ccc;"
     "padding:.3em .5em;text-align:left;vertical-align:top}figure{margin:1em 0}svg{width:100%}"
     "div{overflow-x:auto}"
-    ".frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{font-size:12px;fill:#444}"
+    ".left-out{fill:#f3d9b0;stroke:none}.whole-log{fill:#dfe6ee}.log{margin:.4em 0}"
+    ".log figcaption{font-size:.85em}.frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{"
+    "font-size:12px;fill:#444}"
     ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
     ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"
     "@media(max-width:30em){table{font-size:.75em}td,th{padding:.25em .3em}.tick{font-size:16px}}"
@@ -547,6 +608,7 @@ try {
     s += style;
     s += "</style></head><body>" + data_checks(*e) + "<h1>" + escaped(sentence(*e)) + "</h1>" +
          formula(*e);
+    s += left_out_list(*e);
     add(s, "<p>Rig: %s. Free runs of %g s on held-out data", mk_plant(e->given.plant)->name,
         e->window_s);
     if (e->held_back)

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "experiment/data_check_json.h"
+#include "ident/left_out_json.h"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 
@@ -202,6 +203,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON_AddItemToObject(o, "data_checks", data_check_json(&e->data_check));
     bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
     cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));
+    cJSON_AddItemToObject(o, "left_out", left_out_json(e->left_out, e->left_out_count));
     cJSON *causes = cJSON_AddArrayToObject(o, "causes");
     cJSON *terms = unknown ? cJSON_AddArrayToObject(o, "terms") : causes;
     for (int i = 0; i < e->cause_count; i++)

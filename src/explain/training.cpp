@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 #include <new>
+#include <numeric>
+#include <utility>
 
 #include "sim/record_check.hpp"
 
@@ -15,7 +17,9 @@ namespace
 
 constexpr size_t FEWEST = 40;  // rows of a log
 constexpr double MOTION = 5.0; // counts: less is rest
-constexpr double A_RUN = 15.0; // s of a log that are worth having
+// Of long logs windows are searched. They cost a start state each.
+constexpr double WINDOW = 5.0;          // s: some swings
+constexpr double SHORTEST_WINDOW = 1.0; // s: with more logs than this allows some have none
 
 // Rows [first, last) of a log, with its metadata and the columns a model needs.
 OwnedLog slice(const mk_log &log, size_t first, size_t last)
@@ -39,21 +43,86 @@ OwnedLog slice(const mk_log &log, size_t first, size_t last)
     return out;
 }
 
-// What a log tells without a hole in it.
-Piece longest_piece(const mk_record &record, size_t rows)
+// What a log tells between holes, in parts that are worth searching in.
+std::vector<Piece> worthwhile_pieces(const mk_record &record, size_t rows)
 {
-    Piece longest = {0, 0};
     double hole = 0.0;
-    for (const Piece &piece : pieces_of(record, rows, hole))
-        if (piece.last - piece.first > longest.last - longest.first)
-            longest = piece;
-    return longest;
+    std::vector<Piece> pieces = pieces_of(record, rows, hole);
+    pieces.erase(std::remove_if(pieces.begin(), pieces.end(),
+                                [](const Piece &p) { return p.last - p.first < FEWEST; }),
+                 pieces.end());
+    return pieces;
+}
+
+// A piece of a log as given.
+struct Part {
+    int log;
+    mk_record record;
+    Piece rows;
+    double seconds() const { return record.t[rows.last - 1] - record.t[rows.first]; }
+};
+
+// How many windows each part gets, as its length is, and one at least where that leaves them long
+// enough.
+std::vector<size_t> window_counts(const std::vector<Part> &parts, double all_s, double most_s)
+{
+    const double most = std::max(1.0, std::floor(most_s / SHORTEST_WINDOW));
+    const double usual = std::max(1.0, std::round(most_s / WINDOW));
+    const bool each = (double)parts.size() <= most;
+    const double together = each ? usual : most;
+    std::vector<size_t> counts;
+    double before = 0.0; // s
+    for (const Part &part : parts) {
+        const double after = before + part.seconds();
+        const double share =
+            std::round(after / all_s * together) - std::round(before / all_s * together);
+        counts.push_back((size_t)std::max(each ? 1.0 : 0.0, share));
+        before = after;
+    }
+    return counts;
+}
+
+// Windows of one length, spread evenly over all parts and over all of each; of a part that is no
+// longer than its windows all of it.
+std::vector<Part> windows_over(const std::vector<Part> &parts, double all_s, double most_s)
+{
+    const std::vector<size_t> counts = window_counts(parts, all_s, most_s);
+    const size_t all = std::accumulate(counts.begin(), counts.end(), (size_t)0);
+    const double length = most_s / (double)std::max<size_t>(1, all);
+    std::vector<Part> windows;
+    for (size_t i = 0; i < parts.size(); i++) {
+        const Part &part = parts[i];
+        const size_t rows = part.rows.last - part.rows.first, count = counts[i];
+        const size_t wanted =
+            std::max(FEWEST, (size_t)std::ceil((double)rows * length / part.seconds()));
+        if (wanted * count >= rows) {
+            windows.push_back(part);
+            continue;
+        }
+        for (size_t k = 0; k < count; k++) {
+            const size_t middle = part.rows.first + rows * (2 * k + 1) / (2 * count);
+            const size_t first = middle - wanted / 2;
+            windows.push_back({part.log, part.record, {first, first + wanted}});
+        }
+    }
+    return windows;
 }
 
 enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
 {
     enum mk_status st = mk_record_from_log(&log, &model, &record, err);
     return st == MK_OK ? check_record(record, model, log, FEWEST, err) : st;
+}
+
+// From the first row that is not left out to behind the last one.
+std::pair<size_t, size_t> kept_rows(const mk_record &record)
+{
+    size_t first = 0, last = record.rows;
+    while (record.left_out && first < last && record.left_out[first] != 0.0)
+        first++;
+    while (record.left_out && last > first && record.left_out[last - 1] != 0.0)
+        last--;
+    return {first, last};
 }
 
 // The row behind the last one where a joint is not yet where it stays to the end.
@@ -109,6 +178,7 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
         if (st != MK_OK)
             return st;
     }
+    std::vector<Part> parts;
     for (size_t i = 0; i < count; i++) {
         mk_record record;
         st = check_log(*given[i], model, record, err);
@@ -120,22 +190,27 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
             if (st != MK_OK)
                 return st;
         }
-        used.push_back(longest_piece(record, last));
-        if (used[i].last - used[i].first < FEWEST)
+        const std::vector<Piece> pieces = worthwhile_pieces(record, last);
+        if (pieces.empty())
             return mk_error_at(err, MK_ERR_RANGE, given[i]->path, 0, 0,
                                "no %zu rows without a long hole in them: too few to explain "
                                "anything",
                                FEWEST);
-        logs.push_back(fit_log(record, model, used[i].first, used[i].last, (int)i));
-        out.given_s += logs.back().duration();
-        st = check_motion(logs.back(), given[i], "explain", err);
+        st = check_motion(fit_log(record, model, pieces.front().first, pieces.back().last),
+                          given[i], "explain", err);
         if (st != MK_OK)
             return st;
+        for (const Piece &piece : pieces) {
+            parts.push_back({(int)i, record, piece});
+            out.given_s += parts.back().seconds();
+        }
     }
     if (out.given_s > options.most_s)
-        st = take_part(model, options.most_s, given, err);
-    for (const FitLog &log : logs)
-        out.searched_s += log.duration();
+        parts = windows_over(parts, out.given_s, options.most_s);
+    for (const Part &p : parts) {
+        logs.push_back(fit_log(p.record, model, p.rows.first, p.rows.last, p.log));
+        out.searched_s += logs.back().duration();
+    }
     return st;
 }
 
@@ -148,12 +223,13 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     enum mk_status st = check_motion(fit_log(record, model, 0, record.rows), &log, "explain", err);
     if (st != MK_OK)
         return st;
-    size_t end = record.rows;
+    const auto [begin, kept] = kept_rows(record);
+    size_t end = kept;
     const size_t moved = end_of_motion(record, model);
-    if (moved < end - end / 4)
-        end = moved;
-    last = end - end / 4;
-    if (end == record.rows && last < FEWEST)
+    if (moved < end - (end - begin) / 4)
+        end = std::max(moved, begin);
+    last = end - (end - begin) / 4;
+    if (end == kept && last - begin < FEWEST)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
                            "%zu rows are too few to explain anything and hold a quarter of them "
                            "back: %zu without those, or give another log with --holdout",
@@ -178,29 +254,21 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     return MK_OK;
 }
 
-// Of logs evenly over all the beginnings: effects may depend on the time since the start.
-enum mk_status TrainingData::take_part(const mk_model &model, double most_s,
-                                       const mk_log *const *given, mk_error *err)
+enum mk_status leave_out(const mk_model &model, const mk_row_choice &choice,
+                         std::vector<const mk_log *> &logs, std::vector<OwnedLog> &made,
+                         mk_explanation &out, mk_error *err)
 {
-    const size_t count = logs.size();
-    const double wanted = std::max(most_s, (double)FEWEST * logs[0].period);
-    size_t kept = (size_t)std::max(1.0, std::min((double)count, wanted / A_RUN));
-    double share = wanted / (double)kept;
-    std::vector<FitLog> part;
-    for (size_t i = 0; i < kept; i++) {
-        const size_t log = i * count / kept;
-        mk_record record;
-        enum mk_status st = mk_record_from_log(given[log], &model, &record, err);
-        if (st != MK_OK)
-            return st;
-        const double seconds = std::min(share, logs[log].duration());
-        size_t last = used[log].first;
-        while (last < used[log].last && record.t[last] - record.t[used[log].first] <= seconds)
-            last++;
-        part.push_back(fit_log(record, model, used[log].first, last, (int)log));
+    enum mk_status st = mk_find_left_out(&model, logs.data(), logs.size(), &choice, out.left_out,
+                                         &out.left_out_count, err);
+    for (size_t i = 0; i < logs.size() && st == MK_OK; i++) {
+        mk_log *copy = nullptr;
+        st = mk_leave_out(logs[i], i, out.left_out, out.left_out_count, &copy, err);
+        if (!copy)
+            continue;
+        made.emplace_back(copy);
+        logs[i] = copy;
     }
-    logs = std::move(part);
-    return MK_OK;
+    return st;
 }
 
 } // namespace mk

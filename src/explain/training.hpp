@@ -24,13 +24,14 @@ struct TrainingData {
                         size_t holdout_count, mk_explanation &out, mk_error *err);
 
   private:
-    std::vector<Piece> used; // of the logs as given: between holes
-
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
                              size_t &last, mk_explanation &out, mk_error *err);
-    enum mk_status take_part(const mk_model &model, double most_s, const mk_log *const *given,
-                             mk_error *err);
 };
+
+// Puts copies in the place of those logs of which something is left out, and tells `out` of it.
+enum mk_status leave_out(const mk_model &model, const mk_row_choice &choice,
+                         std::vector<const mk_log *> &logs, std::vector<OwnedLog> &made,
+                         mk_explanation &out, mk_error *err);
 
 } // namespace mk
 #endif

@@ -81,6 +81,26 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
                  problem.model.u_max, 100.0 * (double)beyond / (double)rows);
 }
 
+// The logs, each without what is left out of it.
+enum mk_status take_logs(mk::IdentProblem &problem, const mk_log *const *logs, size_t log_count,
+                         mk_ident_result &r, mk_error *err)
+{
+    enum mk_status st = mk_find_left_out(&problem.model, logs, log_count, &problem.options.rows,
+                                         r.left_out, &r.left_out_count, err);
+    for (size_t i = 0; i < log_count && st == MK_OK; i++) {
+        mk_log *copy = nullptr;
+        st = mk_leave_out(logs[i], i, r.left_out, r.left_out_count, &copy, err);
+        if (copy)
+            problem.made.emplace_back(copy, mk_log_free);
+        if (st == MK_OK)
+            st = take_log(problem, copy ? copy : logs[i], err);
+    }
+    if (st == MK_OK && problem.logs.empty())
+        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
+                           "nothing moves in this log: there is nothing to learn from it");
+    return st;
+}
+
 void name_parameters(const mk_ident_options &options, mk_ident_result &r)
 {
     r.parameter_count = mk_model_parameter_count(&r.model);
@@ -176,11 +196,8 @@ try {
     enum mk_status st = mk_model_check(model, err);
     if (st == MK_OK)
         st = check_data(problem, logs, log_count, result->data_check, err);
-    for (size_t i = 0; i < log_count && st == MK_OK; i++)
-        st = take_log(problem, logs[i], err);
-    if (st == MK_OK && problem.logs.empty())
-        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
-                           "nothing moves in this log: there is nothing to learn from it");
+    if (st == MK_OK)
+        st = take_logs(problem, logs, log_count, *result, err);
     if (st != MK_OK)
         return st;
     result->model = *model;

@@ -91,28 +91,44 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
     return st;
 }
 
+static bool is_left_out(const struct mk_record *rec, size_t row)
+{
+    return rec->left_out && rec->left_out[row] != 0.0;
+}
+
+static size_t skip_left_out(const struct mk_record *rec, size_t row)
+{
+    while (row < rec->rows && is_left_out(rec, row))
+        row++;
+    return row;
+}
+
 static enum mk_status run_windows(struct prediction *p, double window_s, size_t *windows,
                                   size_t *failed, struct mk_error *err)
 {
     const struct mk_record *rec = &p->rec;
     enum mk_status st = MK_OK;
-    size_t first = 0;
     *windows = *failed = 0;
+    size_t first = skip_left_out(rec, 0);
     while (first < rec->rows) {
-        size_t last = rec->rows;
+        double end = HUGE_VAL, index = 0.0;
         if (window_s > 0.0) {
-            double index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
-            double end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
-            for (last = first + 1; last < rec->rows && rec->t[last] < end;)
-                last++;
-            for (size_t k = first; k < last; k++)
-                p->window[k] = index;
+            index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
+            end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
         }
+        size_t last = first + 1;
+        while (last < rec->rows && rec->t[last] < end && !is_left_out(rec, last))
+            last++;
+        for (size_t k = first; p->window && k < last; k++)
+            p->window[k] = index;
         st = run_window(p, first, last, err);
         *failed += st != MK_OK;
         ++*windows;
-        first = last;
+        first = skip_left_out(rec, last);
     }
+    if (*windows == 0)
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "all rows are left out: there is nothing to predict");
     return *failed == *windows ? st : MK_OK;
 }
 

@@ -82,6 +82,7 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
         if (!out->q[j])
             return missing(log, err, angles[j]);
     }
+    out->left_out = mk_log_get(log, "left_out");
     out->flags = mk_log_get(log, "flags");
     const char *clock = mk_log_find_meta(log, "clock");
     out->board_clock = clock && strcmp(clock, "board") == 0;
