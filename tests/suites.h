@@ -22,6 +22,7 @@
     X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(predict)                                                                                     \
+    X(inputs)                                                                                      \
     X(own_values)                                                                                  \
     X(model_file)                                                                                  \
     X(console)                                                                                     \

@@ -69,6 +69,32 @@ START_TEST(a_model_that_is_written_reads_back_equal)
 }
 END_TEST
 
+START_TEST(the_column_that_drives_the_rig_is_read_and_written)
+{
+    static const char *const names[MK_INPUT_COUNT] = {NULL, "measured", "commanded"};
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("input.ini");
+    char text[8192];
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(m.input, MK_INPUT_UNSAID);
+    for (int i = 0; i < MK_INPUT_COUNT; i++) {
+        m.input = (enum mk_input)i;
+        ck_assert_int_eq(mk_model_write(path, &m, NULL, &err), MK_OK);
+        ck_assert_msg(mk_model_read(path, &back, &err) == MK_OK, "%s", err.message);
+        ck_assert_int_eq(back.input, m.input);
+        FILE *file = fopen(path, "r");
+        ck_assert_ptr_nonnull(file);
+        text[fread(text, 1, sizeof text - 1, file)] = '\0';
+        fclose(file);
+        char line[64];
+        snprintf(line, sizeof line, "\ninput = %s\n", names[i] ? names[i] : "");
+        ck_assert_msg(names[i] ? strstr(text, line) != NULL : !strstr(text, "input ="), "%s", text);
+    }
+    expect_error(WHEEL "[rig]\ninput = sent\n", MK_ERR_PARSE, 8, "measured or commanded");
+}
+END_TEST
+
 START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
 {
     struct mk_model m =
@@ -254,6 +280,7 @@ Suite *suite_model_file(void)
     TCase *t = tcase_create("files");
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_model_that_is_written_reads_back_equal);
+    tcase_add_test(t, the_column_that_drives_the_rig_is_read_and_written);
     tcase_add_test(t, comments_blanks_and_line_ends_of_all_kinds_are_understood);
     tcase_add_test(t, a_rig_without_a_motor_says_so_and_stays_so);
     tcase_add_test(t, sections_may_come_in_any_order);

@@ -331,6 +331,73 @@ START_TEST(without_a_command_the_log_or_the_model_must_say_so)
 }
 END_TEST
 
+static enum mk_status map_commanded(const char *text, enum mk_plant_kind kind,
+                                    struct mk_record *rec, struct mk_log **log,
+                                    struct mk_error *err)
+{
+    struct mk_model m;
+    mk_model_default(kind, &m);
+    m.input = MK_INPUT_COMMANDED;
+    ck_assert_int_eq(mk_log_read(scratch_text("map.csv", text), log, err), MK_OK);
+    return mk_record_from_log(*log, &m, rec, err);
+}
+
+START_TEST(a_model_may_ask_for_the_commanded_column)
+{
+    struct mk_record rec;
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    static const struct {
+        const char *text;
+        enum mk_plant_kind rig;
+        bool two, si;
+    } rows[] = {
+        {"t,q1,q2,u,u_cmd\n0,0,0,7,9\n", MK_PLANT_PENDUBOT, false, false},
+        {"t,q1,q2,u1,u2,u1_cmd,u2_cmd\n0,0,0,7,8,9,5\n", MK_PLANT_PENDUBOT, true, false},
+        {"t,q1,q2,tau1,tau2,tau1_cmd,tau2_cmd\n0,0,0,7,8,9,5\n", MK_PLANT_PENDUBOT, true, true},
+        {"t,q1,tau1,tau1_cmd\n0,0,7,9\n", MK_PLANT_PENDULUM, false, true},
+        {"t,q1,tau_cmd\n0,0,9\n", MK_PLANT_PENDULUM, false, true},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        ck_assert_msg(map_commanded(rows[i].text, rows[i].rig, &rec, &log, &err) == MK_OK, "%s",
+                      err.message);
+        ck_assert_double_eq(rec.u[0][0], 9);
+        ck_assert(rows[i].two ? rec.u[1] && rec.u[1][0] == 5 : !rec.u[1]);
+        ck_assert_int_eq(rec.si, rows[i].si);
+        mk_log_free(log);
+    }
+    ck_assert_int_eq(
+        map_commanded("t,q1,q2,tau1,tau2\n0,0,0,7,8\n", MK_PLANT_PENDUBOT, &rec, &log, &err),
+        MK_ERR_PARSE);
+    ck_assert_msg(strstr(err.message, "tau1_cmd") && strstr(err.message, "input = commanded") &&
+                      strstr(err.message, "the measured tau1 is taken"),
+                  "%s", err.message);
+    mk_log_free(log);
+    ck_assert_int_eq(map_commanded("t,q1,q2,tau1,tau2,tau1_cmd\n0,0,0,7,8,9\n", MK_PLANT_PENDUBOT,
+                                   &rec, &log, &err),
+                     MK_ERR_PARSE);
+    ck_assert_msg(strstr(err.message, "no column tau2_cmd"), "%s", err.message);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Windows are shorter than the delay: all that acts in them was sent before they begin. */
+START_TEST(a_window_knows_the_commands_that_are_on_their_way)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
+    m.effect[0].value[0] = 0.2013;
+    struct mk_log *log = record(&m, 0, 3);
+    mk_log_free(predict(&m, log, 0.15, &f));
+    ck_assert_double_lt(f.rms[0], 1e-5);
+    ck_assert_double_lt(f.rms[1], 1e-5);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(logs_too_short_to_predict_are_refused)
 {
     struct mk_model m;
@@ -425,6 +492,8 @@ Suite *suite_predict(void)
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);
     tcase_add_test(t, without_a_command_the_log_or_the_model_must_say_so);
+    tcase_add_test(t, a_model_may_ask_for_the_commanded_column);
+    tcase_add_test(t, a_window_knows_the_commands_that_are_on_their_way);
     tcase_add_test(t, logs_too_short_to_predict_are_refused);
     tcase_add_test(t, numbers_that_no_rig_has_are_told);
     tcase_add_loop_test(t, models_of_real_rigs_follow_their_logs, 0, 3);

@@ -149,6 +149,10 @@ struct mk_explanation {
     /* How far dry friction can hold each joint from where it would hang, rad; NaN: it hangs
      * nowhere. That is how far off a zero may be that is taken there. */
     double held_off[MK_MAX_JOINTS];
+    /* Which of the logs' columns drives the rig, found before all else where they have both. If it
+     * is not the given model's (`changed`) that is a finding: `refit` has the given column,
+     * `extended` the other, with the delay and the lag that are told here. */
+    struct mk_input_comparison input;
     int rival_count;
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
     bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain

@@ -165,6 +165,42 @@ MK_NODISCARD enum mk_status mk_identify(const struct mk_model *model,
                                         const struct mk_ident_options *options,
                                         struct mk_ident_result *out, struct mk_error *err);
 
+/* Which column drives a model, as a hypothesis (docs/identification.md, "Which column drives it").
+ */
+struct mk_input_comparison {
+    bool made;           /* false: there was nothing to compare; all else is 0 */
+    enum mk_input taken; /* measured or commanded: the one that predicts logs that were left out
+                            surely better; else what the model says, or measured */
+    bool changed;        /* that is not what the model says */
+    int logs, better;    /* left out in turn; in how many the commanded column predicts better */
+    double window_s;     /* of the free runs over them */
+    /* Their nrmse, by column: [MK_INPUT_MEASURED], [MK_INPUT_COMMANDED]. */
+    double nrmse[MK_INPUT_COUNT][MK_MAX_JOINTS];
+    /* Squared error with the commanded column over that with the measured one: geometric mean over
+     * windows, then over logs, and the standard error of its logarithm. */
+    double ratio, log_error;
+    /* How late the command acts and with which time constant its drive follows, s, as fitted to all
+     * logs; 0 where it has none. */
+    double delay, delay_error, lag, lag_error;
+    struct mk_model
+        model; /* the given one with the taken column, and delay and lag if it is late */
+    struct mk_model fitted[MK_INPUT_COUNT]; /* by column, to all logs */
+};
+
+/* Whether a log has both columns of the command of such a rig. */
+bool mk_log_has_both_inputs(const struct mk_log *log, const struct mk_model *model);
+
+/* Fits the model by output error with either column to all logs but one, and judges it by free runs
+ * over that one, every log once (of many logs, eight groups of them). `options`: fixed, unknown,
+ * threads, progress. MK_ERR_RANGE where there are not two logs at least that have both columns and
+ * in which something moves, MK_ERR_NUMERIC (cannot be fitted), MK_ERR_INTR, MK_ERR_NOMEM. Pure, as
+ * mk_identify. */
+MK_NODISCARD enum mk_status mk_compare_inputs(const struct mk_model *model,
+                                              const struct mk_log *const *logs, size_t log_count,
+                                              const struct mk_ident_options *options,
+                                              struct mk_input_comparison *out,
+                                              struct mk_error *err);
+
 /* Value of parameter `index` of a model, numbered as above (range checked by the caller). */
 double mk_model_parameter(const struct mk_model *model, int index);
 void mk_model_set_parameter(struct mk_model *model, int index, double value);

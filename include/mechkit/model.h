@@ -151,6 +151,16 @@ struct mk_effect_use {
     double spread[MK_MAX_EFFECT_PARAMETERS];
 };
 
+/* Which of a log's columns drives the model, where the log has both the command that was sent and
+ * what a drive measured of it (docs/formats.md, "Log"). */
+enum mk_input {
+    MK_INPUT_UNSAID,    /* nobody has said it: the measured column */
+    MK_INPUT_MEASURED,  /* u, tau, u1/u2, tau1/tau2 */
+    MK_INPUT_COMMANDED, /* the same names with _cmd */
+    MK_INPUT_COUNT
+};
+const char *mk_input_name(enum mk_input input); /* "measured" (also where unsaid), "commanded" */
+
 /* --- a model -------------------------------------------------------------------------------- */
 
 struct mk_model {
@@ -165,6 +175,7 @@ struct mk_model {
     struct mk_effect_use effect[MK_MAX_EFFECTS];
     double rtol, atol; /* integration tolerances, defaults 1e-8, 1e-10 */
     bool no_motor;     /* nothing drives the rig: its logs need no command, which is 0 */
+    enum mk_input input;
 };
 
 /* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */

@@ -62,6 +62,13 @@ MK_NODISCARD enum mk_status mk_sim_reset(struct mk_sim *sim, double t, const dou
 MK_NODISCARD enum mk_status mk_sim_set_values(struct mk_sim *sim, const struct mk_model *model,
                                               struct mk_error *err);
 
+/* After a reset, before advancing, in the order of time: that the command u (2 values) was issued
+ * at t (<= now). What the model's input delay still holds back of it comes into force later.
+ * MK_ERR_STATE before a reset or for a time to come, MK_ERR_RANGE when too many commands are on
+ * their way. */
+MK_NODISCARD enum mk_status mk_sim_issued_before(struct mk_sim *sim, double t, const double *u,
+                                                 struct mk_error *err);
+
 /* Advances to t_end (> now) while the command issued from now on is u (2 values, held). What acts
  * on the rig is that command after the model's input delay. MK_ERR_NUMERIC when the solver gives
  * up. */
@@ -131,9 +138,10 @@ struct mk_record {
     double u_to_torque;     /* 1 when the log has tau */
     bool si;                /* the log has tau */
 };
-/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. A log needs no command where
- * its metadata say `input: none` or the model has no motor. MK_ERR_PARSE names what is missing, or
- * that the log is of another rig, or that it has a command where there is said to be none. */
+/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`, the command's column with _cmd
+ * at its end where the model's input is the commanded one. A log needs no command where its
+ * metadata say `input: none` or the model has no motor. MK_ERR_PARSE names what is missing, or that
+ * the log is of another rig, or that it has a command where there is said to be none. */
 MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);

@@ -1,5 +1,6 @@
 #include "console/explanation.h"
 #include "console/data_checks.h"
+#include "ident/input_report.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -53,6 +54,16 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
                     "%.2g rad from there.\n",
                     held);
     }
+}
+
+/* Which column drives the rig: a finding where it is not the model's. */
+static void print_input(FILE *out, const struct mk_explanation *e)
+{
+    char what[400];
+    if (!e->input.made)
+        return;
+    mk_input_sentence(&e->input, what, sizeof what);
+    fprintf(out, e->input.changed ? "  %s\n" : "Input: %s\n", what);
 }
 
 static void print_rivals(FILE *out, const struct mk_explanation *e)
@@ -192,6 +203,8 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     data_checks_print(out, &e->data_check);
     left_out_print(out, e->left_out, e->left_out_count);
     fprintf(out, "%s\n", sentence(e));
+    if (e->input.changed)
+        print_input(out, e);
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
     if (e->verdict == MK_VERDICT_EFFECT)
@@ -202,6 +215,8 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict == MK_VERDICT_PARAMETERS)
         print_values(out, e);
     print_rivals(out, e);
+    if (!e->input.changed)
+        print_input(out, e);
     if (e->scale_free)
         fprintf(
             out,
@@ -237,7 +252,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->offered)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);
-    else if (e->cause_count + e->log_value_count > 0)
+    else if (e->cause_count + e->log_value_count + e->input.changed > 0)
         print_declined(out, e);
     print_limits(out, e);
     print_control(out, e);

@@ -12,6 +12,7 @@
 #include "console/left_out.h"
 #include "console/options.h"
 #include "experiment/data_check_json.h"
+#include "ident/input_report.h"
 #include "ident/left_out_json.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
@@ -22,6 +23,7 @@
 
 struct options {
     const char *model, *out, *json;
+    const char *column; /* --input */
     struct option_texts fixed, validate;
     struct arguments input;
     struct mk_ident_options ident;
@@ -33,6 +35,13 @@ static bool take_method(const char *value, void *target)
     return mk_ident_method_by_name(value) != NULL;
 }
 
+static bool take_column(const char *value, void *target)
+{
+    *(const char **)target = value;
+    return strcmp(value, "measured") == 0 || strcmp(value, "commanded") == 0 ||
+           strcmp(value, "compare") == 0;
+}
+
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the model to fit", .required = true},
     {"out", OPTION_TEXT(out), "FITTED.ini", "the fitted model, with standard errors"},
@@ -40,6 +49,13 @@ static const struct option_row option_rows[] = {
      "output-error (default): maximum likelihood of the measured angles; olsen, swevers, wls, sls, "
      "energy: linear, base parameters only",
      .take = take_method, .wants = "output-error, olsen, swevers, wls, sls or energy"},
+    {"input", OPTION_CALL(column), "COLUMN",
+     "what drives the model: measured (u, tau, ...), commanded (u_cmd, tau_cmd, ...) or compare: "
+     "the "
+     "one that predicts logs better that were left out. Default: what the model says; else "
+     "compare, "
+     "where two logs or more have both",
+     .take = take_column, .wants = "measured, commanded or compare"},
     {"json", OPTION_TEXT(json), "FILE", "the result with covariance; \"-\": standard output"},
     {"fix", OPTION_TEXTS(fixed), "NAME",
      "hold a parameter, as p5 or effect.backlash.width; may be repeated"},
@@ -281,7 +297,9 @@ struct job {
     struct mk_left_out left_out[2 * MK_MAX_LEFT_OUT]; /* of logs, then of those to validate on */
     int left_out_count;
     struct options o;
-    struct mk_model model;
+    struct mk_model model; /* as given, with the column that is taken */
+    struct mk_model given;
+    struct mk_input_comparison input;
     struct mk_log *logs[MAX_FILES], *validation[MAX_FILES];
     struct mk_data_check data_check;
     struct mk_ident_result result;
@@ -318,6 +336,39 @@ static enum mk_status check_output(const char *path, struct mk_error *err)
     return st;
 }
 
+static bool all_have_both(const struct job *j)
+{
+    bool both = true;
+    for (int i = 0; i < j->o.input.count; i++)
+        both = both && mk_log_has_both_inputs(j->logs[i], &j->model);
+    for (size_t i = 0; i < j->o.validate.count; i++)
+        both = both && mk_log_has_both_inputs(j->validation[i], &j->model);
+    return both;
+}
+
+/* Whether the columns are to be compared: where it is asked for, or nobody has said anything and it
+ * can be done. */
+static bool compares(const struct job *j)
+{
+    const struct mk_ident_method_info *method =
+        mk_ident_method_by_name(j->o.ident.method ? j->o.ident.method : "output-error");
+    if (j->o.column)
+        return strcmp(j->o.column, "compare") == 0;
+    return j->model.input == MK_INPUT_UNSAID && method->fits_effects && j->o.input.count > 1 &&
+           all_have_both(j);
+}
+
+static enum mk_status compare_inputs(struct job *j, struct mk_error *err)
+{
+    enum mk_status st = mk_compare_inputs(&j->model, (const struct mk_log *const *)j->logs,
+                                          (size_t)j->o.input.count, &j->o.ident, &j->input, err);
+    if (st == MK_OK)
+        j->model = j->input.model;
+    /* Nobody asked for it: then what can be fitted is. */
+    const bool vain = st == MK_ERR_RANGE || st == MK_ERR_NUMERIC;
+    return vain && !j->o.column ? MK_OK : st;
+}
+
 static enum mk_status fit(struct job *j, struct mk_error *err)
 {
     int turn = 0;
@@ -325,6 +376,9 @@ static enum mk_status fit(struct job *j, struct mk_error *err)
         j->o.ident.progress = show_progress;
         j->o.ident.progress_context = &turn;
     }
+    enum mk_status compared = compares(j) ? compare_inputs(j, err) : MK_OK;
+    if (compared != MK_OK)
+        return compared;
     enum mk_status st = mk_identify(&j->model, (const struct mk_log *const *)j->logs,
                                     (size_t)j->o.input.count, &j->o.ident, &j->result, err);
     if (turn > 0)
@@ -364,11 +418,11 @@ static enum mk_status compare_all(struct job *j, struct mk_error *err)
     cJSON *data = cJSON_AddArrayToObject(j->json, "data");
     for (int i = 0; i < j->o.input.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->logs[i], MK_DATA_IDENTIFY))
-            st = compare(&j->model, fitted, j->o.input.text[i], j->logs[i], data, err);
+            st = compare(&j->given, fitted, j->o.input.text[i], j->logs[i], data, err);
     cJSON *check = cJSON_AddArrayToObject(j->json, "validation");
     for (size_t i = 0; i < j->o.validate.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->validation[i], MK_DATA_HOLD_OUT))
-            st = compare(&j->model, fitted, j->o.validate.text[i], j->validation[i], check, err);
+            st = compare(&j->given, fitted, j->o.validate.text[i], j->validation[i], check, err);
     return st;
 }
 
@@ -381,6 +435,47 @@ static enum mk_status write_output(const struct job *j, struct mk_error *err)
     return st == MK_OK && j->o.json ? mk_json_write(j->o.json, j->json, err) : st;
 }
 
+/* What --input says. */
+static int take_input(struct job *j)
+{
+    const char *column = j->o.column;
+    const struct mk_ident_method_info *method =
+        mk_ident_method_by_name(j->o.ident.method ? j->o.ident.method : "output-error");
+    if (column && strcmp(column, "compare") == 0 && !method->fits_effects)
+        return report_usage("identify",
+                            "--input compare: method %s cannot fit how late a command acts; say "
+                            "measured or commanded, or take output-error",
+                            method->name);
+    j->given = j->model;
+    for (int i = MK_INPUT_MEASURED; column && i < MK_INPUT_COUNT; i++)
+        if (strcmp(column, mk_input_name((enum mk_input)i)) == 0)
+            j->model.input = j->given.input = (enum mk_input)i;
+    return EXIT_OK;
+}
+
+/* Which column drives the fitted model, and why; nothing where there is one only. */
+static void say_input(const struct job *j)
+{
+    char what[400];
+    if (!j->input.made && j->model.input == MK_INPUT_UNSAID)
+        return;
+    snprintf(what, sizeof what, "the %s column, as %s says", mk_input_name(j->model.input),
+             j->o.column ? "--input" : "the model");
+    if (j->input.made)
+        mk_input_sentence(&j->input, what, sizeof what);
+    printf("input: %s\n", what);
+}
+
+static cJSON *input_json(const struct job *j)
+{
+    if (j->input.made)
+        return mk_input_json(&j->input);
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddStringToObject(o, "taken", mk_input_name(j->model.input));
+    cJSON_AddFalseToObject(o, "changed");
+    return o;
+}
+
 /* Returns an exit code. */
 static int identify(struct job *j)
 {
@@ -388,6 +483,9 @@ static int identify(struct job *j)
     if (mk_model_read_open(j->o.model, &j->model, j->o.ident.unknown, &err) != MK_OK)
         return report_error(&err);
     int rc = fix_parameters("identify", &j->o.fixed, &j->model, j->o.ident.fixed);
+    if (rc != EXIT_OK)
+        return rc;
+    rc = take_input(j);
     if (rc != EXIT_OK)
         return rc;
     if (read_logs(j, &err) != MK_OK)
@@ -403,9 +501,11 @@ static int identify(struct job *j)
         return report_error(&err);
     left_out_warn(j->left_out, j->left_out_count);
     left_out_print(stdout, j->left_out, j->left_out_count);
+    say_input(j);
     print_result(&j->result, (const char *const *)j->o.input.text);
     j->json = result_json(&j->result, (const char *const *)j->o.input.text);
     cJSON_AddItemToObject(j->json, "left_out", left_out_json(j->left_out, j->left_out_count));
+    cJSON_AddItemToObject(j->json, "input", input_json(j));
     if (compare_all(j, &err) != MK_OK)
         return report_error(&err);
     return write_output(j, &err) == MK_OK ? EXIT_OK : report_output_error(&err);

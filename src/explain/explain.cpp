@@ -12,12 +12,13 @@
 
 #include "explain/detection.hpp"
 #include "explain/gain.hpp"
-#include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
 #include "explain/log_values.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
 #include "ident/first_values.hpp"
+#include "ident/held_out.hpp"
+#include "ident/left_out.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -27,6 +28,8 @@ namespace
 {
 
 constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
+
+using LogList = std::vector<const mk_log *>;
 
 // Whether no command acts in any of the logs, so that they leave the scale of the model open. Logs
 // that cannot be read are told of later.
@@ -70,6 +73,28 @@ mk_model start_values(const mk_model &model, const mk_explain_options &options,
     return first_values(problem, training, fit).front();
 }
 
+// Delay and lag of the command as they are with all causes in the model.
+void describe_input(const Hypothesis &best, mk_input_comparison &input)
+{
+    const mk_model &m = best.point.model;
+    if (!input.changed || input.taken != MK_INPUT_COMMANDED)
+        return;
+    const std::vector<int> free = fitted_parameters(m);
+    const Eigen::MatrixXd cov = Fit::covariance(m, best.picture, free);
+    int number = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        const auto place = std::find(free.begin(), free.end(), number);
+        const long at = place - free.begin();
+        const double error = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
+        if (std::strcmp(info->name, "input-delay") == 0)
+            input.delay = m.effect[e].value[0], input.delay_error = error;
+        if (std::strcmp(info->name, "actuator-lag") == 0)
+            input.lag = m.effect[e].value[0], input.lag_error = error;
+        number += info->parameter_count;
+    }
+}
+
 class Explainer
 {
   public:
@@ -82,24 +107,23 @@ class Explainer
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
-        enum mk_status st =
-            data.load(model, options, logs, log_count, holdouts, holdout_count, out, err);
-        if (st != MK_OK)
-            return st;
-        for (const FitLog &log : data.logs)
-            training.push_back(&log);
         SearchOptions so;
         so.given = &start;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
+        const LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
         Hypothesis refit;
-        if (!first_fit(so, start_values(model, options, logs, log_count, training), refit))
-            return mk_error_set(
-                err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
-                "the model cannot follow the data: are rig, units and signs right?");
+        enum mk_status st = load_and_fit(learn, held, so, refit, err);
+        const mk_model given = model, given_refit = refit.point.model;
+        if (st == MK_OK)
+            st = choose_input(learn, held, err);
+        if (st == MK_OK && out.input.changed)
+            st = load_and_fit(learn, held, so, refit, err);
+        if (st != MK_OK)
+            return st;
         const Hypothesis plain = refit;
-        values = find_log_values(model, {logs, logs + log_count}, out.window_s, *search, refit);
+        values = find_log_values(model, learn, out.window_s, *search, refit);
         search_beside_values(so);
         if (drop_log_values(so, plain))
             search_beside_values(so);
@@ -108,10 +132,11 @@ class Explainer
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         Verdict verdict(values.model, training, *causes, lost, out);
         verdict.decide();
-        out.given = model;
-        out.refit = plain.point.model;
+        out.given = given;
+        out.refit = given_refit;
+        describe_input(causes->best, out.input);
         describe_log_values(values, causes->best, training, options.threads, out);
-        if (out.log_value_count > 0 && out.verdict < MK_VERDICT_EFFECT)
+        if (out.log_value_count + out.input.changed > 0 && out.verdict < MK_VERDICT_EFFECT)
             out.verdict = MK_VERDICT_EFFECT;
         find_detection_limits(*search, causes->best, out);
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
@@ -136,6 +161,46 @@ class Explainer
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
 
+    // The data as the model's column drives them, and the fit to them that all else starts from.
+    enum mk_status load_and_fit(const LogList &logs, const LogList &holdouts, SearchOptions &so,
+                                Hypothesis &refit, mk_error *err)
+    {
+        search.reset();
+        training.clear();
+        data = {};
+        out.given_s = out.searched_s = 0.0;
+        enum mk_status st = data.load(model, options, logs.data(), logs.size(), holdouts.data(),
+                                      holdouts.size(), out, err);
+        if (st != MK_OK)
+            return st;
+        for (const FitLog &log : data.logs)
+            training.push_back(&log);
+        refit = {};
+        if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training), refit))
+            return MK_OK;
+        return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
+                            "the model cannot follow the data: are rig, units and signs right?");
+    }
+    // The column that drives the model comes before all else: what the wrong one misses would be
+    // sought in the rig. Logs that it cannot be asked of are told of later, if at all.
+    enum mk_status choose_input(const LogList &logs, const LogList &holdouts, mk_error *err)
+    {
+        const auto both = [this](const mk_log *log) { return mk_log_has_both_inputs(log, &model); };
+        if (!std::all_of(logs.begin(), logs.end(), both) ||
+            !std::all_of(holdouts.begin(), holdouts.end(), both))
+            return MK_OK;
+        mk_ident_options o = {};
+        std::copy(std::begin(options.unknown), std::end(options.unknown), o.unknown);
+        o.rows.keep_all = true; // they are left out already
+        o.threads = options.threads;
+        o.progress = options.progress;
+        o.progress_context = options.progress_context;
+        const enum mk_status st =
+            mk_compare_inputs(&model, logs.data(), logs.size(), &o, &out.input, err);
+        if (st == MK_OK && out.input.changed)
+            start = model = out.input.model;
+        return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
+    }
     // The fit that all else starts from: of the given values, unless one of `other` values ends
     // clearly nearer to the data. An effect alone can leave the given values far from the data and
     // those of a linear method near, and yet make the given ones the better place to search from.
@@ -339,7 +404,6 @@ struct LogSpan {
     const mk_log *const *logs;
     size_t count;
 };
-using LogList = std::vector<const mk_log *>;
 
 // Those that are not left out.
 LogList used_logs(const mk_model &model, const LogSpan &given, enum mk_data_use use)
@@ -430,7 +494,7 @@ try {
     std::vector<const mk_log *> all(logs, logs + log_count);
     all.insert(all.end(), holdouts, holdouts + holdout_count);
     std::vector<mk::OwnedLog> made;
-    st = mk::leave_out(*model, o.rows, all, made, *result, err);
+    st = mk::leave_out(*model, o.rows, all, made, result->left_out, &result->left_out_count, err);
     if (st != MK_OK)
         return st;
     const mk::LogList learn = mk::used_logs(*model, {all.data(), log_count}, MK_DATA_EXPLAIN);

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
+#include "ident/held_out.hpp"
 
 namespace mk
 {
@@ -112,7 +112,7 @@ struct Gain {
         if (st != MK_OK)
             return st;
         const HeldOut held(data.held, out.window_s, data.second_half);
-        const bool found = out.cause_count + out.log_value_count > 0;
+        const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
         // A formula is worth having for what it predicts only.
         if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())

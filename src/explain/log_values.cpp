@@ -8,8 +8,8 @@
 #include <cstring>
 
 #include "explain/causes.hpp"
-#include "explain/held_out.hpp"
 #include "explain/statistics.hpp"
+#include "ident/held_out.hpp"
 
 namespace mk
 {
@@ -29,8 +29,6 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
-constexpr double LESS = 0.05;       // of the squared error must go, at least
-constexpr double SURE = 2.0;        // standard errors
 constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
 constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
 
@@ -159,10 +157,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
                 halves.figures(one.point.model, without, nullptr) != MK_OK)
                 break;
-            const LogRatio r = ratio_by_log(with, without);
-            const bool majority = 2 * r.better > r.logs;
-            const bool sure = r.logs > 2 ? r.mean < -SURE * r.error : r.better == r.logs;
-            if (!majority || !sure || !(r.mean < std::log(1.0 - LESS)))
+            if (!surely_better(ratio_by_log(with, without)))
                 break;
             out.model = own.point.model;
             std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);

@@ -1,5 +1,6 @@
 // report.html: one page without anything outside of it, for a phone and for paper.
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
@@ -9,7 +10,8 @@
 #include <vector>
 
 #include "base/out_file.h"
-#include "explain/owned_log.hpp"
+#include "ident/input_report.h"
+#include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/sim.h"
 
@@ -370,6 +372,10 @@ std::string sentence(const mk_explanation &e)
             s += (s.empty() ? "" : ", and ") +
                  cause_name(e.log_value[i].effect, e.log_value[i].joint) +
                  " of its own in every log";
+        if (e.input.changed)
+            s += (s.empty() ? "" : ", and ") + std::string(e.input.taken == MK_INPUT_COMMANDED
+                                                               ? "the command as it was sent"
+                                                               : "the command as it was measured");
         return "The model lacks " + s + ".";
     default:
         if (e.partly_named && e.offered)
@@ -406,6 +412,14 @@ std::string log_value_row(const mk_explanation &e, const mk_cause &c)
     add(s, "</td><td>%.0f better than one for all</td><td>named, confidence %.3f</td></tr>",
         c.delta_bic, c.confidence);
     return s;
+}
+
+std::string input_text(const mk_explanation &e)
+{
+    char what[400];
+    mk_input_sentence(&e.input, what, sizeof what);
+    what[0] = (char)std::toupper((unsigned char)what[0]);
+    return "<p>" + escaped(what) + ".</p>";
 }
 
 std::string cause_table(const mk_explanation &e)
@@ -627,6 +641,8 @@ try {
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
+    if (e->input.made)
+        s += "<h2>Which column drives it</h2>" + input_text(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
     if (e->detection_limit_count > 0)

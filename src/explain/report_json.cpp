@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "experiment/data_check_json.h"
+#include "ident/input_report.h"
 #include "ident/left_out_json.h"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
@@ -210,6 +211,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
         cJSON_AddItemToArray(terms, cause_json(e->given, e->cause[i]));
     for (int i = 0; i < e->log_value_count; i++)
         cJSON_AddItemToArray(causes, log_value_json(*e, e->log_value[i]));
+    if (e->input.made)
+        cJSON_AddItemToObject(o, "input", mk_input_json(&e->input));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));

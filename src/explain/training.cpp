@@ -254,21 +254,4 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     return MK_OK;
 }
 
-enum mk_status leave_out(const mk_model &model, const mk_row_choice &choice,
-                         std::vector<const mk_log *> &logs, std::vector<OwnedLog> &made,
-                         mk_explanation &out, mk_error *err)
-{
-    enum mk_status st = mk_find_left_out(&model, logs.data(), logs.size(), &choice, out.left_out,
-                                         &out.left_out_count, err);
-    for (size_t i = 0; i < logs.size() && st == MK_OK; i++) {
-        mk_log *copy = nullptr;
-        st = mk_leave_out(logs[i], i, out.left_out, out.left_out_count, &copy, err);
-        if (!copy)
-            continue;
-        made.emplace_back(copy);
-        logs[i] = copy;
-    }
-    return st;
-}
-
 } // namespace mk

@@ -4,8 +4,8 @@
 
 #include <vector>
 
-#include "explain/owned_log.hpp"
 #include "ident/fit_log.hpp"
+#include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
 
 namespace mk
@@ -27,11 +27,6 @@ struct TrainingData {
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
                              size_t &last, mk_explanation &out, mk_error *err);
 };
-
-// Puts copies in the place of those logs of which something is left out, and tells `out` of it.
-enum mk_status leave_out(const mk_model &model, const mk_row_choice &choice,
-                         std::vector<const mk_log *> &logs, std::vector<OwnedLog> &made,
-                         mk_explanation &out, mk_error *err);
 
 } // namespace mk
 #endif

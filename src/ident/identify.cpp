@@ -5,9 +5,11 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <new>
 
+#include "ident/left_out.hpp"
 #include "ident/method.hpp"
 #include "ident/scale.hpp"
 #include "sim/record_check.hpp"
@@ -85,16 +87,13 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
 enum mk_status take_logs(mk::IdentProblem &problem, const mk_log *const *logs, size_t log_count,
                          mk_ident_result &r, mk_error *err)
 {
-    enum mk_status st = mk_find_left_out(&problem.model, logs, log_count, &problem.options.rows,
-                                         r.left_out, &r.left_out_count, err);
-    for (size_t i = 0; i < log_count && st == MK_OK; i++) {
-        mk_log *copy = nullptr;
-        st = mk_leave_out(logs[i], i, r.left_out, r.left_out_count, &copy, err);
-        if (copy)
-            problem.made.emplace_back(copy, mk_log_free);
-        if (st == MK_OK)
-            st = take_log(problem, copy ? copy : logs[i], err);
-    }
+    std::vector<const mk_log *> used(logs, logs + log_count);
+    std::vector<mk::OwnedLog> made;
+    enum mk_status st = mk::leave_out(problem.model, problem.options.rows, used, made, r.left_out,
+                                      &r.left_out_count, err);
+    problem.made.assign(std::make_move_iterator(made.begin()), std::make_move_iterator(made.end()));
+    for (size_t i = 0; i < log_count && st == MK_OK; i++)
+        st = take_log(problem, used[i], err);
     if (st == MK_OK && problem.logs.empty())
         return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
                            "nothing moves in this log: there is nothing to learn from it");

@@ -6,6 +6,8 @@
 #include <new>
 #include <vector>
 
+#include "ident/left_out.hpp"
+
 #include "ident/contact.hpp"
 #include "ident/fit_log.hpp"
 #include "mechkit/ident.h"
@@ -137,6 +139,23 @@ enum mk_status copy_without(const mk_log &log, size_t number, const mk_left_out 
 }
 
 } // namespace
+
+enum mk_status leave_out(const mk_model &model, const mk_row_choice &choice,
+                         std::vector<const mk_log *> &logs, std::vector<OwnedLog> &made,
+                         mk_left_out *out, int *count, mk_error *err)
+{
+    enum mk_status st =
+        mk_find_left_out(&model, logs.data(), logs.size(), &choice, out, count, err);
+    for (size_t i = 0; i < logs.size() && st == MK_OK; i++) {
+        mk_log *copy = nullptr;
+        st = mk_leave_out(logs[i], i, out, *count, &copy, err);
+        if (!copy)
+            continue;
+        made.emplace_back(copy);
+        logs[i] = copy;
+    }
+    return st;
+}
 
 } // namespace mk
 

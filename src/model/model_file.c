@@ -137,6 +137,21 @@ static enum mk_status get_motor(struct reader *r, struct mk_model *m)
                        : mk_ini_refuse(r->file, e, r->err, "none, or no such key on a driven rig");
 }
 
+/* `input = measured` or `commanded`; without the key nobody has said it. */
+static enum mk_status get_input(struct reader *r, struct mk_model *m)
+{
+    struct mk_ini_entry *e = find(r, "rig", "input");
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    for (int i = MK_INPUT_MEASURED; i < MK_INPUT_COUNT; i++)
+        if (strcmp(e->value, mk_input_name((enum mk_input)i)) == 0) {
+            m->input = (enum mk_input)i;
+            return MK_OK;
+        }
+    return mk_ini_refuse(r->file, e, r->err, "measured or commanded");
+}
+
 /* --- sections ---------------------------------------------------------------------------- */
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
@@ -162,6 +177,8 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
         st = get_counts(r, m);
     if (st == MK_OK)
         st = get_motor(r, m);
+    if (st == MK_OK)
+        st = get_input(r, m);
     if (st == MK_OK)
         st = get_positive(r, "simulation", "rtol", HUGE_VAL, &m->rtol);
     if (st == MK_OK)
@@ -421,7 +438,10 @@ static void write_model(FILE *f, const struct mk_model *m, const char *comment)
         fprintf(f, " %d", m->encoder_cpr[1]);
     if (m->no_motor)
         fprintf(f, "\nmotor = none");
-    fprintf(f, "\n\n[parameters]\n");
+    fprintf(f, "\n");
+    if (m->input != MK_INPUT_UNSAID)
+        fprintf(f, "input = %s\n", mk_input_name(m->input));
+    fprintf(f, "\n[parameters]\n");
     bool errors = false;
     for (int i = 0; i < plant->parameter_count; i++) {
         put(f, plant->parameter[i].name, m->parameter[i]);

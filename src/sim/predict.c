@@ -55,6 +55,26 @@ static void commands_before(const struct mk_record *rec, size_t row, double *u)
     }
 }
 
+/* Puts the simulation into state x at a row, the commands of earlier rows that have not come into
+ * force yet on their way. */
+static enum mk_status start_at(struct prediction *p, size_t row, const double *x,
+                               struct mk_error *err)
+{
+    const struct mk_record *rec = &p->rec;
+    const double late = mk_model_command_delay(p->model), now = rec->t[row];
+    double u[MK_MAX_INPUTS];
+    size_t from = row;
+    while (from > 0 && rec->t[from - 1] + late > now)
+        from--;
+    commands_before(rec, from, u);
+    enum mk_status st = mk_sim_reset(p->sim, now - rec->t[0], x, u);
+    for (size_t k = from; st == MK_OK && k < row; k++) {
+        command_at(rec, k, u);
+        st = mk_sim_issued_before(p->sim, rec->t[k] - rec->t[0], u, err);
+    }
+    return st;
+}
+
 /* Readings that the start state of a run over a whole log is fitted to, s: a prediction of the
  * rest, no fit to it. */
 #define FIRST_READINGS_S 1.0
@@ -79,7 +99,7 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
     if (st != MK_OK)
         return st;
     commands_before(rec, first, u);
-    st = mk_sim_reset(p->sim, rec->t[first] - rec->t[0], x, u);
+    st = start_at(p, first, x, err);
     if (st == MK_OK)
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {

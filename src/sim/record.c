@@ -33,34 +33,62 @@ static enum mk_status check_undriven(const struct mk_log *log, const struct mk_m
     return MK_OK;
 }
 
-/* The command's columns under their various names (docs/formats.md). */
+/* Where a log may have its command (docs/formats.md). */
+struct command_names {
+    const char *one, *two; /* NULL: for one motor only */
+    bool si;
+};
+static const struct command_names measured_names[] = {
+    {"u1", "u2", false}, {"tau1", "tau2", true}, {"u", NULL, false}, {"tau", NULL, true}};
+static const struct command_names commanded_names[] = {{"u1_cmd", "u2_cmd", false},
+                                                       {"tau1_cmd", "tau2_cmd", true},
+                                                       {"u_cmd", NULL, false},
+                                                       {"tau_cmd", NULL, true}};
+#define COMMAND_NAMES (sizeof measured_names / sizeof measured_names[0])
+
+/* The first of the names that the log has; -1: none. */
+static int find_names(const struct mk_log *log, const struct command_names *names)
+{
+    for (size_t i = 0; i < COMMAND_NAMES; i++)
+        if (mk_log_get(log, names[i].one))
+            return (int)i;
+    return -1;
+}
+
+/* The motor's command, and where two motors drive the rig that of joint 2. */
 static enum mk_status find_commands(const struct mk_log *log, const struct mk_model *model,
                                     struct mk_record *out, struct mk_error *err)
 {
     const struct mk_plant_info *plant = mk_plant(model->plant);
-    static const struct {
-        const char *one, *two;
-        bool si;
-    } names[] = {
-        {"u1", "u2", false}, {"tau1", "tau2", true}, {"u", NULL, false}, {"tau", NULL, true}};
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        const double *one = mk_log_get(log, names[i].one);
-        const double *two = names[i].two ? mk_log_get(log, names[i].two) : NULL;
-        if (!one)
-            continue;
-        bool takes_two = plant->joints == 2 && plant->motor_joint == 0;
-        out->u[0] = one;
-        out->u[1] = takes_two ? two : NULL;
-        out->si = names[i].si;
-        return MK_OK;
-    }
-    return nothing_drives(log, model)
-               ? MK_OK
-               : missing(
-                     log, err,
-                     "u (the command), tau, or u1/tau1: one of them is needed. If nothing drove "
-                     "the rig, say so: `motor = none` in [rig] of the model, or `# input: none` in "
-                     "the log (mechkit import: `input = none` in [rig] of the mapping)");
+    const bool commanded = model->input == MK_INPUT_COMMANDED;
+    const struct command_names *names = commanded ? commanded_names : measured_names;
+    const int found = find_names(log, names), measured = find_names(log, measured_names);
+    if (found < 0 && commanded && !nothing_drives(log, model))
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log has no column u_cmd, tau_cmd, or u1_cmd/tau1_cmd, which "
+                           "`input = commanded` in the model asks for: without that line the "
+                           "measured %s is taken",
+                           measured < 0 ? "command" : measured_names[measured].one);
+    if (found < 0)
+        return nothing_drives(log, model)
+                   ? MK_OK
+                   : missing(log, err,
+                             "u (the command), tau, or u1/tau1: one of them is needed. If nothing "
+                             "drove "
+                             "the rig, say so: `motor = none` in [rig] of the model, or `# input: "
+                             "none` in "
+                             "the log (mechkit import: `input = none` in [rig] of the mapping)");
+    const bool takes_two = plant->joints == 2 && plant->motor_joint == 0 && names[found].two;
+    out->u[0] = mk_log_get(log, names[found].one);
+    out->u[1] = takes_two ? mk_log_get(log, names[found].two) : NULL;
+    out->si = names[found].si;
+    if (commanded && takes_two && !out->u[1] && measured == found &&
+        mk_log_get(log, measured_names[measured].two))
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log has no column %s beside %s, which `input = commanded` in the "
+                           "model asks for: what joint 2 was sent is not known",
+                           names[found].two, names[found].one);
+    return MK_OK;
 }
 
 enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,

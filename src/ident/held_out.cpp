@@ -1,26 +1,41 @@
-#include "explain/held_out.hpp"
+#include "ident/held_out.hpp"
 
 #include "mechkit/sim.h"
 
 namespace mk
 {
 
+void HeldOutFigures::append(const HeldOutFigures &other)
+{
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        square[j] += other.square[j];
+        rows[j] += other.rows[j];
+    }
+    window.insert(window.end(), other.window.begin(), other.window.end());
+    log.insert(log.end(), other.log.begin(), other.log.end());
+}
+
 enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *err) const
 {
-    for (size_t i = 0; i < logs.size(); i++) {
-        mk_predict_options o = {};
-        o.window_s = window_s;
-        o.second_half = half;
-        mk_predict_figures figures;
-        mk_log *prediction = nullptr;
-        enum mk_status st = mk_predict(&m, logs[i], &o, &prediction, &figures, nullptr, err);
-        if (st == MK_OK)
-            add_windows(m, (int)i, *prediction, figures.from_s, f);
-        mk_log_free(prediction);
-        if (st != MK_OK)
-            return st;
-    }
-    return MK_OK;
+    enum mk_status st = MK_OK;
+    for (size_t i = 0; i < logs.size() && st == MK_OK; i++)
+        st = add_log(m, i, f, err);
+    return st;
+}
+
+enum mk_status HeldOut::add_log(const mk_model &m, size_t number, HeldOutFigures &f,
+                                mk_error *err) const
+{
+    mk_predict_options o = {};
+    o.window_s = window_s;
+    o.second_half = half;
+    mk_predict_figures figures;
+    mk_log *prediction = nullptr;
+    enum mk_status st = mk_predict(&m, logs[number], &o, &prediction, &figures, nullptr, err);
+    if (st == MK_OK)
+        add_windows(m, (int)number, *prediction, figures.from_s, f);
+    mk_log_free(prediction);
+    return st;
 }
 
 void HeldOut::add_windows(const mk_model &m, int number, const mk_log &prediction, double from_s,
@@ -96,6 +111,15 @@ LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b)
     if (r.logs > 1)
         r.error = std::sqrt(std::max(squares / r.logs - r.mean * r.mean, 0.0) / (r.logs - 1));
     return r;
+}
+
+bool surely_better(const LogRatio &r)
+{
+    constexpr double LESS = 0.05; // of the squared error must go, at least
+    constexpr double SURE = 2.0;  // standard errors
+    const bool majority = 2 * r.better > r.logs;
+    const bool sure = r.logs > 2 ? r.mean < -SURE * r.error : r.better == r.logs;
+    return majority && sure && r.mean < std::log(1.0 - LESS);
 }
 
 double HeldOut::deviation(const mk_model &model, int joint) const

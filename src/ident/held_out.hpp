@@ -1,6 +1,6 @@
 // Free runs on data that were not fitted.
-#ifndef MECHKIT_EXPLAIN_HELD_OUT_HPP
-#define MECHKIT_EXPLAIN_HELD_OUT_HPP
+#ifndef MECHKIT_IDENT_HELD_OUT_HPP
+#define MECHKIT_IDENT_HELD_OUT_HPP
 
 #include <algorithm>
 #include <cmath>
@@ -21,6 +21,7 @@ struct HeldOutFigures {
                                 // not judged
     std::vector<int> log;       // by window: number of its log
     double nrmse(int j) const { return std::sqrt(square[j] / std::max(rows[j], 1.0)); }
+    void append(const HeldOutFigures &other); // of other logs
     double total() const { return nrmse(0) * nrmse(0) + nrmse(1) * nrmse(1); }
 };
 
@@ -34,6 +35,9 @@ class HeldOut
     {
     }
     enum mk_status figures(const mk_model &model, HeldOutFigures &f, mk_error *err) const;
+    // Those of one log, added to f.
+    enum mk_status add_log(const mk_model &model, size_t number, HeldOutFigures &f,
+                           mk_error *err) const;
     // Standard deviation of a joint's readings, rad.
     double deviation(const mk_model &model, int joint) const;
 
@@ -53,6 +57,10 @@ struct LogRatio {
     int logs = 0, better = 0; // in how many of them it is below 0
 };
 LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b);
+
+// Whether that is better beyond doubt: by 5 % of the squared error, in a majority of the logs, and
+// by two standard errors of the mean over logs; of two logs in both.
+bool surely_better(const LogRatio &ratio);
 
 // Whether `a` predicts worse than `b` beyond chance: by the ratio of errors window by window, so
 // that a window from which nobody can predict does not decide.
