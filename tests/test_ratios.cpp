@@ -322,6 +322,140 @@ START_TEST(a_cause_is_found_in_a_free_swing)
 }
 END_TEST
 
+/* --- values that are not known ---------------------------------------------------------------- */
+
+namespace
+{
+
+/* Each base parameter off by a factor of up to `span` either way, as far as that makes a rig. */
+mk_model scattered(const mk_model &truth, double span, unsigned seed)
+{
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> exponent(-1.0, 1.0);
+    mk_model m = truth;
+    do {
+        for (int i = 0; i < mk_plant(m.plant)->parameter_count; i++)
+            m.parameter[i] = truth.parameter[i] * std::pow(span, exponent(random));
+    } while (mk_model_check(&m, nullptr) != MK_OK);
+    return m;
+}
+
+void expect_the_same(const mk_ident_result &a, const mk_ident_result &b, const char *rig)
+{
+    for (int i = 0; i < a.parameter_count; i++)
+        ck_assert_msg(std::fabs(a.parameter[i].value - b.parameter[i].value) <
+                          0.3 * b.parameter[i].std_error + 1e-6 * std::fabs(b.parameter[i].value),
+                      "%s: %s is %g, from good values %g +- %g", rig, a.parameter[i].name,
+                      a.parameter[i].value, b.parameter[i].value, b.parameter[i].std_error);
+}
+
+const double drive[MK_PLANT_COUNT] = {3.0, 2.0, 1.5, 3.0, 2.0};
+
+} // namespace
+
+START_TEST(a_fit_ends_at_the_same_values_wherever_it_starts)
+{
+    const mk_model truth = rig((enum mk_plant_kind)(_i % MK_PLANT_COUNT));
+    const char *name = mk_plant(truth.plant)->name;
+    Run run;
+    run.amplitude = drive[truth.plant], run.seed = (unsigned)_i;
+    const Log log = record(truth, run);
+    Fit good, off, open;
+    good.of(truth, log);
+    ck_assert_msg(good.status == MK_OK, "%s: %s", name, good.err.message);
+    off.of(scattered(truth, 30.0, 100u + (unsigned)_i), log);
+    ck_assert_msg(off.status == MK_OK, "%s: %s", name, off.err.message);
+    expect_the_same(*off.r, *good.r, name);
+    for (int i = 0; i < mk_plant(truth.plant)->parameter_count; i++)
+        open.options.unknown[i] = true;
+    open.of(truth, log);
+    ck_assert_msg(open.status == MK_OK, "%s: %s", name, open.err.message);
+    expect_the_same(*open.r, *good.r, name);
+}
+END_TEST
+
+START_TEST(a_model_file_may_leave_values_open)
+{
+    mk_model m;
+    mk_error err = MK_ERROR_INIT;
+    bool unknown[MK_MAX_FIT_PARAMETERS];
+    const std::string path =
+        scratch_text("open.ini", "[rig]\nkind = pendulum\nu_to_torque = 1\n[parameters]\np1 = ?\n"
+                                 "p2 = 0.4\np3 = ?\np4 = 0\n[effect.viscous]\njoint = 1\n"
+                                 "coefficient = 0.1\n[effect.stribeck]\njoint = 1\nlevel = ?\n"
+                                 "velocity = 1\n");
+    ck_assert_int_eq(mk_model_read(path.c_str(), &m, &err), MK_ERR_RANGE);
+    ck_assert_msg(err.line == 5 && strstr(err.message, "p1") && strstr(err.message, "identify"),
+                  "%d %s", err.line, err.message);
+    ck_assert_msg(mk_model_read_open(path.c_str(), &m, unknown, &err) == MK_OK, "%s", err.message);
+    for (int i = 0; i < MK_MAX_FIT_PARAMETERS; i++)
+        ck_assert_msg(unknown[i] == (i == 0 || i == 2 || i == 5), "%d", i);
+    ck_assert(m.parameter[1] == 0.4 && m.parameter[0] > 0.0 && m.effect[1].value[1] == 1.0);
+    /* Beside known values of another size those in their place still make a rig. */
+    const std::string odd =
+        scratch_text("odd.ini", "[rig]\nkind = pendubot\n[parameters]\np1 = ?\np2 = 0.001\n"
+                                "p3 = 0.4\np4 = 1\np5 = 1\np6 = 0\np7 = 0\n");
+    ck_assert_msg(mk_model_read_open(odd.c_str(), &m, unknown, &err) == MK_OK, "%s", err.message);
+    const std::string whole =
+        scratch_text("whole.ini", "[rig]\nkind = pendulum\n[parameters]\np1 = 1\np2 = 1\np3 = 0\n"
+                                  "p4 = 0\n[effect.cogging]\njoint = 1\namplitude = 0.1\n"
+                                  "cycles = ?\nphase = 0\n");
+    ck_assert_int_ne(mk_model_read_open(whole.c_str(), &m, unknown, &err), MK_OK);
+    ck_assert_msg(strstr(err.message, "no fit finds"), "%s", err.message);
+}
+END_TEST
+
+START_TEST(the_program_fits_what_is_open_and_says_where_it_cannot)
+{
+    char out[8192];
+    mk_error err = MK_ERROR_INIT;
+    const mk_model truth = rig(MK_PLANT_PENDULUM);
+    Run run;
+    run.amplitude = 2.0;
+    const Log log = record(truth, run);
+    const std::string data = scratch("open.csv"), fitted = scratch("open_fitted.ini");
+    ck_assert_int_eq(mk_log_write(data.c_str(), log.get(), &err), MK_OK);
+    const std::string model =
+        scratch_text("open.ini", "[rig]\nkind = pendulum\n[parameters]\np1 = ?\n"
+                                 "p2 = ?\np3 = ?\np4 = ?\n");
+    int code = run_mechkit(out, sizeof out, "simulate --model %s --input %s --window 1 --json -",
+                           model.c_str(), data.c_str());
+    ck_assert_msg(code == 3 && strstr(out, "open.ini:4: p1") && strstr(out, "mechkit identify"),
+                  "%d %s", code, out);
+    code = run_mechkit(out, sizeof out, "identify --model %s --out %s --json - %s", model.c_str(),
+                       fitted.c_str(), data.c_str());
+    ck_assert_msg(code == 0, "%d %s", code, out);
+    mk_model m;
+    ck_assert_msg(mk_model_read(fitted.c_str(), &m, &err) == MK_OK, "%s", err.message);
+    for (int i = 0; i < 4; i++)
+        ck_assert_double_eq_tol(m.parameter[i] / truth.parameter[i], 1.0, 0.05);
+}
+END_TEST
+
+START_TEST(a_cause_is_the_same_whatever_was_given)
+{
+    mk_model truth = rig(MK_PLANT_PENDULUM);
+    const mk_model given = truth, off = scattered(truth, 30.0, 7);
+    ck_assert_int_eq(mk_model_add_effect(&truth, "quadratic-drag", 1, nullptr), MK_OK);
+    truth.effect[0].value[0] = 0.02;
+    Run run;
+    run.amplitude = 3.0;
+    const Log log = record(truth, run);
+    const mk_log *one = log.get();
+    auto right = std::make_unique<mk_explanation>(), far = std::make_unique<mk_explanation>();
+    ck_assert_int_eq(mk_explain(&given, &one, 1, nullptr, 0, nullptr, right.get(), nullptr), MK_OK);
+    ck_assert_int_eq(mk_explain(&off, &one, 1, nullptr, 0, nullptr, far.get(), nullptr), MK_OK);
+    ck_assert_int_eq(right->verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_eq(far->verdict, MK_VERDICT_EFFECT);
+    ck_assert(right->cause[0].effect == far->cause[0].effect);
+    ck_assert_double_lt(std::fabs(right->cause[0].value[0] - far->cause[0].value[0]),
+                        right->cause[0].std_error[0]);
+    for (int i = 0; i < 4; i++)
+        ck_assert_double_lt(std::fabs(right->extended.parameter[i] - far->extended.parameter[i]),
+                            right->std_error[i]);
+}
+END_TEST
+
 Suite *suite_ratios(void)
 {
     Suite *s = suite_create("ratios");
@@ -337,6 +471,13 @@ Suite *suite_ratios(void)
     tcase_add_test(c, a_driven_rig_has_a_scale);
     tcase_add_test(c, the_program_says_what_is_known_of_a_free_swing);
     tcase_add_test(c, a_cause_is_found_in_a_free_swing);
+    suite_add_tcase(s, c);
+    c = tcase_create("unknown values");
+    tcase_set_timeout(c, 120);
+    tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 0, 15);
+    tcase_add_test(c, a_model_file_may_leave_values_open);
+    tcase_add_test(c, the_program_fits_what_is_open_and_says_where_it_cannot);
+    tcase_add_test(c, a_cause_is_the_same_whatever_was_given);
     suite_add_tcase(s, c);
     return s;
 }

@@ -97,13 +97,13 @@ struct mk_ident_options {
 
 struct mk_ident_parameter {
     char name[64];
-    const char *unit; /* static */
-    double initial, value;
-    double std_error; /* NaN: not determined by the data */
-    double crb;       /* Cramer-Rao bound on the standard error at the estimate; NaN unknown */
-    bool fixed;       /* was not fitted */
-    bool at_bound;    /* of its physical range */
-    bool excited;     /* the data say something about it */
+    const char *unit;      /* static */
+    double initial, value; /* initial: as given, NaN where that was unknown */
+    double std_error;      /* NaN: not determined by the data */
+    double crb;            /* Cramer-Rao bound on the standard error at the estimate; NaN unknown */
+    bool fixed;            /* was not fitted */
+    bool at_bound;         /* of its physical range */
+    bool excited;          /* the data say something about it */
 };
 
 /* What a log has of its own of a parameter whose spread from log to log is above 0. */

@@ -43,7 +43,8 @@ static bool take_column(const char *value, void *target)
 }
 
 static const struct option_row option_rows[] = {
-    {"model", OPTION_TEXT(model), "M.ini", "the model to fit", .required = true},
+    {"model", OPTION_TEXT(model), "M.ini", "the model to fit; values may be orders off, or `?`",
+     .required = true},
     {"out", OPTION_TEXT(out), "FITTED.ini", "the fitted model, with standard errors"},
     {"method", OPTION_CALL(ident.method), "NAME",
      "output-error (default): maximum likelihood of the measured angles; olsen, swevers, wls, sls, "
@@ -163,7 +164,10 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
             printf("%12s %8s", "see below", "");
         else
             printf("%12.3g %8.3f", p->std_error, 100.0 * p->std_error / fabs(p->value));
-        printf("   %.6g\n", p->initial);
+        if (isnan(p->initial))
+            printf("   ?\n");
+        else
+            printf("   %.6g\n", p->initial);
     }
     print_ratios(r);
     print_own_values(r, files);
@@ -176,8 +180,8 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
         printf("  warning: %s\n", r->warning[i]);
 }
 
-/* Free runs of the given and the fitted model over a log, or over the beginning of a very long one.
- */
+/* Free runs of the given (NULL: it has unknown values) and the fitted model over a log, or over the
+ * beginning of a very long one. */
 static enum mk_status compare(const struct mk_model *given, const struct mk_model *fitted,
                               const char *path, const struct mk_log *log, cJSON *list,
                               struct mk_error *err)
@@ -188,12 +192,16 @@ static enum mk_status compare(const struct mk_model *given, const struct mk_mode
     struct mk_log beginning = *log;
     if (beginning.rows > MOST_COMPARED)
         beginning.rows = MOST_COMPARED;
-    size_t n = (size_t)mk_model_joints(given);
+    size_t n = (size_t)mk_model_joints(fitted);
     for (int i = 0; i < 2; i++) {
         struct mk_log *made = NULL;
-        enum mk_status st = mk_predict(models[i], &beginning, &o, &made, &f[i], NULL, err);
+        /* Where values are unknown there is nothing to compare with, and ones that are far off may
+         * run away in every window. */
+        f[i] = (struct mk_predict_figures){.nrmse = {(double)NAN, (double)NAN}};
+        enum mk_status st =
+            models[i] ? mk_predict(models[i], &beginning, &o, &made, &f[i], NULL, err) : MK_OK;
         mk_log_free(made);
-        if (st != MK_OK)
+        if (st != MK_OK && i == 1)
             return st;
     }
     printf("  %s, free runs of 1 s%s, nrmse:", path,
@@ -413,16 +421,19 @@ static enum mk_status leave_out(struct job *j, struct mk_error *err)
 
 static enum mk_status compare_all(struct job *j, struct mk_error *err)
 {
-    const struct mk_model *fitted = &j->result.model;
+    const struct mk_model *fitted = &j->result.model, *given = &j->given;
+    for (int i = 0; i < j->result.parameter_count; i++)
+        if (j->o.ident.unknown[i])
+            given = NULL;
     enum mk_status st = MK_OK;
     cJSON *data = cJSON_AddArrayToObject(j->json, "data");
     for (int i = 0; i < j->o.input.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->logs[i], MK_DATA_IDENTIFY))
-            st = compare(&j->given, fitted, j->o.input.text[i], j->logs[i], data, err);
+            st = compare(given, fitted, j->o.input.text[i], j->logs[i], data, err);
     cJSON *check = cJSON_AddArrayToObject(j->json, "validation");
     for (size_t i = 0; i < j->o.validate.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->validation[i], MK_DATA_HOLD_OUT))
-            st = compare(&j->given, fitted, j->o.validate.text[i], j->validation[i], check, err);
+            st = compare(given, fitted, j->o.validate.text[i], j->validation[i], check, err);
     return st;
 }
 

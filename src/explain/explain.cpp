@@ -70,7 +70,7 @@ mk_model start_values(const mk_model &model, const mk_explain_options &options,
             problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
     FitOptions fit;
     fit.threads = options.threads;
-    return first_values(problem, training, fit).front();
+    return first_values(problem, training, fit, BETTER_PRIOR).front();
 }
 
 // Delay and lag of the command as they are with all causes in the model.

@@ -182,7 +182,7 @@ class Comparison
                 problem.moves[j] = problem.moves[j] || joint_moves(record, m, j);
         FitOptions o;
         o.threads = options.threads;
-        return first_values(problem, view, o).front();
+        return first_values(problem, view, o, BETTER_START).front();
     }
     enum mk_status fit(const mk_model &m, Column &out, mk_error *err) const
     {

@@ -16,8 +16,6 @@ constexpr size_t MOST_ROWS = 8000;
 // Squared error a reading, in variances of the noise, at which the given model follows the data:
 // off by ten standard deviations within a quarter of a second, from where a fit finds its way.
 constexpr double FOLLOWS = 100.0;
-// So many times less squared error has a model that is taken before the given one.
-constexpr double CLEARLY_BETTER = 4.0;
 constexpr double CUTOFFS_HZ[] = {3.0, 10.0}; // of the linear methods: slow rigs, fast ones
 constexpr double FACTORS[] = {1.0, 0.1, 10.0};
 constexpr size_t MOST_STARTS = 4;
@@ -153,7 +151,7 @@ bool any_unknown(const IdentProblem &problem)
 
 std::vector<mk_model> first_values(const IdentProblem &problem,
                                    const std::vector<const FitLog *> &logs,
-                                   const FitOptions &options)
+                                   const FitOptions &options, double better)
 {
     const bool given = !any_unknown(problem);
     const Contest contest(logs, options);
@@ -172,7 +170,7 @@ std::vector<mk_model> first_values(const IdentProblem &problem,
         for (const mk_model &m : scattered(problem))
             starts.push_back({m, contest.error_of(m)});
     if (given)
-        starts.push_back({problem.model, error / CLEARLY_BETTER});
+        starts.push_back({problem.model, error / better});
     std::stable_sort(starts.begin(), starts.end(),
                      [](const Start &a, const Start &b) { return a.error < b.error; });
     std::vector<mk_model> out;

@@ -17,10 +17,15 @@ namespace mk
 {
 
 // Models to start from, best first, one at least. The given one is the first where it follows the
-// data about as well as any other, and none where a value of it is unknown.
+// data, or no other has `better` times less squared error, and none where a value of it is unknown.
 std::vector<mk_model> first_values(const IdentProblem &problem,
                                    const std::vector<const FitLog *> &logs,
-                                   const FitOptions &options);
+                                   const FitOptions &options, double better);
+
+// For a fit, whose end does not depend on where it starts as long as it comes there; and for a
+// search, whose prior is about the start: what a model lacks, a zero or a lag, may cost as much as
+// wrong values do, and values that make up for it are no better than the given ones.
+constexpr double BETTER_START = 4.0, BETTER_PRIOR = 100.0;
 
 } // namespace mk
 #endif

@@ -42,7 +42,8 @@ struct FitOptions {
     double max_passes = HUGE_VAL;
     int threads = 1;
     // Model whose base parameters are right within a factor of some three, must outlive the fit: it
-    // keeps values that the data do not determine from running away. NULL: nothing is known.
+    // keeps values that the data do not determine from running away, and is not heard against what
+    // they do determine. NULL: nothing is known.
     const mk_model *near = nullptr;
 };
 

@@ -107,7 +107,8 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
         mk_ident_parameter &p = r.parameter[i];
         const mk_parameter_info *info = mk_model_parameter_info(&r.model, i, p.name, sizeof p.name);
         p.unit = mk_model_unit(&r.model, info->unit);
-        p.initial = p.value = mk_model_parameter(&r.model, i);
+        p.value = mk_model_parameter(&r.model, i);
+        p.initial = options.unknown[i] ? std::nan("") : p.value;
         p.std_error = p.crb = std::nan("");
         p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;
     }
@@ -123,6 +124,9 @@ enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem
         return method.fit(problem, r, err);
     const mk_ident_result unfitted = r;
     const bool free = mk::scale_is_free(problem.model, problem.records);
+    // Where no inertia is known, they are counted in the first.
+    if (free && problem.options.unknown[holder])
+        problem.model.parameter[holder] = 1.0;
     problem.options.fixed[holder] = free;
     r.parameter[holder].fixed = free;
     enum mk_status st = method.fit(problem, r, err);

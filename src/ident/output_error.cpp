@@ -250,7 +250,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     FitPoint point;
     FitPicture picture;
     bool found = false;
-    for (const mk_model &start : first_values(problem, views, options))
+    for (const mk_model &start : first_values(problem, views, options, BETTER_START))
         if (!found && !fit.cancelled)
             found = fit_from(fit, views, free, start, point, picture);
     if (!found) {
