@@ -60,6 +60,7 @@
     X(excite)                                                                                      \
     X(measure)                                                                                     \
     X(data_check)                                                                                  \
+    X(carry_over)                                                                                  \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
     X(exchange)                                                                                    \

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "explain/log_values.hpp"
 #include "explain/slips.hpp"
 #include "explain/training.hpp"
 #include "mechkit/explain.h"
@@ -458,6 +459,66 @@ START_TEST(a_cause_that_no_entry_names_is_unknown_and_gets_a_formula)
     ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
     ck_assert_msg(strstr(e.structure, "dq1^3") != nullptr, "%s", e.structure);
     ck_assert_double_gt(e.closed, 0.5);
+}
+END_TEST
+
+START_TEST(shares_of_the_gap_add_up_to_what_is_closed)
+{
+    Hidden h;
+    h.drag = 0.012;
+    h.dead = 0.8;
+    const mk_explanation e = explained(h);
+    const mk_budget &b = e.budget;
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(b.item_count, 2);
+    double sum = 0.0;
+    for (int i = 0; i < b.item_count; i++) {
+        ck_assert_double_le(b.item[i].low, b.item[i].share);
+        ck_assert_double_ge(b.item[i].high, b.item[i].share);
+        sum += b.item[i].share;
+    }
+    ck_assert_double_eq_tol(sum, b.closed, 1e-9);
+    ck_assert_double_eq_tol(b.closed + b.rest, 1.0, 1e-9);
+    ck_assert_double_gt(b.closed, 0.95);
+    // The last line of the table is the extended model; what came before it is further off.
+    ck_assert_double_eq_tol(b.item[1].rms[0], b.extended[0], 1e-9);
+    ck_assert_double_gt(b.item[0].rms[0], 2.0 * b.extended[0]);
+    ck_assert_double_gt(b.refit[0], b.item[0].rms[0]);
+    ck_assert_int_eq(b.rest_joint, 0);
+}
+END_TEST
+
+START_TEST(a_named_cause_beside_one_without_a_name_is_a_part)
+{
+    Hidden h;
+    h.dead = 0.4;
+    h.cubic = 0.03;
+    const mk_explanation e = explained(pendulum(false), record(h, 0, 9.0), record(h, 1, 5.0));
+    ck_assert_msg(e.verdict == MK_VERDICT_PARTIAL, "%s: %s", mk_verdict_name(e.verdict),
+                  e.structure);
+    ck_assert_int_eq(e.cause_count - e.piece_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "deadband");
+    ck_assert_double_eq_tol(e.cause[0].value[0], 0.4, 0.02);
+    ck_assert_ptr_nonnull(std::strstr(e.structure, "dq1^3"));
+    char name[160];
+    for (int i = 0; i < e.budget.item_count; i++) {
+        mk_budget_item_name(&e, &e.budget.item[i], name, sizeof name);
+        ck_assert_ptr_nonnull(
+            std::strstr(name, e.budget.item[i].cause == 0 ? "deadband" : "dq1^3"));
+    }
+}
+END_TEST
+
+START_TEST(only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log)
+{
+    mk_model own, m = pendulum(true);
+    ck_assert_int_eq(mk_model_add_effect(&m, "coulomb", 1, nullptr), MK_OK);
+    ck_assert(!mk::with_own_place(m, own));
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-stiffness", 1, nullptr), MK_OK);
+    ck_assert(mk::with_own_place(m, own));
+    const int rest = mk_effect_parameter_index(mk_effect_by_name("cable-stiffness"), "rest");
+    ck_assert_double_gt(own.effect[1].spread[rest], 0.0);
+    ck_assert_double_eq(own.effect[0].spread[0], 0.0);
 }
 END_TEST
 
@@ -979,6 +1040,9 @@ Suite *suite_explain(void)
     tcase_add_test(t, lost_pulses_beside_missing_rows_are_found);
     tcase_add_test(t, steps_of_a_wheel_s_acceleration_are_no_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
+    tcase_add_test(t, shares_of_the_gap_add_up_to_what_is_closed);
+    tcase_add_test(t, a_named_cause_beside_one_without_a_name_is_a_part);
+    tcase_add_test(t, only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, whole_numbers_have_no_standard_error);
     tcase_add_test(t, of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back);

@@ -885,12 +885,34 @@ START_TEST(an_angle_may_be_the_difference_or_sum_of_columns)
 }
 END_TEST
 
+/* Models of rigs that others measured, and how their logs are read, lie beside each other. */
+START_TEST(every_mapping_and_model_of_a_measured_rig_is_read)
+{
+    glob_t files;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(glob(MK_SOURCE_DIR "/models/measured/*.map", 0, NULL, &files), 0);
+    for (size_t i = 0; i < files.gl_pathc; i++) {
+        struct mk_import_map map;
+        ck_assert_msg(mk_import_map_read(files.gl_pathv[i], &map, &err) == MK_OK, "%s",
+                      err.message);
+    }
+    globfree(&files);
+    ck_assert_int_eq(glob(MK_SOURCE_DIR "/models/measured/*.ini", 0, NULL, &files), 0);
+    for (size_t i = 0; i < files.gl_pathc; i++) {
+        struct mk_model model;
+        ck_assert_msg(mk_model_read(files.gl_pathv[i], &model, &err) == MK_OK, "%s", err.message);
+    }
+    globfree(&files);
+}
+END_TEST
+
 Suite *suite_import(void)
 {
     Suite *s = suite_create("import");
     TCase *c = tcase_create("files");
     tcase_set_timeout(c, 60);
     tcase_add_test(c, files_are_read_as_their_writers_wrote_them);
+    tcase_add_test(c, every_mapping_and_model_of_a_measured_rig_is_read);
     tcase_add_test(c, a_file_without_names_goes_by_numbers_of_columns);
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);

@@ -18,7 +18,7 @@ extern "C" {
 #endif
 #pragma GCC visibility push(default)
 
-#define MK_MAX_CAUSES 4
+#define MK_MAX_CAUSES 9
 #define MK_MAX_LOG_VALUES 4
 #define MK_MAX_RIVALS 12
 
@@ -26,6 +26,7 @@ enum mk_verdict {
     MK_VERDICT_NONE,       /* the model explains the data */
     MK_VERDICT_PARAMETERS, /* only values of base parameters were wrong */
     MK_VERDICT_EFFECT,     /* named causes */
+    MK_VERDICT_PARTIAL,    /* named causes are sure, a significant rest is not explained */
     MK_VERDICT_UNKNOWN     /* a significant misfit that no entry of the catalogue explains */
 };
 const char *mk_verdict_name(enum mk_verdict verdict); /* "none", "parameters", ... */
@@ -41,6 +42,9 @@ struct mk_cause {
     double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
     double confidence; /* 0..0.99, against its best rival */
+    /* It has no name: a term of the library, or a piece of a law of friction that takes several
+     * entries of the catalogue and still is not met. */
+    bool piece;
 };
 
 /* A parameter that differs from log to log, in one of them. */
@@ -118,6 +122,33 @@ struct mk_control_gain {
 };
 #define MK_MAX_CONTROL_GAINS 2
 
+/* What a part of the gap between the refitted model and the readings is due to. */
+struct mk_budget_item {
+    int cause;        /* index into cause[]; -1: another one */
+    int log_value;    /* index into log_value[]; -1: another one */
+    bool input;       /* the other column of the command, with its delay and lag */
+    double share;     /* of the gap, what it closes in all orders of adding causes (Shapley) */
+    double low, high; /* 90 % interval of the share, by resampling the held-out logs */
+    double inclusion; /* share of resamples of the training logs that choose it; NaN: not asked */
+    double rms[MK_MAX_JOINTS]; /* error of a free run with this item and those before it */
+};
+#define MK_MAX_BUDGET (MK_MAX_CAUSES + MK_MAX_LOG_VALUES + 1)
+
+/* Free runs on held-out data: what the simulation gets wrong, what that is due to and what is left.
+ * Errors are root mean squares by joint, in rad or m. */
+struct mk_budget {
+    double given[MK_MAX_JOINTS], refit[MK_MAX_JOINTS], extended[MK_MAX_JOINTS];
+    double noise[MK_MAX_JOINTS]; /* of the readings */
+    double closed; /* of the gap between refit and noise, in squares, mean over the joints */
+    int item_count;
+    struct mk_budget_item
+        item[MK_MAX_BUDGET]; /* the largest share first; they sum up to `closed` */
+    double rest;             /* 1 - closed */
+    int rest_joint;          /* 1-based, of most of the rest; 0: there is none beyond the noise */
+    int goes_with_count;
+    const char *goes_with[3]; /* what the rest is correlated with: "sign(dq1)", ... Static. */
+};
+
 struct mk_explain_options {
     /* Parameters of which the model's value says nothing (mk_model_read_open). */
     bool unknown[MK_MAX_FIT_PARAMETERS];
@@ -138,8 +169,9 @@ struct mk_explain_options {
 struct mk_explanation {
     enum mk_verdict verdict;
     int cause_count;
-    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first; for "unknown": what the structure
-                                             consists of */
+    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first, pieces last; for "unknown": what
+                                             the structure consists of */
+    int piece_count;                      /* of the causes */
     /* What differs from log to log, found before any cause: causes too, each with a spread. The
      * refitted model has one value for all logs, that is none; `extended` has them. */
     int log_value_count;
@@ -188,7 +220,8 @@ struct mk_explanation {
                        that ends at rest the end of its motion */
     double held_from, held_to; /* s from its start, where that begins and ends */
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
-    double floor[MK_MAX_JOINTS];    /* nrmse on the hold-out; floor: of the readings' own noise */
+    double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
+    struct mk_budget budget;
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int push_count;
@@ -221,6 +254,10 @@ MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
                                        const struct mk_explain_options *options,
                                        struct mk_explanation *out, struct mk_error *err);
 
+/* An item of the budget in words, without a verb: "cogging at joint 1, amplitude 0.107 +- 0.0002 N
+ * m", or of a term without a name its formula. Cut to `size` bytes. */
+void mk_budget_item_name(const struct mk_explanation *e, const struct mk_budget_item *item,
+                         char *text, size_t size);
 /* Whether the given model predicts the held-out data far better than the one refitted to the logs:
  * then those are hardly of the same rig, or their signs, units or columns differ. */
 bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);

@@ -125,6 +125,8 @@ MK_NODISCARD enum mk_status mk_simulate_batch(struct mk_batch *batch, struct mk_
 struct mk_record {
     size_t rows;
     const double *t;                /* s, borrowed from the log */
+    double begins;                  /* t at which the run began, from which effects count the time:
+                                       of the first row, or as the log's metadata say */
     const double *q[MK_MAX_JOINTS]; /* rad; NaN where a sample was dropped */
     /* Commands; NULL: 0 throughout. u[1] is NULL with one motor, u[0] where nothing drives the rig.
      */

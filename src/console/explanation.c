@@ -1,4 +1,5 @@
 #include "console/explanation.h"
+#include "console/budget.h"
 #include "console/data_checks.h"
 #include "ident/input_report.h"
 
@@ -177,6 +178,7 @@ static const char *sentence(const struct mk_explanation *e)
         "The model explains the data.",
         "Only values of parameters were wrong; the structure of the model is right.",
         "Something is missing in the model:",
+        "Some of what is missing in the model is known, and a rest is not:",
         "Something is missing in the model that no known effect explains:"};
     if (e->verdict != MK_VERDICT_UNKNOWN || e->cause_count == 0)
         return sentences[e->verdict];
@@ -207,9 +209,11 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         print_input(out, e);
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
-    if (e->verdict == MK_VERDICT_EFFECT)
-        for (int i = 0; i < e->cause_count; i++)
+    if (e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL)
+        for (int i = 0; i < e->cause_count - e->piece_count; i++)
             print_cause(out, &e->given, &e->cause[i]);
+    if (e->verdict == MK_VERDICT_PARTIAL && e->structure[0])
+        fprintf(out, "  and a torque that has no name: %s\n", e->structure);
     for (int i = 0; i < e->log_value_count; i++)
         print_log_value(out, e, &e->log_value[i]);
     if (e->verdict == MK_VERDICT_PARAMETERS)
@@ -231,13 +235,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
-    fprintf(out, "Free runs of %g s on held-out data", e->window_s);
-    if (e->held_back)
-        fprintf(out, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
-    fprintf(out, ", error over standard deviation:\n");
-    for (int j = 0; j < mk_model_joints(&e->given); j++)
-        fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
-                e->before[j], e->refitted[j], e->after[j], e->floor[j]);
+    budget_print(out, e);
     if (drowns(e))
         fprintf(out, "  The readings scatter nearly as much as they move: little can be seen in "
                      "such data.\n");

@@ -353,6 +353,19 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     return r;
 }
 
+bool is_friction(const mk_effect_info *effect, const double *values)
+{
+    static const char *const laws[] = {"viscous",        "coulomb",           "stribeck",
+                                       "quadratic-drag", "coulomb-asymmetry", "stiction",
+                                       "load-friction",  "friction-drift"};
+    if (std::strcmp(effect->name, "custom") == 0)
+        return std::strchr(Custom::about((int)values[1]).text, 'v') != nullptr;
+    if (std::strcmp(effect->name, "custom-wave") == 0)
+        return std::strchr(CustomWave::text((int)values[2]), 'v') != nullptr;
+    return std::any_of(std::begin(laws), std::end(laws),
+                       [&](const char *law) { return std::strcmp(effect->name, law) == 0; });
+}
+
 bool is_library(const mk_effect_info *effect)
 {
     return strncmp(effect->name, "custom", 6) == 0;

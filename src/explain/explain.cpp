@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "explain/budget.hpp"
 #include "explain/detection.hpp"
 #include "explain/gain.hpp"
 #include "explain/innovations.hpp"
@@ -40,6 +41,15 @@ bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &lo
         if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
             return model.no_motor;
     return scale_is_free(model, records);
+}
+
+// A model less its effects from `first` up to before `last`.
+mk_model without_effects(mk_model m, int first, int last)
+{
+    for (int e = last; e < m.effect_count; e++)
+        m.effect[first + e - last] = m.effect[e];
+    m.effect_count -= last - first;
+    return m;
 }
 
 bool any_unknown(const mk_explain_options &options)
@@ -116,14 +126,17 @@ class Explainer
         Hypothesis refit;
         enum mk_status st = load_and_fit(learn, held, so, refit, err);
         const mk_model given = model, given_refit = refit.point.model;
-        if (st == MK_OK)
-            st = choose_input(learn, held, err);
+        if (st != MK_OK)
+            return st;
+        values = find_log_values(model, learn, out.window_s, *search, refit);
+        st = choose_input(learn, held, err);
         if (st == MK_OK && out.input.changed)
             st = load_and_fit(learn, held, so, refit, err);
         if (st != MK_OK)
             return st;
+        if (out.input.changed)
+            values = find_log_values(model, learn, out.window_s, *search, refit);
         const Hypothesis plain = refit;
-        values = find_log_values(model, learn, out.window_s, *search, refit);
         search_beside_values(so);
         if (drop_log_values(so, plain))
             search_beside_values(so);
@@ -136,13 +149,15 @@ class Explainer
         out.refit = given_refit;
         describe_input(causes->best, out.input);
         describe_log_values(values, causes->best, training, options.threads, out);
-        if (out.log_value_count + out.input.changed > 0 && out.verdict < MK_VERDICT_EFFECT)
-            out.verdict = MK_VERDICT_EFFECT;
+        if (out.log_value_count + out.input.changed > 0)
+            verdict.add_data_causes();
         find_detection_limits(*search, causes->best, out);
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
             measure_gain(values.model, options, data, training, *causes, verdict, out, err);
+        if (measured == MK_OK)
+            make_budget(data, *causes, *search, out);
         if (measured == MK_OK && !model.no_motor)
             propose_experiment(values.model, training, causes->best, verdict.rivals(), options.next,
                                out);
@@ -160,6 +175,7 @@ class Explainer
     LogValues values;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
+    std::unique_ptr<CarryOver> carry_over;
 
     // The data as the model's column drives them, and the fit to them that all else starts from.
     enum mk_status load_and_fit(const LogList &logs, const LogList &holdouts, SearchOptions &so,
@@ -181,8 +197,10 @@ class Explainer
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                             "the model cannot follow the data: are rig, units and signs right?");
     }
-    // The column that drives the model comes before all else: what the wrong one misses would be
-    // sought in the rig. Logs that it cannot be asked of are told of later, if at all.
+    // The column that drives the model comes before all causes: what the wrong one misses would be
+    // sought in the rig. What differs from log to log hides which one is right, so it is in the
+    // model meanwhile, and looked for again afterwards. Logs that the column cannot be asked of are
+    // told of later, if at all.
     enum mk_status choose_input(const LogList &logs, const LogList &holdouts, mk_error *err)
     {
         const auto both = [this](const mk_log *log) { return mk_log_has_both_inputs(log, &model); };
@@ -196,9 +214,10 @@ class Explainer
         o.progress = options.progress;
         o.progress_context = options.progress_context;
         const enum mk_status st =
-            mk_compare_inputs(&model, logs.data(), logs.size(), &o, &out.input, err);
+            mk_compare_inputs(&values.model, logs.data(), logs.size(), &o, &out.input, err);
         if (st == MK_OK && out.input.changed)
-            start = model = out.input.model;
+            start = model =
+                without_effects(out.input.model, model.effect_count, values.model.effect_count);
         return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
     }
     // The fit that all else starts from: of the given values, unless one of `other` values ends
@@ -233,12 +252,17 @@ class Explainer
     {
         Hypothesis refit = values.fit;
         data.second_half = !values.found.empty();
+        carry_over =
+            std::make_unique<CarryOver>(model, data, out.window_s, search->usual_options());
+        if (!carry_over->possible())
+            carry_over.reset();
         put_back_lost_counts(so, refit);
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit);
         look_closer(so);
         causes->polish_rivals();
+        data.second_half = !own_parameters(causes->best.point.model).empty();
         ask_held_out();
         shed_what_misleads();
     }
@@ -247,7 +271,7 @@ class Explainer
     // repeated without it. True if so.
     bool drop_log_values(SearchOptions &so, const Hypothesis &plain)
     {
-        if (values.found.empty() || search->cancelled)
+        if (values.found.empty() || search->cancelled || !causes->follows(causes->best))
             return false;
         const std::vector<LogValue> left =
             that_still_differ(values, causes->best, training, search->usual_options());
@@ -266,11 +290,15 @@ class Explainer
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         causes->give_up_early = lost.joint == 0; // look_closer() goes on
+        causes->carry_over = carry_over.get();
         causes->run();
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
         lost = find_lost_counts(values.model, training, so, refit, ENOUGH);
+        // Where the model still misses its data, steps in the readings make up for that.
+        if (lost.joint > 0 && !CauseSearch::likelihood_counts(lost.fit))
+            lost = {};
         if (lost.joint > 0)
             use_mended_logs(so, refit);
     }
@@ -326,6 +354,7 @@ class Explainer
             !closer->refit(left.point.model, nullptr, same))
             return;
         auto again = std::make_unique<CauseSearch>(values.model, *closer, refit);
+        again->carry_over = carry_over.get();
         again->run();
         if (closer->cancelled)
             search->cancelled = true;
@@ -373,14 +402,20 @@ class Explainer
     void shed_what_misleads()
     {
         const HeldOut held(data.held, out.window_s, data.second_half);
-        HeldOutFigures refitted, all;
-        if (causes->rounds.size() < 2 || search->cancelled || causes->explained() ||
+        HeldOutFigures refitted;
+        if (search->cancelled || causes->explained() ||
             held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)
             return;
+        while (causes->rounds.size() > 1 && shed_one(held, refitted))
+            continue;
+    }
+    // False where all may stay, or none is better left out.
+    bool shed_one(const HeldOut &held, const HeldOutFigures &refitted)
+    {
+        HeldOutFigures all, least = refitted;
         const bool runs = held.figures(causes->best.point.model, all, nullptr) == MK_OK;
         if (runs && all.total() <= refitted.total() && !clearly_worse(all, refitted))
-            return;
-        HeldOutFigures least = refitted;
+            return false;
         Hypothesis better;
         size_t at = causes->rounds.size();
         for (size_t i = 0; i < causes->rounds.size(); i++) {
@@ -394,8 +429,10 @@ class Explainer
             better = std::move(less);
             at = i;
         }
-        if (at < causes->rounds.size())
-            causes->shed(at, std::move(better));
+        if (at == causes->rounds.size())
+            return false;
+        causes->shed(at, std::move(better));
+        return true;
     }
 };
 
@@ -440,7 +477,7 @@ enum mk_status check_data(const mk_model &model, const LogSpan &logs, const LogS
 
 const char *mk_verdict_name(enum mk_verdict verdict)
 {
-    static const char *const names[] = {"none", "parameters", "effect", "unknown"};
+    static const char *const names[] = {"none", "parameters", "effect", "partial", "unknown"};
     return names[verdict];
 }
 

@@ -33,7 +33,7 @@ struct Gain {
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
-        if (out.verdict != MK_VERDICT_UNKNOWN || !named || !out.offered || !verdict.established() ||
+        if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
             !(out.closed > CONFIRMED) || !(touches || as_read))
             return;
         out.verdict = MK_VERDICT_EFFECT;
@@ -105,6 +105,19 @@ struct Gain {
         }
         return gap > SOMETHING * floor && wider > WIDER * gap;
     }
+    // Without the causes what they were found beside may do: values that differ from log to log,
+    // the command's other column.
+    void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
+                           const HeldOutFigures &after)
+    {
+        if (out.log_value_count + out.input.changed == 0 || clearly_worse(after, refitted) ||
+            misleads(held, refitted, after))
+            return;
+        out.offered = true;
+        out.cause_count = out.piece_count = out.rival_count = 0;
+        std::fill(std::begin(out.declined), std::end(out.declined), 0.0);
+        verdict.add_data_causes();
+    }
     enum mk_status measure(mk_error *err)
     {
         HeldOutFigures before, refitted, after;
@@ -125,6 +138,7 @@ struct Gain {
             st = held.figures(out.extended, after, err);
             if (st != MK_OK)
                 return st;
+            offer_data_causes(held, refitted, after);
         }
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =

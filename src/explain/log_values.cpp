@@ -29,6 +29,9 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
+// Where an effect acts, or from where: set by hand before each log.
+constexpr Group places[] = {{"cable-stiffness", "rest", false, 0.05}};
+
 constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
 constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
 
@@ -92,11 +95,14 @@ double least_spread(const mk_effect_info *effect)
     for (const Group &group : groups)
         if (std::strcmp(group.effect, effect->name) == 0)
             return NO_SIZE * group.spread;
+    for (const Group &place : places)
+        if (std::strcmp(place.effect, effect->name) == 0)
+            return NO_SIZE * place.spread;
     return 0.0;
 }
 
-// For each effect of a fit whether its values in the logs really differ: their spread has a size,
-// and is more than they are uncertain by.
+} // namespace
+
 std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
                          const FitOptions &options)
 {
@@ -121,7 +127,19 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     return yes;
 }
 
-} // namespace
+bool with_own_place(const mk_model &model, mk_model &out)
+{
+    out = model;
+    mk_effect_use &latest = out.effect[out.effect_count - 1];
+    for (const Group &place : places) {
+        const mk_effect_info *effect = mk_effect(latest.index);
+        if (std::strcmp(place.effect, effect->name) != 0)
+            continue;
+        latest.spread[mk_effect_parameter_index(effect, place.parameter)] = place.spread;
+        return true;
+    }
+    return false;
+}
 
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
                           double window_s, Search &search, const Hypothesis &refit)
@@ -239,7 +257,7 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
     const mk_model &m = best.point.model;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         out.held_off[j] = j < mk_model_joints(&m) ? held_off(m, j) : std::nan("");
-    if (values.found.empty())
+    if (own_parameters(m).empty())
         return;
     FitOptions options;
     options.threads = threads;
@@ -272,11 +290,12 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
             c.delta_bic = 2.0 * v.gain;
             c.p_value = chi2_tail(2.0 * v.gain, 1);
             c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
-            for (const OwnValue &o : own)
-                if (o.number == number + v.parameter && out.per_log_count < MK_MAX_PER_LOG)
-                    out.per_log[out.per_log_count++] = {o.source,    info,    v.joint,
-                                                        v.parameter, o.value, o.std_error};
         }
+        for (const OwnValue &o : own)
+            if (o.number >= number && o.number < number + info->parameter_count &&
+                out.per_log_count < MK_MAX_PER_LOG)
+                out.per_log[out.per_log_count++] = {o.source,          info,    m.effect[e].joint,
+                                                    o.number - number, o.value, o.std_error};
         number += info->parameter_count;
     }
 }

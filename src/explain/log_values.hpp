@@ -32,6 +32,15 @@ struct LogValues {
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
                           double window_s, Search &search, const Hypothesis &refit);
 
+// Of a model whose latest effect acts at a place that was set by hand before each log, as a cable's
+// rest: the same with a value of its own in every log. False if there is no such place.
+bool with_own_place(const mk_model &model, mk_model &out);
+
+// For each effect of a fit whether its values in the logs really differ: their spread has a size,
+// and is more than they are uncertain by.
+std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
+                         const FitOptions &options);
+
 // Those of `values` that still differ from log to log in `best`, which has causes beside them.
 std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesis &best,
                                         const std::vector<const FitLog *> &training,

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/out_file.h"
+#include "explain/report_budget.hpp"
 #include "ident/input_report.h"
 #include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
@@ -377,6 +378,10 @@ std::string sentence(const mk_explanation &e)
                                                                ? "the command as it was sent"
                                                                : "the command as it was measured");
         return "The model lacks " + s + ".";
+    case MK_VERDICT_PARTIAL:
+        for (int i = 0; i < e.cause_count - e.piece_count; i++)
+            s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
+        return "The model lacks " + s + "; that is a part of what is missing.";
     default:
         if (e.partly_named && e.offered)
             return "Known effects explain a part of what is missing; the rest has no name.";
@@ -389,7 +394,8 @@ std::string formula(const mk_explanation &e)
 {
     if (!e.structure[0])
         return "";
-    const char *what = e.cause_count == 0 ? ""
+    const char *what = e.verdict == MK_VERDICT_PARTIAL ? "And a torque that has no name: "
+                       : e.cause_count == 0            ? ""
                        : !e.offered     ? "Fits what was learned from, but not the held-out data: "
                        : e.partly_named ? "The part: "
                                         : "As a formula: ";
@@ -428,6 +434,8 @@ std::string cause_table(const mk_explanation &e)
         "<div><table><tr><th>Cause</th><th>Parameters</th><th>BIC</th><th>Verdict</th></tr>";
     for (int i = 0; i < e.cause_count; i++) {
         const mk_cause &c = e.cause[i];
+        if (i >= e.cause_count - e.piece_count && e.verdict == MK_VERDICT_PARTIAL)
+            break; // the formula stands above
         s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
         for (int k = 0; k < c.effect->parameter_count; k++) {
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
@@ -474,17 +482,6 @@ std::string parameter_table(const mk_explanation &e)
             row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
                 e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }
-    return s + "</table></div>";
-}
-
-std::string gain_table(const mk_explanation &e)
-{
-    std::string s =
-        "<div><table><tr><th>Joint</th><th>given</th><th>refitted</th><th>extended</th><th>noise "
-        "of the readings</th></tr>";
-    for (int j = 0; j < mk_model_joints(&e.given); j++)
-        add(s, "<tr><td>q%d</td><td>%.4g</td><td>%.4g</td><td>%.4g</td><td>%.2g</td></tr>", j + 1,
-            e.before[j], e.refitted[j], e.after[j], e.floor[j]);
     return s + "</table></div>";
 }
 
@@ -606,6 +603,8 @@ const char style[] =
     ".left-out{fill:#f3d9b0;stroke:none}.whole-log{fill:#dfe6ee}.log{margin:.4em 0}"
     ".log figcaption{font-size:.85em}.frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{"
     "font-size:12px;fill:#444}"
+    ".bar-model{fill:#888}.bar-cause{fill:#06c}.bar-off{fill:#9bd}.bar-noise{fill:#ccc}"
+    "figcaption{font-size:.85em;color:#444}"
     ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
     ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"
     "@media(max-width:30em){table{font-size:.75em}td,th{padding:.25em .3em}.tick{font-size:16px}}"
@@ -627,11 +626,8 @@ try {
         e->window_s);
     if (e->held_back)
         add(s, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
-    s += "; error over the standard deviation of the reading:</p>";
-    s += gain_table(*e);
-    if (e->offered)
-        add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",
-            100.0 * e->closed);
+    s += ":</p>";
+    s += mk::budget_html(*e);
     if (mk_explanation_doubts_logs(e))
         s += "<p>The given model predicts the held-out data better than the refitted one: are all "
              "logs of the same rig, with the same signs, units and columns?</p>";

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <new>
 #include <numeric>
@@ -20,28 +21,6 @@ constexpr double MOTION = 5.0; // counts: less is rest
 // Of long logs windows are searched. They cost a start state each.
 constexpr double WINDOW = 5.0;          // s: some swings
 constexpr double SHORTEST_WINDOW = 1.0; // s: with more logs than this allows some have none
-
-// Rows [first, last) of a log, with its metadata and the columns a model needs.
-OwnedLog slice(const mk_log &log, size_t first, size_t last)
-{
-    mk_log *made = nullptr;
-    if (mk_log_create(last - first, &made) != MK_OK)
-        throw std::bad_alloc();
-    OwnedLog out(made);
-    for (size_t c = 0; c < log.column_count; c++) {
-        if (!log.columns[c].data)
-            continue;
-        double *data = mk_log_add_column(made, log.columns[c].name);
-        if (!data)
-            throw std::bad_alloc();
-        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
-    }
-    for (size_t m = 0; m < log.meta_count; m++)
-        if (log.meta[m].key[0] &&
-            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
-            throw std::bad_alloc();
-    return out;
-}
 
 // What a log tells between holes, in parts that are worth searching in.
 std::vector<Piece> worthwhile_pieces(const mk_record &record, size_t rows)
@@ -162,6 +141,33 @@ enum mk_status check_motion(const FitLog &log, const mk_log *source, const char 
 
 } // namespace
 
+OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last)
+{
+    mk_log *made = nullptr;
+    if (mk_log_create(last - first, &made) != MK_OK)
+        throw std::bad_alloc();
+    OwnedLog out(made);
+    for (size_t c = 0; c < log.column_count; c++) {
+        if (!log.columns[c].data)
+            continue;
+        double *data = mk_log_add_column(made, log.columns[c].name);
+        if (!data)
+            throw std::bad_alloc();
+        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
+    }
+    for (size_t m = 0; m < log.meta_count; m++)
+        if (log.meta[m].key[0] &&
+            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
+            throw std::bad_alloc();
+    char begins[32];
+    const double *t = mk_log_get(&log, "t");
+    std::snprintf(begins, sizeof begins, "%.17g", t ? t[0] : 0.0);
+    if (!mk_log_find_meta(&log, "begins_s") &&
+        mk_log_set_meta(made, "begins_s", begins) == MK_ERR_NOMEM)
+        throw std::bad_alloc();
+    return out;
+}
+
 enum mk_status TrainingData::load(const mk_model &model, const mk_explain_options &options,
                                   const mk_log *const *given, size_t count,
                                   const mk_log *const *holdouts, size_t holdout_count,
@@ -210,6 +216,8 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
     for (const Part &p : parts) {
         logs.push_back(fit_log(p.record, model, p.rows.first, p.rows.last, p.log));
         out.searched_s += logs.back().duration();
+        made.push_back(rows_of_log(*given[p.log], p.rows.first, p.rows.last));
+        rows.push_back(made.back().get());
     }
     return st;
 }
@@ -249,7 +257,7 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     out.held_back = true;
     out.held_from = record.t[last] - record.t[0];
     out.held_to = record.t[end - 1] - record.t[0];
-    made.push_back(slice(log, last, end));
+    made.push_back(rows_of_log(log, last, end));
     held.push_back(made.back().get());
     return MK_OK;
 }

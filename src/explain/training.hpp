@@ -11,10 +11,14 @@
 namespace mk
 {
 
+// Rows [first, last) of a log, with its metadata and when it began. Throws std::bad_alloc.
+OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last);
+
 struct TrainingData {
     std::vector<FitLog> logs;         // to search in
+    std::vector<const mk_log *> rows; // the same rows, one a FitLog
     std::vector<const mk_log *> held; // to measure on
-    std::vector<OwnedLog> made;       // those of `held` that were cut off
+    std::vector<OwnedLog> made;       // those of `rows` and `held` that were cut off
     bool second_half = false; // figures are those of second halves: logs have values of their own
 
     // Takes at most options.most_s of the logs; without hold-out logs the end of the last one is

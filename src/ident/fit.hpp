@@ -157,6 +157,10 @@ class Fit
     // Covariance of the free parameters in their units, from their information.
     static Eigen::MatrixXd covariance(const mk_model &model, const FitPicture &picture,
                                       const std::vector<int> &free);
+    // The model one Gauss-Newton step further, within the ranges of its parameters; false where
+    // that makes no rig.
+    static bool step(const mk_model &model, const FitPicture &picture, const std::vector<int> &free,
+                     mk_model &out);
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
 

@@ -330,7 +330,7 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
 {
     FitLog log;
     log.source = source;
-    log.start = record.t[first] - record.t[0];
+    log.start = record.t[first] - record.begins;
     log.joints = mk_model_joints(&model);
     log.period = median_period(record.t + first, last - first);
     Builder builder(record, log, first, last);

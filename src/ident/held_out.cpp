@@ -1,5 +1,6 @@
 #include "ident/held_out.hpp"
 
+#include "base/parallel.hpp"
 #include "mechkit/sim.h"
 
 namespace mk
@@ -10,6 +11,7 @@ void HeldOutFigures::append(const HeldOutFigures &other)
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         square[j] += other.square[j];
         rows[j] += other.rows[j];
+        part[j].insert(part[j].end(), other.part[j].begin(), other.part[j].end());
     }
     window.insert(window.end(), other.window.begin(), other.window.end());
     log.insert(log.end(), other.log.begin(), other.log.end());
@@ -17,10 +19,20 @@ void HeldOutFigures::append(const HeldOutFigures &other)
 
 enum mk_status HeldOut::figures(const mk_model &m, HeldOutFigures &f, mk_error *err) const
 {
-    enum mk_status st = MK_OK;
-    for (size_t i = 0; i < logs.size() && st == MK_OK; i++)
-        st = add_log(m, i, f, err);
-    return st;
+    std::vector<HeldOutFigures> each(logs.size());
+    std::vector<enum mk_status> status(logs.size(), MK_OK);
+    std::vector<mk_error> error(logs.size());
+    parallel_for(threads, logs.size(),
+                 [&](size_t i) { status[i] = add_log(m, i, each[i], &error[i]); });
+    for (size_t i = 0; i < logs.size(); i++) {
+        if (status[i] != MK_OK) {
+            if (err)
+                *err = error[i];
+            return status[i];
+        }
+        f.append(each[i]);
+    }
+    return MK_OK;
 }
 
 enum mk_status HeldOut::add_log(const mk_model &m, size_t number, HeldOutFigures &f,
@@ -59,12 +71,16 @@ void HeldOut::add_windows(const mk_model &m, int number, const mk_log &predictio
             if (std::isnan(window[k])) // left out
                 continue;
             const size_t place = first + (size_t)window[k];
-            if (place >= f.window.size())
-                f.window.resize(place + 1, 0.0), f.log.resize(place + 1, number);
+            if (place >= f.window.size()) {
+                for (auto *v : {&f.window, &f.part[0], &f.part[1]})
+                    v->resize(place + 1, 0.0);
+                f.log.resize(place + 1, number);
+            }
             if (std::isnan(record.q[j][k]) || record.t[k] - record.t[0] < from_s)
                 continue;
             const double off = std::isfinite(q[k]) ? (q[k] - record.q[j][k]) / sd : LOST;
             f.window[place] += std::max(off * off, rounding * rounding);
+            f.part[j][place] += off * off;
             f.square[j] += off * off;
             f.rows[j] += 1.0;
         }
@@ -118,7 +134,7 @@ bool surely_better(const LogRatio &r)
     constexpr double LESS = 0.05; // of the squared error must go, at least
     constexpr double SURE = 2.0;  // standard errors
     const bool majority = 2 * r.better > r.logs;
-    const bool sure = r.logs > 2 ? r.mean < -SURE * r.error : r.better == r.logs;
+    const bool sure = r.better == r.logs || (r.logs > 2 && r.mean < -SURE * r.error);
     return majority && sure && r.mean < std::log(1.0 - LESS);
 }
 

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 /* "the command, 9.1 +- 0.07 ms late, following with a time constant of 2 +- 0.1 ms" */
 static void name_command(const struct mk_input_comparison *input, char *text, size_t size)
@@ -15,8 +16,14 @@ static void name_command(const struct mk_input_comparison *input, char *text, si
         n += snprintf(text + n, size - (size_t)n,
                       ", followed with a time constant of %.3g +- %.1g ms", ms * input->lag,
                       ms * input->lag_error);
-    if (input->delay > 0.0 || input->lag > 0.0)
-        snprintf(text + n, size - (size_t)n, ",");
+}
+
+void mk_input_short(const struct mk_input_comparison *input, char *text, size_t size)
+{
+    if (input->taken == MK_INPUT_COMMANDED)
+        name_command(input, text, size);
+    else
+        snprintf(text, size, "the measured command");
 }
 
 /* "squared error of free runs of 0.5 s down by 60 %, 4 of 4 logs" for the column that is taken, or
@@ -35,7 +42,9 @@ void mk_input_sentence(const struct mk_input_comparison *input, char *text, size
     static const char measured[] = "what was measured of it";
     const bool commanded = input->taken == MK_INPUT_COMMANDED;
     char command[160], error[120];
-    name_command(input, command, sizeof command);
+    name_command(input, command, sizeof command - 1);
+    if (input->delay > 0.0 || input->lag > 0.0)
+        strcat(command, ",");
     tell_error(input, commanded == input->changed, error, sizeof error);
     if (input->changed && commanded)
         snprintf(text, size, "%s predicts the logs left out better than %s: %s", command, measured,

@@ -67,10 +67,10 @@ static enum mk_status start_at(struct prediction *p, size_t row, const double *x
     while (from > 0 && rec->t[from - 1] + late > now)
         from--;
     commands_before(rec, from, u);
-    enum mk_status st = mk_sim_reset(p->sim, now - rec->t[0], x, u);
+    enum mk_status st = mk_sim_reset(p->sim, now - rec->begins, x, u);
     for (size_t k = from; st == MK_OK && k < row; k++) {
         command_at(rec, k, u);
-        st = mk_sim_issued_before(p->sim, rec->t[k] - rec->t[0], u, err);
+        st = mk_sim_issued_before(p->sim, rec->t[k] - rec->begins, u, err);
     }
     return st;
 }
@@ -104,7 +104,7 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
         command_at(rec, k, u);
-        st = mk_sim_advance(p->sim, rec->t[k + 1] - rec->t[0], u, err);
+        st = mk_sim_advance(p->sim, rec->t[k + 1] - rec->begins, u, err);
         if (st == MK_OK)
             store(p, k + 1);
     }

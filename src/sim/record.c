@@ -1,4 +1,5 @@
 /* A log in a model's terms: which column is what, and the state of the rig at a row. */
+#include "mechkit/number.h"
 #include "mechkit/sim.h"
 
 #include <math.h>
@@ -104,6 +105,9 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     out->t = mk_log_get(log, "t");
     if (!out->t)
         return missing(log, err, "t");
+    const char *begins = mk_log_find_meta(log, "begins_s");
+    if (!begins || !mk_parse_double_z(begins, &out->begins))
+        out->begins = log->rows > 0 ? out->t[0] : 0.0;
     static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     for (int j = 0; j < plant->joints; j++) {
         out->q[j] = mk_log_get(log, angles[j]);
