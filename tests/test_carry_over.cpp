@@ -95,6 +95,10 @@ START_TEST(better_in_all_logs_or_by_two_standard_errors_is_surely_better)
     ck_assert(mk::surely_better(mk::ratio_by_log(figures({0.5, 0.5, 0.5, 1.01, 0.5, 0.5}),
                                                  figures({1.0, 1.0, 1.0, 1.0, 1.0, 1.0}))));
     ck_assert(!mk::surely_better(mk::ratio_by_log(figures({0.05, 1.1, 0.8, 0.9}), one)));
+    // Both of two logs, and that not by a few of their windows alone.
+    const mk::HeldOutFigures two = figures({1.0, 1.0});
+    ck_assert(mk::surely_better(mk::ratio_by_log(figures({0.5, 0.6}), two)));
+    ck_assert(!mk::surely_better(mk::ratio_by_log(figures({0.9, 0.85}, 0.6), two)));
     ck_assert(!mk::surely_better(mk::ratio_by_log(figures({0.98, 0.97, 0.96, 0.97}), one)));
 }
 END_TEST

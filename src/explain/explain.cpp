@@ -146,7 +146,8 @@ class Explainer
         Verdict verdict(values.model, training, *causes, lost, out);
         verdict.decide();
         out.given = given;
-        out.refit = given_refit;
+        if (!values.found.empty() || out.input.changed)
+            out.refit = given_refit; // without any of it
         describe_input(causes->best, out.input);
         describe_log_values(values, causes->best, training, options.threads, out);
         if (out.log_value_count + out.input.changed > 0)

@@ -106,13 +106,21 @@ struct Gain {
         return gap > SOMETHING * floor && wider > WIDER * gap;
     }
     // Without the causes what they were found beside may do: values that differ from log to log,
-    // the command's other column.
+    // the command's other column. Else these are no findings either.
     void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
-                           const HeldOutFigures &after)
+                           HeldOutFigures &after)
     {
-        if (out.log_value_count + out.input.changed == 0 || clearly_worse(after, refitted) ||
-            misleads(held, refitted, after))
+        if (out.log_value_count + out.input.changed == 0)
             return;
+        if (clearly_worse(after, refitted) || misleads(held, refitted, after)) {
+            out.log_value_count = out.per_log_count = 0;
+            out.input.changed = false;
+            out.input.taken =
+                out.given.input == MK_INPUT_COMMANDED ? MK_INPUT_COMMANDED : MK_INPUT_MEASURED;
+            out.extended = out.refit;
+            after = refitted;
+            return;
+        }
         out.offered = true;
         out.cause_count = out.piece_count = out.rival_count = 0;
         std::fill(std::begin(out.declined), std::end(out.declined), 0.0);

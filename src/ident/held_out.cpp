@@ -105,15 +105,18 @@ bool clearly_worse(const HeldOutFigures &a, const HeldOutFigures &b)
 LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b)
 {
     LogRatio r;
-    double sum = 0.0, squares = 0.0;
+    double sum = 0.0, squares = 0.0, all = 0.0, all_squares = 0.0, n = 0.0;
     const size_t count = std::min(a.window.size(), b.window.size());
     for (size_t first = 0, i = 0; i <= count; i++) {
         if (i < count && a.log[i] == a.log[first])
             continue;
         double of_log = 0.0, windows = 0.0;
         for (; first < i; first++)
-            if (a.window[first] > 0.0 && b.window[first] > 0.0)
-                of_log += std::log(a.window[first] / b.window[first]), windows += 1.0;
+            if (a.window[first] > 0.0 && b.window[first] > 0.0) {
+                const double ratio = std::log(a.window[first] / b.window[first]);
+                of_log += ratio, windows += 1.0;
+                all += ratio, all_squares += ratio * ratio, n += 1.0;
+            }
         if (!(windows > 0.0))
             continue;
         of_log /= windows;
@@ -124,6 +127,9 @@ LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b)
     if (r.logs == 0)
         return r;
     r.mean = sum / r.logs;
+    if (n > 1.0)
+        r.window_error =
+            std::sqrt(std::max(all_squares / n - all / n * (all / n), 0.0) / (n - 1.0));
     if (r.logs > 1)
         r.error = std::sqrt(std::max(squares / r.logs - r.mean * r.mean, 0.0) / (r.logs - 1));
     return r;
@@ -134,7 +140,8 @@ bool surely_better(const LogRatio &r)
     constexpr double LESS = 0.05; // of the squared error must go, at least
     constexpr double SURE = 2.0;  // standard errors
     const bool majority = 2 * r.better > r.logs;
-    const bool sure = r.better == r.logs || (r.logs > 2 && r.mean < -SURE * r.error);
+    const bool sure = r.logs > 2 ? r.better == r.logs || r.mean < -SURE * r.error
+                                 : r.better == r.logs && r.mean < -SURE * r.window_error;
     return majority && sure && r.mean < std::log(1.0 - LESS);
 }
 

@@ -57,12 +57,14 @@ class HeldOut
 // of b) of its windows, and the standard error of that mean.
 struct LogRatio {
     double mean = 0.0, error = HUGE_VAL;
-    int logs = 0, better = 0; // in how many of them it is below 0
+    double window_error = HUGE_VAL; // as if all windows were of one log
+    int logs = 0, better = 0;       // in how many of them it is below 0
 };
 LogRatio ratio_by_log(const HeldOutFigures &a, const HeldOutFigures &b);
 
 // Whether that is better beyond doubt: by 5 % of the squared error, and in all logs, or in a
-// majority of them and by two standard errors of the mean over logs.
+// majority of them and by two standard errors of the mean over logs. Both of two logs may be better
+// by chance: then the mean over their windows has to be so by two standard errors as well.
 bool surely_better(const LogRatio &ratio);
 
 // Whether `a` predicts worse than `b` beyond chance: by the ratio of errors window by window, so
