@@ -275,11 +275,15 @@ Suite *suite_inputs(void)
     Suite *s = suite_create("inputs");
     TCase *t = tcase_create("columns");
     tcase_set_timeout(t, 120);
+    tcase_add_test(t, two_logs_with_both_columns_are_needed_to_compare_them);
+    tcase_add_test(t, identify_compares_where_nobody_says_which_column_it_is);
+    suite_add_tcase(s, t);
+    t = tcase_create("many fits");
+    tcase_set_tags(t, "long");
+    tcase_set_timeout(t, 120);
     tcase_add_test(t, a_command_that_acts_late_is_taken_where_what_was_measured_of_it_is_wrong);
     tcase_add_test(t, what_was_measured_is_taken_where_the_command_is_wrong);
     tcase_add_test(t, a_tie_goes_to_what_the_model_says);
-    tcase_add_test(t, two_logs_with_both_columns_are_needed_to_compare_them);
-    tcase_add_test(t, identify_compares_where_nobody_says_which_column_it_is);
     tcase_add_test(t, explain_finds_the_column_before_the_cause);
     tcase_add_test(t, explain_keeps_the_column_that_is_right);
     suite_add_tcase(s, t);
