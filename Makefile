@@ -354,7 +354,7 @@ $(B)/table31: $(B)/tools/table31.o $(LIB)
 intervals: $(APP) ## how often 95 % intervals hold the true parameters, on made-up logs with answers
 	@tools/intervals.py $<
 measured: $(APP) ## fits of rigs that others measured beside their published parameters (takes minutes)
-	@tools/measured.py $<
+	@tools/measured.py $< build/measured.json
 
 .PHONY: install install-strip uninstall
 install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR

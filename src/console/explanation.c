@@ -177,8 +177,8 @@ static const char *sentence(const struct mk_explanation *e)
     static const char *const sentences[] = {
         "The model explains the data.",
         "Only values of parameters were wrong; the structure of the model is right.",
-        "Something is missing in the model:",
-        "Some of what is missing in the model is known, and a rest is not:",
+        "Something is missing in the model, and has a name.",
+        "Something is missing in the model. A part of it has a name, a rest has none.",
         "Something is missing in the model that no known effect explains:"};
     if (e->verdict != MK_VERDICT_UNKNOWN || e->cause_count == 0)
         return sentences[e->verdict];
@@ -205,10 +205,11 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     data_checks_print(out, &e->data_check);
     left_out_print(out, e->left_out, e->left_out_count);
     fprintf(out, "%s\n", sentence(e));
-    if (e->input.changed)
-        print_input(out, e);
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
+    budget_print(out, e);
+    if (e->input.changed)
+        print_input(out, e);
     if (e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL)
         for (int i = 0; i < e->cause_count - e->piece_count; i++)
             print_cause(out, &e->given, &e->cause[i]);
@@ -235,7 +236,6 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
-    budget_print(out, e);
     if (drowns(e))
         fprintf(out, "  The readings scatter nearly as much as they move: little can be seen in "
                      "such data.\n");
