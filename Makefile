@@ -79,7 +79,7 @@ say = $(Q) $(1) $@;
 endif
 
 # --- sources ------------------------------------------------------------------------------------
-LIB_DIRS := base model sim ctrl driver ident exchange explain
+LIB_DIRS := base model sim ctrl driver ident exchange experiment explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
@@ -354,7 +354,7 @@ $(B)/table31: $(B)/tools/table31.o $(LIB)
 intervals: $(APP) ## how often 95 % intervals hold the true parameters, on made-up logs with answers
 	@tools/intervals.py $<
 measured: $(APP) ## fits of rigs that others measured beside their published parameters (takes minutes)
-	@tools/measured.py $<
+	@tools/measured.py $< build/measured.json
 
 .PHONY: install install-strip uninstall
 install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR

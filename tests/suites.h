@@ -22,6 +22,7 @@
     X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(predict)                                                                                     \
+    X(inputs)                                                                                      \
     X(own_values)                                                                                  \
     X(model_file)                                                                                  \
     X(console)                                                                                     \
@@ -55,8 +56,11 @@
     X(contact)                                                                                     \
     X(signals)                                                                                     \
     X(linear)                                                                                      \
+    X(ratios)                                                                                      \
     X(excite)                                                                                      \
     X(measure)                                                                                     \
+    X(data_check)                                                                                  \
+    X(carry_over)                                                                                  \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
     X(exchange)                                                                                    \

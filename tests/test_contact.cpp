@@ -2,11 +2,20 @@
 // support/truth.hpp, which has a formulation of its own.
 #include "suites.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <memory>
 #include <vector>
 
 #include "ident/contact.hpp"
+#include "mechkit/ident.h"
+#include "mechkit/json.h"
 #include "support/cases.hpp"
+extern "C" {
+#include "support/files.h"
+#include "support/program.h"
+}
 
 namespace
 {
@@ -111,12 +120,183 @@ START_TEST(parameters_that_are_far_off_change_nothing)
 }
 END_TEST
 
+// As one that is switched off, in spite of the command that is logged.
+START_TEST(a_log_that_stands_still_hides_no_hand_in_another)
+{
+    truth::Case c = made("pendulum", nullptr, 71);
+    touch(c, hand_at(c, 3.5, 4.4));
+    mk_log *still = c.train[1].get();
+    for (size_t column = 0; column < still->column_count; column++)
+        if (strcmp(still->columns[column].name, "q1") == 0)
+            std::fill_n(still->columns[column].data, still->rows, 0.0);
+    check_found(c, 3.5, 4.4);
+}
+END_TEST
+
 START_TEST(a_rig_alone_is_not_touched)
 {
     for (uint64_t seed = 300; seed < 303; seed++) {
         const truth::Case c = made(rigs[_i], nullptr, seed);
         ck_assert_uint_eq(mk::find_contacts(c.given, records_of(c)).size(), 0);
     }
+}
+END_TEST
+
+// Tumbling that the smoother of the readings cannot follow, the ends of logs, where it knows one
+// side only, and a swing that comes to rest, which is most of the log and the least of the motion.
+START_TEST(what_a_smoother_cannot_follow_is_no_hand)
+{
+    const struct {
+        const char *rig;
+        uint64_t seed;
+        double seconds;
+    } rows[] = {{"pendubot", 8800142, 19.0},
+                {"pendubot", 8800262, 29.0},
+                {"pendulum", 8800226, 17.0},
+                {"pendulum", 8800236, 0.0}};
+    truth::Wish wish;
+    wish.rig = rows[_i].rig;
+    wish.kind = "parameters";
+    wish.seed = rows[_i].seed;
+    wish.runs = rows[_i].seconds > 0.0 ? 3 : 0;
+    wish.seconds = rows[_i].seconds;
+    const truth::Case c = truth::make_case(wish);
+    const std::vector<mk_record> records = records_of(c);
+    ck_assert_uint_eq(mk::find_contacts(c.given, records).size(), 0);
+    for (const mk_record &alone : records)
+        ck_assert_uint_eq(mk::find_contacts(c.given, {alone}).size(), 0);
+}
+END_TEST
+
+START_TEST(rows_that_were_not_asked_for_are_marked_and_have_no_angles)
+{
+    const truth::Case c = made("pendulum", nullptr, 71);
+    const mk_log *log = c.train[0].get();
+    mk_row_choice choice = {1.0, 6.0, false};
+    std::vector<mk_left_out> found(MK_MAX_LEFT_OUT);
+    int count = 0;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_find_left_out(&c.given, &log, 1, &choice, found.data(), &count, &err),
+                     MK_OK);
+    ck_assert_int_eq(count, 2);
+    mk_log *copy = nullptr;
+    ck_assert_int_eq(mk_leave_out(log, 0, found.data(), count, &copy, &err), MK_OK);
+    const truth::OwnedLog owned(copy);
+    const double *t = mk_log_get(log, "t"), *mark = mk_log_get(copy, "left_out");
+    for (size_t k = 0; k < log->rows; k++) {
+        const bool asked = t[k] - t[0] > 1.0 - 1e-6 && t[k] - t[0] < 6.0 + 1e-6;
+        ck_assert_msg((mark[k] == 0.0) == asked, "row %zu, %g s", k, t[k] - t[0]);
+        ck_assert(asked || std::isnan(mk_log_get(copy, "q1")[k]));
+        ck_assert(!asked || mk_log_get(copy, "u")[k] == mk_log_get(log, "u")[k]);
+    }
+    choice = {100.0, 0.0, false};
+    ck_assert_int_eq(mk_find_left_out(&c.given, &log, 1, &choice, found.data(), &count, &err),
+                     MK_ERR_RANGE);
+}
+END_TEST
+
+// With the hand in it the fit is far off, without it as good as of a log without one.
+START_TEST(a_fit_leaves_a_hand_out)
+{
+    truth::Case c = made("pendubot", nullptr, 12);
+    touch(c, hand_at(c, 3.5, 4.4));
+    const mk_log *log = c.train[0].get();
+    double worst[2];
+    for (bool keep : {false, true}) {
+        auto r = std::make_unique<mk_ident_result>();
+        mk_ident_options options = {};
+        options.rows.keep_all = keep;
+        mk_error err = MK_ERROR_INIT;
+        const enum mk_status st = mk_identify(&c.given, &log, 1, &options, r.get(), &err);
+        ck_assert_msg(st == MK_OK || keep, "%s", err.message);
+        ck_assert(st != MK_OK || r->left_out_count == (keep ? 0 : 1));
+        worst[keep] = st == MK_OK ? 0.0 : HUGE_VAL;
+        for (size_t i = 0; i < c.rig.p.size() && st == MK_OK; i++)
+            worst[keep] =
+                std::fmax(worst[keep], std::fabs(r->model.parameter[i] / c.rig.p[i] - 1.0));
+    }
+    ck_assert_double_lt(worst[false], 0.03);
+    ck_assert_double_gt(worst[true], 3.0 * worst[false]);
+}
+END_TEST
+
+enum Subcommand { SIMULATE, IDENTIFY, EXPLAIN, SUBCOMMANDS };
+
+// The files of one run of a subcommand on a pendulum's logs, the first touched from 0 to 0.8 s.
+struct Told {
+    char out[16384], made_file[512], model[512], log[512];
+    cJSON *figures = nullptr;
+
+    Told(int subcommand, const char *more)
+    {
+        truth::Case c = made("pendulum", nullptr, 71);
+        mk_error err = MK_ERROR_INIT;
+        touch(c, hand_at(c, 0.0, 0.8));
+        snprintf(model, sizeof model, "%s", scratch("touched.ini"));
+        snprintf(log, sizeof log, "%s", scratch("touched.csv"));
+        snprintf(made_file, sizeof made_file, "%s", scratch("told"));
+        ck_assert_int_eq(mk_model_write(model, &c.given, nullptr, &err), MK_OK);
+        ck_assert_int_eq(mk_log_write(log, c.train[0].get(), &err), MK_OK);
+        const int code = run(subcommand, more);
+        ck_assert_msg(code == 0, "%s", out);
+        if (subcommand == EXPLAIN)
+            snprintf(made_file, sizeof made_file, "%s/report.json", scratch("report"));
+        ck_assert_int_eq(mk_json_read(made_file, &figures, &err), MK_OK);
+    }
+    ~Told() { cJSON_Delete(figures); }
+    const cJSON *left_out() const { return cJSON_GetObjectItem(figures, "left_out"); }
+    double number(const char *name) const
+    {
+        return cJSON_GetObjectItem(cJSON_GetArrayItem(left_out(), 0), name)->valuedouble;
+    }
+
+  private:
+    int run(int subcommand, const char *more)
+    {
+        if (subcommand == SIMULATE)
+            return run_mechkit(out, sizeof out,
+                               "simulate --window 1 --model %s --input %s --json %s %s", model, log,
+                               made_file, more);
+        if (subcommand == IDENTIFY)
+            return run_mechkit(out, sizeof out, "identify --model %s --json %s %s %s", model,
+                               made_file, more, log);
+        return run_mechkit(out, sizeof out, "explain --model %s --out %s %s %s", model,
+                           scratch("report"), more, log);
+    }
+};
+
+START_TEST(what_is_left_out_is_told_by_output_and_json)
+{
+    const Told told(_i, "");
+    ck_assert_msg(strstr(told.out, "are left out: a torque of up to") &&
+                      strstr(told.out, "(--keep-all keeps them)") &&
+                      strstr(told.out, "s (foreign contact at joint 1)"),
+                  "%s", told.out);
+    ck_assert_int_eq(cJSON_GetArraySize(told.left_out()), 1);
+    ck_assert_str_eq(
+        cJSON_GetObjectItem(cJSON_GetArrayItem(told.left_out(), 0), "file")->valuestring, told.log);
+    ck_assert_double_eq_tol(told.number("from_s"), 0.0, NEAR_ENOUGH);
+    ck_assert_double_eq_tol(told.number("to_s"), 0.8, NEAR_ENOUGH);
+    ck_assert_double_eq(told.number("joint"), 1.0);
+    if (_i != EXPLAIN)
+        return;
+    const std::unique_ptr<char, decltype(&free)> html(slurp_file(scratch("report/report.html")),
+                                                      free);
+    ck_assert_ptr_nonnull(strstr(html.get(), "<rect class='left-out' x='0.0'"));
+    ck_assert_ptr_nonnull(strstr(html.get(), "hand, or a collision?"));
+}
+END_TEST
+
+START_TEST(all_is_kept_or_a_part_taken_where_that_is_asked_for)
+{
+    const Told kept(_i, "--keep-all");
+    ck_assert_int_eq(cJSON_GetArraySize(kept.left_out()), 0);
+    ck_assert_ptr_null(strstr(kept.out, "foreign"));
+    const Told part(_i, "--from 1 --to 7.5");
+    ck_assert_int_eq(cJSON_GetArraySize(part.left_out()), 2);
+    ck_assert_double_eq_tol(part.number("to_s"), 1.0, 1e-6);
+    ck_assert_ptr_null(cJSON_GetObjectItem(cJSON_GetArrayItem(part.left_out(), 0), "joint"));
+    ck_assert_ptr_null(strstr(part.out, "foreign"));
 }
 END_TEST
 
@@ -137,7 +317,13 @@ Suite *suite_contact(void)
     tcase_add_loop_test(t, a_hand_is_found_at_the_start_in_the_middle_and_at_the_end, 0, 5);
     tcase_add_test(t, a_kick_is_found);
     tcase_add_test(t, parameters_that_are_far_off_change_nothing);
+    tcase_add_test(t, a_log_that_stands_still_hides_no_hand_in_another);
     tcase_add_loop_test(t, a_rig_alone_is_not_touched, 0, 5);
+    tcase_add_loop_test(t, what_a_smoother_cannot_follow_is_no_hand, 0, 4);
+    tcase_add_test(t, rows_that_were_not_asked_for_are_marked_and_have_no_angles);
+    tcase_add_test(t, a_fit_leaves_a_hand_out);
+    tcase_add_loop_test(t, what_is_left_out_is_told_by_output_and_json, 0, SUBCOMMANDS);
+    tcase_add_loop_test(t, all_is_kept_or_a_part_taken_where_that_is_asked_for, 0, EXPLAIN);
     tcase_add_loop_test(t, an_effect_that_the_model_lacks_is_no_hand, 0, 7);
     suite_add_tcase(s, t);
     return s;

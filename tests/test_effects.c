@@ -230,6 +230,25 @@ START_TEST(encoder_offset_is_added_and_taken_away)
 }
 END_TEST
 
+START_TEST(lag_acts_on_both_motors)
+{
+    struct mk_model m = with_effect(MK_PLANT_PENDUBOT, "actuator-lag", 0);
+    const double late = 0.02;
+    m.effect[0].value[0] = late;
+    double q[2] = {0.4, -1.1}, v[2] = {0.7, -0.2}, x[6], dx[6], tau[2], u[2] = {1.7, -0.6};
+    ck_assert_int_eq(mk_model_state_count(&m), 6);
+    mk_model_initial_state(&m, q, v, x);
+    ck_assert(x[4] == 0.0 && x[5] == 0.0);
+    x[4] = 0.9, x[5] = 0.3;
+    mk_model_rhs(&m, 0.0, x, u, dx);
+    mk_plant_inverse_dynamics(&m, q, v, dx + 2, tau);
+    for (int i = 0; i < 2; i++) {
+        ck_assert_double_eq_tol(tau[i], x[4 + i], 1e-12);
+        ck_assert_double_eq_tol(dx[4 + i], (u[i] - x[4 + i]) / late, 1e-12);
+    }
+}
+END_TEST
+
 START_TEST(input_delay_is_for_the_simulation)
 {
     struct mk_model m = with_effect(MK_PLANT_PENDULUM, "input-delay", 0);
@@ -407,6 +426,7 @@ Suite *suite_effects(void)
     tcase_add_test(t, the_command_is_limited);
     tcase_add_test(t, effects_act_in_their_physical_order_whatever_the_order_in_the_model);
     tcase_add_test(t, encoder_offset_is_added_and_taken_away);
+    tcase_add_test(t, lag_acts_on_both_motors);
     tcase_add_test(t, input_delay_is_for_the_simulation);
     tcase_add_test(t, backlash_passes_nothing_inside_the_gap_and_a_spring_beyond);
     tcase_add_test(t, backlash_conserves_momentum_and_energy);

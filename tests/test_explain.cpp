@@ -8,11 +8,14 @@
 #include <cmath>
 #include <cstring>
 #include <initializer_list>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "explain/log_values.hpp"
 #include "explain/slips.hpp"
+#include "explain/training.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
@@ -98,13 +101,15 @@ mk_model pendulum(bool exact)
 }
 
 // Frees the logs; `hold` may be null.
-mk_explanation explained(const mk_model &model, mk_log *train, mk_log *hold, double most_s = 0.0)
+mk_explanation explained(const mk_model &model, mk_log *train, mk_log *hold, double most_s = 0.0,
+                         bool keep_all = false)
 {
     mk_explanation e;
     mk_error err = MK_ERROR_INIT;
     mk_explain_options options = {};
     options.threads = 2;
     options.most_s = most_s;
+    options.rows.keep_all = keep_all;
     enum mk_status st = mk_explain(&model, &train, 1, &hold, hold ? 1 : 0, &options, &e, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     mk_log_free(train);
@@ -259,8 +264,8 @@ START_TEST(a_long_hole_in_a_log_is_not_bridged)
     ck_assert_int_eq(e.cause_count, 1);
     ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
     ck_assert_double_eq_tol(e.cause[0].value[0], 0.012, 6e-4);
-    // The longer part.
-    ck_assert_double_eq_tol(e.searched_s, (double)(rows - first) / 250.0, 0.01);
+    // Both parts, each from its first row to its last one.
+    ck_assert_double_eq_tol(e.searched_s, (double)(rows - 2) / 250.0, 0.01);
 }
 END_TEST
 
@@ -297,6 +302,66 @@ START_TEST(of_long_records_a_part_is_searched_and_said)
     ck_assert_double_eq_tol(e.given_s, 6.0, 0.01);
     ck_assert_double_eq_tol(e.searched_s, 3.0, 0.01);
     ck_assert(e.verdict == MK_VERDICT_EFFECT && named(e, "quadratic-drag"));
+}
+END_TEST
+
+// The windows that are searched of logs of some lengths, in s, with another one to measure on.
+static mk::TrainingData searched(const std::vector<double> &lengths, double most_s)
+{
+    std::vector<mk::OwnedLog> logs;
+    std::vector<const mk_log *> given;
+    for (double seconds : lengths) {
+        logs.emplace_back(record({}, 0, seconds));
+        given.push_back(logs.back().get());
+    }
+    const mk::OwnedLog hold(record({}, 1, 5.0));
+    const mk_log *held = hold.get();
+    mk::TrainingData data;
+    mk_explain_options options = {};
+    options.most_s = most_s;
+    auto e = std::make_unique<mk_explanation>();
+    mk_error err = MK_ERROR_INIT;
+    const mk_model model = pendulum(true);
+    const enum mk_status st =
+        data.load(model, options, given.data(), given.size(), &held, 1, *e, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    return data;
+}
+
+START_TEST(of_several_long_logs_a_part_of_each_is_searched)
+{
+    const std::vector<double> rows[] = {
+        {9, 9, 9, 9}, {60}, {100, 5, 5, 5}, {6, 6, 6, 6, 6, 6, 6, 6, 6, 6, 6, 6}};
+    const std::vector<double> &lengths = rows[_i];
+    const mk::TrainingData data = searched(lengths, 30.0);
+    std::vector<double> taken(lengths.size(), 0.0), first(lengths.size(), HUGE_VAL);
+    std::vector<double> last(lengths.size(), 0.0);
+    double all = 0.0, together = 0.0;
+    for (const mk::FitLog &log : data.logs) {
+        const auto i = (size_t)log.source;
+        taken[i] += log.duration();
+        first[i] = std::fmin(first[i], log.start);
+        last[i] = std::fmax(last[i], log.start + log.duration());
+    }
+    for (size_t i = 0; i < lengths.size(); i++)
+        all += lengths[i], together += taken[i];
+    ck_assert_double_eq_tol(together, 30.0, 3.0);
+    for (size_t i = 0; i < lengths.size(); i++) {
+        ck_assert_msg(taken[i] > 0.4 * lengths[i] / all * 30.0, "%g s of log %zu", taken[i], i);
+        ck_assert_double_lt(first[i], 0.5 * lengths[i]);
+        ck_assert_double_gt(last[i], 0.5 * lengths[i]);
+    }
+    if (lengths.size() == 1) // from near its start to near its end
+        ck_assert(first[0] < 5.0 && last[0] > 55.0);
+}
+END_TEST
+
+START_TEST(with_more_logs_than_windows_those_are_spread_over_them)
+{
+    const mk::TrainingData data = searched(std::vector<double>(12, 3.0), 4.0);
+    ck_assert_uint_eq(data.logs.size(), 4);
+    for (size_t i = 0; i < 4; i++)
+        ck_assert(data.logs[i].source / 3 == (int)i && data.logs[i].duration() > 0.9);
 }
 END_TEST
 
@@ -397,6 +462,66 @@ START_TEST(a_cause_that_no_entry_names_is_unknown_and_gets_a_formula)
 }
 END_TEST
 
+START_TEST(shares_of_the_gap_add_up_to_what_is_closed)
+{
+    Hidden h;
+    h.drag = 0.012;
+    h.dead = 0.8;
+    const mk_explanation e = explained(h);
+    const mk_budget &b = e.budget;
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(b.item_count, 2);
+    double sum = 0.0;
+    for (int i = 0; i < b.item_count; i++) {
+        ck_assert_double_le(b.item[i].low, b.item[i].share);
+        ck_assert_double_ge(b.item[i].high, b.item[i].share);
+        sum += b.item[i].share;
+    }
+    ck_assert_double_eq_tol(sum, b.closed, 1e-9);
+    ck_assert_double_eq_tol(b.closed + b.rest, 1.0, 1e-9);
+    ck_assert_double_gt(b.closed, 0.95);
+    // The last line of the table is the extended model; what came before it is further off.
+    ck_assert_double_eq_tol(b.item[1].rms[0], b.extended[0], 1e-9);
+    ck_assert_double_gt(b.item[0].rms[0], 2.0 * b.extended[0]);
+    ck_assert_double_gt(b.refit[0], b.item[0].rms[0]);
+    ck_assert_int_eq(b.rest_joint, 0);
+}
+END_TEST
+
+START_TEST(a_named_cause_beside_one_without_a_name_is_a_part)
+{
+    Hidden h;
+    h.dead = 0.4;
+    h.cubic = 0.03;
+    const mk_explanation e = explained(pendulum(false), record(h, 0, 9.0), record(h, 1, 5.0));
+    ck_assert_msg(e.verdict == MK_VERDICT_PARTIAL, "%s: %s", mk_verdict_name(e.verdict),
+                  e.structure);
+    ck_assert_int_eq(e.cause_count - e.piece_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "deadband");
+    ck_assert_double_eq_tol(e.cause[0].value[0], 0.4, 0.02);
+    ck_assert_ptr_nonnull(std::strstr(e.structure, "dq1^3"));
+    char name[160];
+    for (int i = 0; i < e.budget.item_count; i++) {
+        mk_budget_item_name(&e, &e.budget.item[i], name, sizeof name);
+        ck_assert_ptr_nonnull(
+            std::strstr(name, e.budget.item[i].cause == 0 ? "deadband" : "dq1^3"));
+    }
+}
+END_TEST
+
+START_TEST(only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log)
+{
+    mk_model own, m = pendulum(true);
+    ck_assert_int_eq(mk_model_add_effect(&m, "coulomb", 1, nullptr), MK_OK);
+    ck_assert(!mk::with_own_place(m, own));
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-stiffness", 1, nullptr), MK_OK);
+    ck_assert(mk::with_own_place(m, own));
+    const int rest = mk_effect_parameter_index(mk_effect_by_name("cable-stiffness"), "rest");
+    ck_assert_double_gt(own.effect[1].spread[rest], 0.0);
+    ck_assert_double_eq(own.effect[0].spread[0], 0.0);
+}
+END_TEST
+
 START_TEST(the_reports_say_what_was_found)
 {
     Hidden h;
@@ -477,8 +602,8 @@ START_TEST(of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back)
                             : from[std::min(k, data->rows - 1)] * (k < data->rows || *name == 'q');
         }
         mk_log_free(data);
-        // The rest itself is not physical, nor looked at.
-        mk_explanation e = explained(pendulum(true), log, nullptr);
+        // The rest itself is not physical (something holds the rig), nor looked at.
+        mk_explanation e = explained(pendulum(true), log, nullptr, 0.0, true);
         ck_assert(e.held_back);
         ck_assert_double_eq_tol(e.held_to, long_rest ? 6.0 : 6.4, 0.02);
         ck_assert_double_eq_tol(e.held_from, long_rest ? 4.5 : 4.8, 0.02);
@@ -804,18 +929,19 @@ START_TEST(what_is_wrong_with_a_log_is_said_first)
         const char *says;
     } rows[] = {
         {0, 0, 1, 1, nullptr, nullptr, false, nullptr},
-        {2, TURN, 1, 1, nullptr, nullptr, true, "it is wrapped to one turn; unwrap it"},
+        {2, TURN, 1, 1, nullptr, nullptr, true, "it is wrapped to one turn\n"},
         {2, TURN, 360 / TURN, 1, nullptr, nullptr, true, "turn, and in degrees"},
-        {0, 0, 360 / TURN, 1, nullptr, nullptr, true, "with [q1] unit = deg converts them"},
+        {0, 0, 360 / TURN, 1, nullptr, nullptr, true, "with [q1] unit = deg\n"},
         {0, 0, 4000 / TURN, 1, nullptr, nullptr, true, "in raw counts, but angles are in rad"},
-        {0, 0, 1, -1, nullptr, nullptr, false, "pushes the wrong way; if so, mechkit import"},
+        {0, 0, 1, -1, nullptr, nullptr, true, "if so, mechkit import --map with [u] sign = -1"},
         {0, 0, 1, 1, "u_to_torque", "0.0057", false, "u_to_torque is 0.0057 here, 0.00494 in"},
         {0, 0, 1, 1, "u_to_torque", "many", false, "u_to_torque: 'many' is no number above 0"},
         {0, 0, 1, 1, "encoder_cpr", "2048", false, "encoder_cpr of joint 1 is 2048 here, 4000 in"},
-        {0, 0, 1, 1, "sample_rate_hz", "500", false, "but the rows are 0.004 s apart (250 Hz)"},
+        {0, 0, 1, 1, "sample_rate_hz", "500", false, "0.004 s apart, are one in 2 of those"},
+        {0, 0, 1, 1, "sample_rate_hz", "300", false, "but the rows are 0.004 s apart (250 Hz)"},
         {0, 0, 1, 1, "encoder_cpr", "1e300", false, nullptr},
-        {0, 0, 1e200, 1, nullptr, nullptr, false, "that is no angle of a rig"},
-        {0, 0, 1, 1000, nullptr, nullptr, false, "in 1496 of 1500 rows, where it is taken as"},
+        {0, 0, 1e200, 1, nullptr, nullptr, false, "no rig goes beyond 1e+06 rad"},
+        {0, 0, 1, 1000, nullptr, nullptr, true, "in 1496 of 1500 rows, where it is taken as"},
         {0, 0, 1, NAN, nullptr, nullptr, false, "50 % of the commands are missing, and made up"},
         {0, 0, NAN, 1, nullptr, nullptr, false, "50 % of the readings of q1 are missing"},
     };
@@ -906,12 +1032,17 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_long_hole_in_a_log_is_not_bridged);
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
+    tcase_add_loop_test(t, of_several_long_logs_a_part_of_each_is_searched, 0, 4);
+    tcase_add_test(t, with_more_logs_than_windows_those_are_spread_over_them);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
     tcase_add_test(t, lost_pulses_beside_missing_rows_are_found);
     tcase_add_test(t, steps_of_a_wheel_s_acceleration_are_no_lost_pulses);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
+    tcase_add_test(t, shares_of_the_gap_add_up_to_what_is_closed);
+    tcase_add_test(t, a_named_cause_beside_one_without_a_name_is_a_part);
+    tcase_add_test(t, only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log);
     tcase_add_test(t, the_reports_say_what_was_found);
     tcase_add_test(t, whole_numbers_have_no_standard_error);
     tcase_add_test(t, of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back);
@@ -926,7 +1057,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
     tcase_add_test(t, a_fit_writes_over_no_log_and_says_first_what_it_cannot_write);
     tcase_add_loop_test(t, one_law_has_one_name_at_every_joint, 0, MK_PLANT_COUNT);
-    tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 15);
+    tcase_add_loop_test(t, what_is_wrong_with_a_log_is_said_first, 0, 16);
     suite_add_tcase(s, t);
 
     t = tcase_create("more hidden effects");

@@ -150,6 +150,32 @@ START_TEST(units_follow_the_joint_and_the_command)
 }
 END_TEST
 
+START_TEST(the_column_that_drives_the_rig_is_read_and_written)
+{
+    static const char *const names[MK_INPUT_COUNT] = {NULL, "measured", "commanded"};
+    struct mk_model m, back;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("input.ini");
+    char text[8192];
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(m.input, MK_INPUT_UNSAID);
+    for (int i = 0; i < MK_INPUT_COUNT; i++) {
+        m.input = (enum mk_input)i;
+        ck_assert_int_eq(mk_model_write(path, &m, NULL, &err), MK_OK);
+        ck_assert_msg(mk_model_read(path, &back, &err) == MK_OK, "%s", err.message);
+        ck_assert_int_eq(back.input, m.input);
+        FILE *file = fopen(path, "r");
+        ck_assert_ptr_nonnull(file);
+        text[fread(text, 1, sizeof text - 1, file)] = '\0';
+        fclose(file);
+        char line[64];
+        snprintf(line, sizeof line, "\ninput = %s\n", names[i] ? names[i] : "");
+        ck_assert_msg(names[i] ? strstr(text, line) != NULL : !strstr(text, "input ="), "%s", text);
+    }
+    expect_error(WHEEL "[rig]\ninput = sent\n", MK_ERR_PARSE, 8, "measured or commanded");
+}
+END_TEST
+
 START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
 {
     struct mk_model m =
@@ -160,6 +186,19 @@ START_TEST(comments_blanks_and_line_ends_of_all_kinds_are_understood)
     ck_assert(m.g == 9.8 && m.parameter[0] == 0.01 && m.parameter[3] == 0.5);
     ck_assert_int_eq(m.encoder_cpr[0], 2048);
     ck_assert(m.u_max == 10 && m.u_to_torque == 0.00494 && m.rtol == 1e-8);
+}
+END_TEST
+
+START_TEST(a_rig_without_a_motor_says_so_and_stays_so)
+{
+    struct mk_model m = read_text(WHEEL), back;
+    ck_assert(!m.no_motor);
+    m = read_text("[rig]\nkind = pendulum\nmotor = none\n[parameters]\np1=1\np2=3\np3=0\np4=0");
+    ck_assert(m.no_motor);
+    ck_assert_int_eq(mk_model_write(scratch("passive.ini"), &m, NULL, NULL), MK_OK);
+    ck_assert_int_eq(mk_model_read(scratch("passive.ini"), &back, NULL), MK_OK);
+    ck_assert(back.no_motor);
+    expect_error("[rig]\nkind = pendulum\nmotor = two\n", MK_ERR_PARSE, 3, "expected none");
 }
 END_TEST
 
@@ -326,7 +365,9 @@ Suite *suite_model_file(void)
     tcase_add_test(t, units_that_do_not_go_together_are_refused);
     tcase_add_test(t, units_follow_the_joint_and_the_command);
     tcase_add_test(t, a_model_that_is_written_reads_back_equal);
+    tcase_add_test(t, the_column_that_drives_the_rig_is_read_and_written);
     tcase_add_test(t, comments_blanks_and_line_ends_of_all_kinds_are_understood);
+    tcase_add_test(t, a_rig_without_a_motor_says_so_and_stays_so);
     tcase_add_test(t, sections_may_come_in_any_order);
     tcase_add_test(t, bad_models_are_refused_with_their_line);
     tcase_add_test(t, random_text_does_no_harm);

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "mechkit/exchange.h"
+#include "mechkit/ident.h"
 #include "mechkit/sim.h"
 #include "support/files.h"
 #include "support/program.h"
@@ -191,6 +192,36 @@ START_TEST(dropped_rows_and_readings_do_not_stop_a_prediction)
 }
 END_TEST
 
+/* Readings from 1.3 to 1.9 s say nothing of the rig, and no motion leads across them. */
+START_TEST(of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_it)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    const struct mk_left_out stretch = {.log = 4, .from_s = 1.299, .to_s = 1.901, .joint = 1};
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 0, 4), *copy;
+    struct mk_log *rest = record_from(&m, (double[]){2.0, -1.0}, 0, 4);
+    for (size_t c = 0; c < log->column_count; c++)
+        for (size_t k = 700; k < log->rows && log->columns[c].name[0] != 't'; k++)
+            log->columns[c].data[k] = rest->columns[c].data[k];
+    ck_assert_int_eq(mk_leave_out(log, 3, &stretch, 1, &copy, &err), MK_OK);
+    ck_assert_ptr_null(copy);
+    ck_assert_int_eq(mk_leave_out(log, 4, &stretch, 1, &copy, &err), MK_OK);
+    for (int windows = 0; windows < 2; windows++) {
+        struct mk_log *out = predict(&m, copy, windows ? 1.0 : 0.0, &f);
+        for (int j = 0; j < 2; j++)
+            ck_assert_double_lt(f.rms[j], 1e-3);
+        for (size_t k = 0; k < log->rows; k++)
+            ck_assert(isnan(mk_log_get(out, "q1")[k]) == (k >= 650 && k <= 950));
+        mk_log_free(out);
+    }
+    mk_log_free(rest);
+    mk_log_free(copy);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(a_log_may_begin_at_any_time)
 {
     struct mk_model m;
@@ -259,6 +290,110 @@ START_TEST(commands_are_found_under_their_names)
         map("# rig: furuta\nt,q1,q2,u\n0,0,0,0\n", MK_PLANT_PENDUBOT, &rec, &log, &err),
         MK_ERR_PARSE);
     ck_assert_ptr_nonnull(strstr(err.message, "furuta"));
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(without_a_command_the_log_or_the_model_must_say_so)
+{
+    struct mk_model m;
+    struct mk_log *log;
+    struct mk_record r;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    const char *path = scratch_text(
+        "still.csv", "t,q1\n0,1\n0.002,0.999\n0.004,0.998\n0.006,0.997\n0.008,0.996\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "motor = none"));
+    ck_assert_ptr_nonnull(strstr(err.message, "input = none"));
+    ck_assert_int_eq(mk_log_set_meta(log, "input", "none"), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    ck_assert_ptr_null(r.u[0]);
+    mk_log_free(log);
+    m.no_motor = true;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    struct mk_predict_figures f;
+    mk_log_free(predict(&m, log, 0.0, &f));
+    mk_log_free(log);
+    /* A command of 0 is none; another one contradicts. */
+    path = scratch_text("driven.csv", "t,q1,u\n0,1,0\n0.002,1,0\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
+    mk_log_free(log);
+    path = scratch_text("driven.csv", "t,q1,u\n0,1,0\n0.002,1,0.3\n");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 3 && strstr(err.message, "nothing drives"), "%d %s", err.line,
+                  err.message);
+    mk_log_free(log);
+}
+END_TEST
+
+static enum mk_status map_commanded(const char *text, enum mk_plant_kind kind,
+                                    struct mk_record *rec, struct mk_log **log,
+                                    struct mk_error *err)
+{
+    struct mk_model m;
+    mk_model_default(kind, &m);
+    m.input = MK_INPUT_COMMANDED;
+    ck_assert_int_eq(mk_log_read(scratch_text("map.csv", text), log, err), MK_OK);
+    return mk_record_from_log(*log, &m, rec, err);
+}
+
+START_TEST(a_model_may_ask_for_the_commanded_column)
+{
+    struct mk_record rec;
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    static const struct {
+        const char *text;
+        enum mk_plant_kind rig;
+        bool two, si;
+    } rows[] = {
+        {"t,q1,q2,u,u_cmd\n0,0,0,7,9\n", MK_PLANT_PENDUBOT, false, false},
+        {"t,q1,q2,u1,u2,u1_cmd,u2_cmd\n0,0,0,7,8,9,5\n", MK_PLANT_PENDUBOT, true, false},
+        {"t,q1,q2,tau1,tau2,tau1_cmd,tau2_cmd\n0,0,0,7,8,9,5\n", MK_PLANT_PENDUBOT, true, true},
+        {"t,q1,tau1,tau1_cmd\n0,0,7,9\n", MK_PLANT_PENDULUM, false, true},
+        {"t,q1,tau_cmd\n0,0,9\n", MK_PLANT_PENDULUM, false, true},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        ck_assert_msg(map_commanded(rows[i].text, rows[i].rig, &rec, &log, &err) == MK_OK, "%s",
+                      err.message);
+        ck_assert_double_eq(rec.u[0][0], 9);
+        ck_assert(rows[i].two ? rec.u[1] && rec.u[1][0] == 5 : !rec.u[1]);
+        ck_assert_int_eq(rec.si, rows[i].si);
+        mk_log_free(log);
+    }
+    ck_assert_int_eq(
+        map_commanded("t,q1,q2,tau1,tau2\n0,0,0,7,8\n", MK_PLANT_PENDUBOT, &rec, &log, &err),
+        MK_ERR_PARSE);
+    ck_assert_msg(strstr(err.message, "tau1_cmd") && strstr(err.message, "input = commanded") &&
+                      strstr(err.message, "the measured tau1 is taken"),
+                  "%s", err.message);
+    mk_log_free(log);
+    ck_assert_int_eq(map_commanded("t,q1,q2,tau1,tau2,tau1_cmd\n0,0,0,7,8,9\n", MK_PLANT_PENDUBOT,
+                                   &rec, &log, &err),
+                     MK_ERR_PARSE);
+    ck_assert_msg(strstr(err.message, "no column tau2_cmd"), "%s", err.message);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Windows are shorter than the delay: all that acts in them was sent before they begin. */
+START_TEST(a_window_knows_the_commands_that_are_on_their_way)
+{
+    struct mk_model m;
+    struct mk_predict_figures f;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
+    m.effect[0].value[0] = 0.2013;
+    struct mk_log *log = record(&m, 0, 3);
+    mk_log_free(predict(&m, log, 0.15, &f));
+    ck_assert_double_lt(f.rms[0], 1e-5);
+    ck_assert_double_lt(f.rms[1], 1e-5);
     mk_log_free(log);
 }
 END_TEST
@@ -352,9 +487,13 @@ Suite *suite_predict(void)
     tcase_add_loop_test(t, a_window_starts_where_a_wrong_model_meets_its_readings_best, 0, 2);
     tcase_add_test(t, a_window_knows_nothing_of_later_readings);
     tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
+    tcase_add_test(t, of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_it);
     tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);
+    tcase_add_test(t, without_a_command_the_log_or_the_model_must_say_so);
+    tcase_add_test(t, a_model_may_ask_for_the_commanded_column);
+    tcase_add_test(t, a_window_knows_the_commands_that_are_on_their_way);
     tcase_add_test(t, logs_too_short_to_predict_are_refused);
     tcase_add_test(t, numbers_that_no_rig_has_are_told);
     tcase_add_loop_test(t, models_of_real_rigs_follow_their_logs, 0, 3);

@@ -177,6 +177,65 @@ START_TEST(an_input_delay_shifts_every_edge)
 }
 END_TEST
 
+/* The same commands without a delay, given when they come into force. */
+START_TEST(an_input_delay_is_exact_between_samples_for_both_motors)
+{
+    const double late = 0.0037, period = 0.002;
+    enum { ROWS = 200 };
+    struct mk_model m, delayed;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    delayed = m;
+    ck_assert_int_eq(mk_model_add_effect(&delayed, "input-delay", 0, &err), MK_OK);
+    delayed.effect[0].value[0] = late;
+    struct mk_sim *a = make(&delayed, MK_SOLVER_DEFAULT, 1e-11),
+                  *b = make(&m, MK_SOLVER_DEFAULT, 1e-11);
+    const double none[2] = {0.0, 0.0};
+    start(a, &delayed, mk_plant(m.plant)->rest, none);
+    start(b, &m, mk_plant(m.plant)->rest, none);
+    ck_assert_int_eq(mk_sim_advance(b, late, none, &err), MK_OK);
+    for (int k = 0; k < ROWS; k++) {
+        const double t = period * k, u[2] = {1.5 * sin(9.0 * t), 0.8 * cos(7.0 * t)};
+        ck_assert_int_eq(mk_sim_advance(a, t + period, u, &err), MK_OK);
+        ck_assert_int_eq(mk_sim_advance(b, t + period + late, u, &err), MK_OK);
+    }
+    ck_assert_int_eq(mk_sim_advance(a, period * ROWS + late, none, &err), MK_OK);
+    for (int i = 0; i < 4; i++)
+        ck_assert_double_eq_tol(mk_sim_state(a)[i], mk_sim_state(b)[i], 1e-6);
+    mk_sim_destroy(a);
+    mk_sim_destroy(b);
+}
+END_TEST
+
+/* A run that is taken up in the middle goes on as it went. */
+START_TEST(a_run_goes_on_with_the_commands_that_are_on_their_way)
+{
+    struct mk_model m = bare_wheel();
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
+    m.effect[0].value[0] = 0.0051;
+    struct mk_sim *sim = make(&m, MK_SOLVER_DEFAULT, 1e-10),
+                  *again = make(&m, MK_SOLVER_DEFAULT, 1e-10);
+    start(sim, &m, (double[2]){0, 0}, (double[2]){0, 0});
+    for (int k = 0; k < 10; k++)
+        advance(sim, (k + 1) * 0.002, sin(1.7 * k));
+    const double first[2] = {sin(1.7 * 7), 0}; /* given at 14 ms, in force from 19.1 ms on */
+    ck_assert_int_eq(mk_sim_reset(again, 0.02, mk_sim_state(sim), first), MK_OK);
+    for (int k = 7; k < 10; k++) {
+        const double u[2] = {sin(1.7 * k), 0};
+        ck_assert_int_eq(mk_sim_issued_before(again, k * 0.002, u, &err), MK_OK);
+    }
+    const double later[2] = {1, 0};
+    ck_assert_int_eq(mk_sim_issued_before(again, 0.03, later, &err), MK_ERR_STATE);
+    advance(sim, 0.03, 1.0);
+    advance(again, 0.03, 1.0);
+    for (int i = 0; i < 2; i++)
+        ck_assert_double_eq_tol(mk_sim_state(again)[i], mk_sim_state(sim)[i], 1e-12);
+    mk_sim_destroy(sim);
+    mk_sim_destroy(again);
+}
+END_TEST
+
 /* --- events ------------------------------------------------------------------------------ */
 
 START_TEST(a_body_rattles_in_its_gap_with_the_period_of_the_closed_form)
@@ -246,6 +305,8 @@ Suite *suite_sim(void)
     tcase_add_test(t, the_energy_balance_closes_with_friction_and_drive);
     tcase_add_test(t, zero_order_hold_edges_are_exact);
     tcase_add_test(t, an_input_delay_shifts_every_edge);
+    tcase_add_test(t, an_input_delay_is_exact_between_samples_for_both_motors);
+    tcase_add_test(t, a_run_goes_on_with_the_commands_that_are_on_their_way);
     tcase_add_test(t, a_body_rattles_in_its_gap_with_the_period_of_the_closed_form);
     tcase_add_test(t, nonsense_is_refused);
     suite_add_tcase(s, t);

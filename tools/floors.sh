@@ -26,12 +26,12 @@ floor() {
     base) echo 1 ;;
     model) echo 2 ;;
     sim | ctrl) echo 3 ;;
-    driver | ident | exchange) echo 4 ;;
+    driver | ident | exchange | experiment) echo 4 ;;
     explain) echo 5 ;;
     console) echo 6 ;;
     esac
 }
-folders="base model sim ctrl driver ident exchange explain console"
+folders="base model sim ctrl driver ident exchange experiment explain console"
 
 # Public headers stand on the floor of the folder that implements them. The board interface is on
 # the loop's floor: the loop is given a board and does not know which.
@@ -39,7 +39,7 @@ header_floor() {
     case $1 in
     status | number | ring | log | json | clock) echo 1 ;;
     model) echo 2 ;;
-    ident | signals | excite | measure | exchange) echo 4 ;;
+    ident | signals | excite | measure | exchange | data_check) echo 4 ;;
     explain) echo 5 ;;
     *) echo 3 ;;
     esac

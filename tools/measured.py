@@ -1,160 +1,203 @@
 #!/usr/bin/env python3
-"""Fits rigs that other people measured, beside their published parameters.
+"""What mechkit makes of rigs that other people measured, on logs that no fit has seen.
 
-usage: measured.py MECHKIT [FOLDER...]
+usage: measured.py MECHKIT OUT.json [FOLDER...]
 
 The logs are those of $MECHKIT_SHARED/data (or ../shared/data beside the source tree); without the
 folder this says so and exits 0. They are taken in by the mapping that lies beside each rig's published
-model (models/measured); that model is fitted to the training logs as it is, and again with the effects
-below. Printed is how far free runs, restarted from the readings every so often, end up from the
-readings: rms error over the standard deviation. Then explain says what it finds in the published
-model. No package beyond Python's own is needed.
+model (models/measured). Compared are four models: as given; refitted to the training logs; refitted with
+what is about the data and not about the rig (zeros of every log's own, the better column of the
+command); and as explain extends it. Printed is, for each log held back, how far free runs that are
+restarted every so often end up from the readings, as rms error in thousandths of the joint's unit. OUT.json
+has the same figures, all parameters, what explain says and how long it took. No package beyond
+Python's own is needed.
 """
 import json
-import math
 import os
-import re
 import subprocess
 import sys
 import tempfile
+import time
 from collections import namedtuple
 
 from cases import shared
 
-Rig = namedtuple("Rig", "folder model map without effects train validate window")
+# `zeros`: joints whose encoder is zeroed before each log where the joint hangs. `cut`: the last part of
+# a rig's only log is held back.
+Rig = namedtuple("Rig", "name folder model map zeros train held window cut", defaults=[None])
 
-# Effects to add: section, joint or None, start values.
-ZEROS = [("effect.encoder-offset", 1, {"offset": -0.01}),  # set by hand
-         ("effect.encoder-offset.2", 2, {"offset": 0.01})]
-# Gears stick where Coulomb friction of a finite slope creeps: it is left out for this.
-STICKS = [("effect.stiction", 2, {"stiffness": 20.0, "damping": 0.05, "level": 0.15})]
-CREEPS = ["effect.coulomb", "effect.viscous"]
-QUBE = [("effect.cable-stiffness", 1, {"stiffness": 0.1, "rest": 0.0}),  # the encoder's wire
-        ("effect.deadband", None, {"width": 0.1})]
-
-# The splits are those that came with the data. Windows are short where the rig is unstable.
 RIGS = [
-    Rig("single-pendulum-dfki", "pendulum-dfki", "pendulum-dfki", [], [],
+    Rig("single pendulum", "single-pendulum-dfki", "pendulum-dfki", "pendulum-dfki", [1],
         ["ddp", "energy_shaping"], ["direct_collocation", "pd_stiff_tracking", "ilqr"], 0.5),
-    Rig("pendubot-dfki-c1-sysid", "double-pendulum-dfki-c1", "double-pendulum-dfki", CREEPS, STICKS,
-        ["run_143339", "run_143601", "run_143704", "run_154220"], ["run_143906", "run_144115"],
-        0.5),
-    Rig("pendubot-dfki-c1-swingup", "double-pendulum-dfki-c1", "double-pendulum-dfki", [], ZEROS,
-        ["tvlqr_02", "tvlqr_05"], ["tvlqr_08", "tvlqr_04"], 0.25),
-    Rig("double-pendulum-dfki-a0", "double-pendulum-dfki-a0", "double-pendulum-dfki", [], ZEROS,
+    Rig("double pendulum C.1", "pendubot-dfki-c1-sysid", "double-pendulum-dfki-c1",
+        "double-pendulum-dfki", [1, 2], ["run_143339", "run_143601", "run_143704", "run_154220"],
+        ["run_143906", "run_144115"], 0.5),
+    Rig("C.1, swing-ups", "pendubot-dfki-c1-swingup", "double-pendulum-dfki-c1",
+        "double-pendulum-dfki", [1, 2], ["tvlqr_02", "tvlqr_05"], ["tvlqr_08", "tvlqr_04"], 0.25),
+    Rig("double pendulum A.0", "double-pendulum-dfki-a0", "double-pendulum-dfki-a0",
+        "double-pendulum-dfki", [1, 2],
         ["sysid_00", "sysid_02", "sysid_04", "sysid_11", "sysid_13"],
         ["sysid_01", "sysid_12", "swingup_balance_174435"], 0.5),
-    Rig("furuta-qube-servo1", "furuta-qube-servo1", "furuta-qube-servo1", [], QUBE,
+    Rig("Furuta pendulum", "furuta-qube-servo1", "furuta-qube-servo1", "furuta-qube-servo1", [],
         ["ep_150615", "ep_161441", "ep_161843", "ep_162441", "ep_162807"],
         ["ep_163141", "ep_163558", "ep_163955"], 0.25),
+    Rig("DC motor", "dcmotor-gkeiel", "dcmotor-gkeiel", "dcmotor-gkeiel", [],
+        ["run1_pid_sine", "run2_pid_step"], ["run3_pr_sine", "run4_repetitive_sine"], 1.0),
+    Rig("linear axis", "emps", "emps", "emps", [], ["tracking"], [], 1.0, 0.75),
+    Rig("free double pendulum", "multiarm-free", "multiarm-double", "multiarm-double", [],
+        ["run1_double_0_60s"], [], 0.5, 0.75),
+    Rig("free single pendulum", "multiarm-free", "multiarm-single", "multiarm-single", [],
+        ["run3_single_55s"], [], 0.5, 0.75),
 ]
+NO_PLANT = {"cartpole-sensorsini": "a cart-pole is none of the plants"}
 
 
 def call(mechkit, *arguments):
     done = subprocess.run([mechkit, *arguments], capture_output=True, text=True)
     if done.returncode:
-        raise RuntimeError(done.stderr.strip())
+        raise RuntimeError(f"{arguments[0]}: {done.stderr.strip()[-400:]}")
 
 
-def with_effects(fitted, without, effects, out):
-    """The fitted model with some effects less and some more."""
-    with open(fitted) as file:
-        sections = re.split(r"(?m)^(?=\[)", file.read())
+def parted(log, share, scratch):
+    """A log in two files, the first one with this share of its rows."""
+    with open(log) as file:
+        lines = file.readlines()
+    head = next(i for i, line in enumerate(lines) if not line.startswith("#")) + 1
+    middle = head + int(share * (len(lines) - head))
+    parts = [f"{scratch}/first.csv", f"{scratch}/rest.csv"]
+    for part, rows in zip(parts, (lines[head:middle], lines[middle:])):
+        with open(part, "w") as file:
+            file.writelines(lines[:head] + rows)
+    return parts
+
+
+def imported(mechkit, rig, source, models, scratch):
+    """The logs as mechkit's own: those to learn from, those held back."""
+    for log in rig.train + rig.held:
+        call(mechkit, "import", f"{source}/{log}.csv", "--map", f"{models}/{rig.map}.map", "--out",
+             f"{scratch}/{log}.csv")
+    if rig.cut:
+        first, rest = parted(f"{scratch}/{rig.train[0]}.csv", rig.cut, scratch)
+        return [first], [rest]
+    return ([f"{scratch}/{log}.csv" for log in rig.train],
+            [f"{scratch}/{log}.csv" for log in rig.held])
+
+
+def fitted(mechkit, model, train, out, *more):
+    call(mechkit, "identify", "--model", model, "--out", out, "--json", out + ".json", *more, *train)
+    with open(out + ".json") as file:
+        return json.load(file)
+
+
+def with_zeros(model, joints, out):
+    """The model with encoders that are zeroed before each log."""
+    with open(model) as file:
+        text = file.read()
+    for joint in joints:
+        text += (f"\n[effect.encoder-offset.{joint}]\njoint = {joint}\noffset = 0\n"
+                 "offset_spread = 0.03\n")
     with open(out, "w") as file:
-        file.writelines(s for s in sections if not s.startswith(tuple(f"[{w}]" for w in without)))
-        for section, joint, values in effects:
-            file.write(f"\n[{section}]\n" + (f"joint = {joint}\n" if joint else ""))
-            file.writelines(f"{key} = {value}\n" for key, value in values.items())
+        file.write(text)
 
 
-def imported(mechkit, rig, folder, models_folder, scratch):
-    """The rig's logs as mechkit's own; returns their folder."""
-    for log in rig.train + rig.validate:
-        call(mechkit, "import", f"{folder}/{log}.csv", "--map", f"{models_folder}/{rig.map}.map",
-             "--out", f"{scratch}/{log}.csv")
-    return scratch
-
-
-def fit(mechkit, rig, folder, model, scratch, name):
-    """Fits the training logs; returns the fitted model's file and the fit's JSON."""
-    out, figures = f"{scratch}/{name}.ini", f"{scratch}/{name}.json"
-    call(mechkit, "identify", "--model", model, "--out", out, "--json", figures,
-         *(f"{folder}/{log}.csv" for log in rig.train))
+def errors(mechkit, rig, model, log, start, scratch):
+    """rms error by joint, and from which second on it was counted: own values take the first half."""
+    figures = f"{scratch}/figures.json"
+    more = ["--from", str(start)] if start else []
+    call(mechkit, "simulate", "--model", model, "--input", log, "--window", str(rig.window), "--json",
+         figures, *more)
     with open(figures) as file:
-        return out, json.load(file)
+        found = json.load(file)
+    return found["rms"], found.get("from_s") or 0.0
 
 
-def errors(mechkit, rig, folder, model, scratch, log):
-    """nrmse of each joint over the log."""
-    figures = f"{scratch}/errors.json"
-    call(mechkit, "simulate", "--model", model, "--input", f"{folder}/{log}.csv", "--window",
-         str(rig.window), "--out", f"{scratch}/predicted.csv", "--json", figures)
-    with open(figures) as file:
-        return [math.nan if x is None else x for x in json.load(file)["nrmse"]]
-
-
-def show(rig, models, rows):
-    print(f"\n{rig.folder}, free runs of {rig.window} s, nrmse of each joint")
-    print(f"  {'':34s}" + "".join(f"{name:>20s}" for name in models))
-    for log, cells in rows:
-        sort = "" if log in rig.train else " (held back)"
-        print(f"  {log + sort:34s}" + "".join(f"{c:>20s}" for c in cells), flush=True)
-
-
-def study(mechkit, rig, folder, models_folder, scratch):
-    published = f"{models_folder}/{rig.model}.ini"
-    folder = imported(mechkit, rig, folder, models_folder, scratch)
-    fitted, figures = fit(mechkit, rig, folder, published, scratch, "fitted")
-    models = {"published": published, "fitted": fitted}
-    if rig.effects:
-        with_effects(fitted, rig.without, rig.effects, f"{scratch}/start.ini")
-        models["with effects"], figures = fit(mechkit, rig, folder, f"{scratch}/start.ini",
-                                              scratch, "more")
-    rows = [(log, [" ".join(f"{x:.3f}" for x in errors(mechkit, rig, folder, m, scratch, log))
-                   for m in models.values()]) for log in rig.train + rig.validate]
-    show(rig, models, rows)
-    print("  " + ", ".join(f"{k.replace('effect.', '')} {p['value']:.4g} +- {p['stderr'] or 0:.1g}"
-                           for k, p in figures["parameters"].items()))
-    for warning in figures["warnings"]:
-        print("  warning:", warning)
-
-
-def explain(mechkit, rig, folder, models_folder, scratch):
-    """What the published model lacks, and what held-back logs say to it."""
-    logs = [f"{folder}/{log}.csv" for log in rig.train]
-    held = [word for log in rig.validate for word in ("--holdout", f"{folder}/{log}.csv")]
-    call(mechkit, "explain", "--model", f"{models_folder}/{rig.model}.ini", "--window",
-         str(rig.window), "--out", f"{scratch}/explained", *held, *logs)
-    with open(f"{scratch}/explained/report.json") as file:
+def explained(mechkit, rig, model, train, held, scratch):
+    folder = f"{scratch}/report"
+    hold = [word for log in held for word in ("--holdout", log)]
+    begin = time.time()
+    call(mechkit, "explain", "--model", model, "--window", str(rig.window), "--out", folder, *hold,
+         *train)
+    with open(f"{folder}/report.json") as file:
         report = json.load(file)
-    held_out = report["holdout"]
-    print(f"  explain: {report['verdict']}: "
-          + (report["structure"] or ", ".join(c["name"] for c in report["causes"])))
-    for name in ("nrmse_before", "nrmse_refit", "nrmse_after", "noise_floor"):
-        cells = " ".join("-" if x is None else f"{x:.3f}" for x in held_out[name])
-        print(f"    {name:14s}{cells}")
-    print(f"    closed {held_out['closed']:.2f}, {report['seconds']:.0f} s", flush=True)
+    return f"{folder}/extended.ini", report, time.time() - begin
+
+
+def study(mechkit, rig, source, models, scratch):
+    given = f"{models}/{rig.model}.ini"
+    train, held = imported(mechkit, rig, source, models, scratch)
+    refit = fitted(mechkit, given, train, f"{scratch}/refit.ini", "--input", "measured")
+    with_zeros(given, rig.zeros, f"{scratch}/zeros.ini")
+    data = fitted(mechkit, f"{scratch}/zeros.ini", train, f"{scratch}/data.ini")
+    extended, report, seconds = explained(mechkit, rig, given, train, held, scratch)
+    compared = {"given": given, "refitted": f"{scratch}/refit.ini", "data": f"{scratch}/data.ini",
+                "extended": extended}
+    logs = {}
+    for log in held:
+        start = errors(mechkit, rig, compared["data"], log, 0.0, scratch)[1]
+        start = max(start, errors(mechkit, rig, extended, log, 0.0, scratch)[1])
+        one = {}
+        for name, model in compared.items():
+            rms, own = errors(mechkit, rig, model, log, 0.0, scratch)
+            one[name] = rms if own or not start else errors(mechkit, rig, model, log, start,
+                                                            scratch)[0]
+        logs[os.path.basename(log)] = one
+    return {"window_s": rig.window, "held_back": logs, "refit": refit["parameters"],
+            "data": data["parameters"], "input": data["input"], "seconds": seconds,
+            "explain": {key: report[key] for key in ("verdict", "causes", "structure", "budget",
+                                                     "left_out", "holdout")}}
+
+
+def cause_text(cause):
+    joint = f" at joint {cause['joint']}" if cause["joint"] else ""
+    return cause["name"] + joint + (" (each log its own)" if cause.get("per_log") else "")
+
+
+def show(rig, result):
+    print(f"\n{rig.name} ({rig.folder}), free runs of {rig.window} s, rms error in thousandths")
+    print(f"  {'held back':28s}" + "".join(f"{name:>18s}" for name in
+                                            ("given", "refitted", "data's own", "extended")))
+    for log, models in result["held_back"].items():
+        print(f"  {log:28s}" + "".join(
+            f"{' '.join(f'{1e3 * x:.3g}' if x is not None else '-' for x in rms):>18s}"
+            for rms in models.values()))
+    e = result["explain"]
+    budget = e["budget"]
+    print(f"  explain: {e['verdict']}, closes {100 * budget['closed']:.0f} %, "
+          f"{result['seconds']:.0f} s: "
+          + (", ".join(cause_text(c) for c in e["causes"]) or "nothing named")
+          + (f"; {e['structure']}" if e["structure"] else ""), flush=True)
 
 
 def main():
-    if len(sys.argv) < 2:
+    if len(sys.argv) < 3:
         sys.exit(__doc__)
-    mechkit, wanted = sys.argv[1], sys.argv[2:]
+    mechkit, out, wanted = sys.argv[1], sys.argv[2], sys.argv[3:]
     here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    models = os.path.join(here, "models", "measured")
+    results, failed = {}, False
+    for folder, why in NO_PLANT.items():
+        if not wanted:
+            print(f"SKIPPED: {folder}: {why}")
     for rig in RIGS:
-        folder = os.path.join(shared(), "data", rig.folder)
+        source = os.path.join(shared(), "data", rig.folder)
         if wanted and rig.folder not in wanted:
             continue
-        if not os.path.isdir(folder):
-            print(f"SKIPPED: no logs in {folder}")
+        if not os.path.isdir(source):
+            print(f"SKIPPED: no logs in {source}")
+            continue
+        if not os.path.exists(f"{models}/{rig.model}.ini"):
+            print(f"SKIPPED: {rig.name}: there is no {models}/{rig.model}.ini")
             continue
         with tempfile.TemporaryDirectory() as scratch:
             try:
-                models = os.path.join(here, "models", "measured")
-                study(mechkit, rig, folder, models, scratch)
-                explain(mechkit, rig, scratch, models, scratch)
+                results[rig.name] = study(mechkit, rig, source, models, scratch)
+                show(rig, results[rig.name])
             except RuntimeError as why:
-                sys.exit(f"measured: {rig.folder}: {why}")
+                failed = True
+                print(f"\n{rig.name}: {why}", flush=True)
+        with open(out, "w") as file:
+            json.dump(results, file, indent=1)
+    sys.exit(1 if failed else 0)
 
 
 if __name__ == "__main__":

@@ -97,13 +97,17 @@ MK_NODISCARD enum mk_status mk_export_fmu(const char *path, const struct mk_mode
 
 #define MK_IMPORT_COLUMNS 16
 
-/* One column of a log and where it comes from: sign * (value in `unit`) + offset. */
+/* One column of a log and where it comes from: sign * (from + plus - minus, in `unit`) + offset. A
+ * sum or a difference is what an angle is that was measured from elsewhere: of a link from the
+ * vertical instead of from the link before it. */
 struct mk_import_column {
-    char to[32];   /* column of the log: t, q1, q2, u, tau1, ... or any other name */
-    char from[64]; /* column of the file, by name or by number from 1 */
-    char unit[16]; /* "": the log's own */
-    double sign;   /* 1, -1, or any factor */
-    double offset; /* in the log's unit */
+    char to[32];    /* column of the log: t, q1, q2, u, tau1, ... or any other name */
+    char from[64];  /* column of the file, by name or by number from 1 */
+    char plus[64];  /* column that is added; "": none */
+    char minus[64]; /* column that is subtracted; "": none */
+    char unit[16];  /* of all three; "": the log's own */
+    double sign;    /* 1, -1, or any factor */
+    double offset;  /* in the log's unit */
 };
 
 /* What the columns of a file mean (docs/formats.md, "Mapping"). */
@@ -114,6 +118,7 @@ struct mk_import_map {
     bool joint_linear[MK_MAX_JOINTS];         /* slides: m, N */
     int encoder_cpr[MK_MAX_JOINTS];           /* 0: unknown */
     double encoder_resolution[MK_MAX_JOINTS]; /* size of a count in the joint's unit; 0: unknown */
+    bool no_input;                            /* nothing drove the rig: there is no command */
     int count;
     struct mk_import_column column[MK_IMPORT_COLUMNS];
 };
@@ -142,17 +147,20 @@ MK_NODISCARD enum mk_status mk_import_apply(const struct mk_table *table, const 
 
 #define MK_IMPORT_FINDINGS 8
 
-/* Something that cannot be as the map says. */
+/* Something that cannot be as the map says, or hardly. */
 struct mk_import_finding {
+    bool certain;       /* no rig of the kind can move like that, or with the change nearly all is
+                           explained and without it far less: not to be written. Else a doubt. */
     char what[256];     /* what is wrong, as the data show it */
     char proposal[192]; /* the change to the map; "" when there is none to propose */
     struct mk_import_map fixed;
 };
 
 /* Holds an imported log against what rigs of its kind can do: sample times, angles, gravity, the
- * sign of the command, joints swapped. A fit of the textbook model to the accelerations says how
- * well the columns go together; a change that makes them go together is proposed. Returns the
- * number of findings, most certain first. 0: nothing speaks against the map. */
+ * sign of the command, joints swapped. A fit of the textbook model to the accelerations, with no
+ * negative mass or friction, says how well the columns go together; a change is proposed under
+ * which they do, and none that leaves most unexplained. Returns the number of findings, most
+ * certain first. 0: nothing speaks against the map. */
 int mk_import_check(const struct mk_table *table, const char *path, const struct mk_import_map *map,
                     struct mk_import_finding *out);
 

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "mechkit/data_check.h"
 #include "mechkit/ident.h"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
@@ -17,7 +18,7 @@ extern "C" {
 #endif
 #pragma GCC visibility push(default)
 
-#define MK_MAX_CAUSES 4
+#define MK_MAX_CAUSES 9
 #define MK_MAX_LOG_VALUES 4
 #define MK_MAX_RIVALS 12
 
@@ -25,6 +26,7 @@ enum mk_verdict {
     MK_VERDICT_NONE,       /* the model explains the data */
     MK_VERDICT_PARAMETERS, /* only values of base parameters were wrong */
     MK_VERDICT_EFFECT,     /* named causes */
+    MK_VERDICT_PARTIAL,    /* named causes are sure, a significant rest is not explained */
     MK_VERDICT_UNKNOWN     /* a significant misfit that no entry of the catalogue explains */
 };
 const char *mk_verdict_name(enum mk_verdict verdict); /* "none", "parameters", ... */
@@ -40,6 +42,9 @@ struct mk_cause {
     double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
     double confidence; /* 0..0.99, against its best rival */
+    /* It has no name: a term of the library, or a piece of a law of friction that takes several
+     * entries of the catalogue and still is not met. */
+    bool piece;
 };
 
 /* A parameter that differs from log to log, in one of them. */
@@ -81,6 +86,15 @@ struct mk_residual_test {
 };
 #define MK_MAX_RESIDUAL_TESTS 20
 
+/* The smallest size of a cause that these data would have shown: at which it would be named. */
+struct mk_detection_limit {
+    const struct mk_effect_info *effect;
+    int joint;     /* 1-based; 0: no joint */
+    int parameter; /* of the effect: its size */
+    double least;  /* in the parameter's unit */
+};
+#define MK_MAX_DETECTION_LIMITS 32
+
 /* An experiment that would tell the best hypothesis from a rival. */
 struct mk_next_experiment {
     int rival;      /* index; -1: none was looked for */
@@ -108,12 +122,46 @@ struct mk_control_gain {
 };
 #define MK_MAX_CONTROL_GAINS 2
 
+/* What a part of the gap between the refitted model and the readings is due to. */
+struct mk_budget_item {
+    int cause;        /* index into cause[]; -1: another one */
+    int log_value;    /* index into log_value[]; -1: another one */
+    bool input;       /* the other column of the command, with its delay and lag */
+    double share;     /* of the gap, what it closes in all orders of adding causes (Shapley) */
+    double low, high; /* 90 % interval of the share, by resampling the held-out logs */
+    double inclusion; /* share of resamples of the training logs that choose it; NaN: not asked */
+    double rms[MK_MAX_JOINTS]; /* error of a free run with this item and those before it */
+};
+#define MK_MAX_BUDGET (MK_MAX_CAUSES + MK_MAX_LOG_VALUES + 1)
+
+/* Free runs on held-out data: what the simulation gets wrong, what that is due to and what is left.
+ * Errors are root mean squares by joint, in rad or m. */
+struct mk_budget {
+    double given[MK_MAX_JOINTS], refit[MK_MAX_JOINTS], extended[MK_MAX_JOINTS];
+    double noise[MK_MAX_JOINTS]; /* of the readings */
+    double closed; /* of the gap between refit and noise, in squares, mean over the joints */
+    int item_count;
+    struct mk_budget_item
+        item[MK_MAX_BUDGET]; /* the largest share first; they sum up to `closed` */
+    double rest;             /* 1 - closed */
+    int rest_joint;          /* 1-based, of most of the rest; 0: there is none beyond the noise */
+    int goes_with_count;
+    const char *goes_with[3]; /* what the rest is correlated with: "sign(dq1)", ... Static. */
+};
+
 struct mk_explain_options {
+    /* Parameters of which the model's value says nothing (mk_model_read_open). */
+    bool unknown[MK_MAX_FIT_PARAMETERS];
     int threads;     /* 0: as many as there are processors */
     bool next;       /* look for a next experiment even where nothing is left open */
     double window_s; /* of the free runs that figures are given for; 0: 1 s */
-    double most_s;   /* of data to search in, evenly from the logs; 0: 30 s; HUGE_VAL: all. The time
-                        that a search takes grows with it. */
+    double most_s;   /* of data to search in, in windows spread evenly over the logs; 0: 30 s;
+                        HUGE_VAL: all. The time that a search takes grows with it. */
+    /* What mk_data_check_logs said of the logs (MK_DATA_EXPLAIN) and the hold-out logs
+     * (MK_DATA_HOLD_OUT); NULL: it is asked. */
+    const struct mk_data_check *data_check;
+    bool force; /* searches in spite of a fatal finding */
+    struct mk_row_choice rows;
     mk_progress_fn progress;
     void *progress_context;
 };
@@ -121,8 +169,9 @@ struct mk_explain_options {
 struct mk_explanation {
     enum mk_verdict verdict;
     int cause_count;
-    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first; for "unknown": what the structure
-                                             consists of */
+    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first, pieces last; for "unknown": what
+                                             the structure consists of */
+    int piece_count;                      /* of the causes */
     /* What differs from log to log, found before any cause: causes too, each with a spread. The
      * refitted model has one value for all logs, that is none; `extended` has them. */
     int log_value_count;
@@ -132,6 +181,10 @@ struct mk_explanation {
     /* How far dry friction can hold each joint from where it would hang, rad; NaN: it hangs
      * nowhere. That is how far off a zero may be that is taken there. */
     double held_off[MK_MAX_JOINTS];
+    /* Which of the logs' columns drives the rig, found before all else where they have both. If it
+     * is not the given model's (`changed`) that is a finding: `refit` has the given column,
+     * `extended` the other, with the delay and the lag that are told here. */
+    struct mk_input_comparison input;
     int rival_count;
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
     bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain
@@ -143,6 +196,11 @@ struct mk_explanation {
      */
     struct mk_model given, refit, extended;
     bool offered;
+    /* No command acts in the logs: all inertias, weights, frictions and stiffnesses may be
+     * multiplied by one number. Parameter `scale_holder` has kept its given value, all others,
+     * those of causes too, and their standard errors are counted in it. */
+    bool scale_free;
+    int scale_holder;
     double
         std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
     double noise[MK_MAX_JOINTS];      /* of the readings, rad */
@@ -153,13 +211,17 @@ struct mk_explanation {
     double gain_refit, gain_extended;
     int tried; /* causes looked at */
 
+    /* Of the logs, then of the hold-out logs, numbered on. */
+    int left_out_count;
+    struct mk_left_out left_out[MK_MAX_LEFT_OUT];
     double given_s, searched_s; /* data to learn from, and what of it was searched in */
     double window_s;
     bool held_back; /* no hold-out logs were given: the end of the last log was held back, of one
                        that ends at rest the end of its motion */
     double held_from, held_to; /* s from its start, where that begins and ends */
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
-    double floor[MK_MAX_JOINTS];    /* nrmse on the hold-out; floor: of the readings' own noise */
+    double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
+    struct mk_budget budget;
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int push_count;
@@ -170,22 +232,32 @@ struct mk_explanation {
     double one_step_refit[MK_MAX_JOINTS], one_step_extended[MK_MAX_JOINTS];
     int residual_test_count;
     struct mk_residual_test residual_test[MK_MAX_RESIDUAL_TESTS];
+    /* Of causes that were looked for and not found, in the order of the catalogue. */
+    int detection_limit_count;
+    struct mk_detection_limit detection_limit[MK_MAX_DETECTION_LIMITS];
     struct mk_next_experiment next;
     /* Filled in by who has a virtual board to try controllers on; mk_explain leaves it at 0. */
     int control_count;
     struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
+    struct mk_data_check data_check; /* what is doubted of the logs */
     double seconds;
 };
 
-/* `holdout_count` may be 0. On success *out is filled. MK_ERR_PARSE, MK_ERR_RANGE (too little data,
- * no motion), MK_ERR_NUMERIC (the model cannot follow the data at all), MK_ERR_INTR, MK_ERR_NOMEM.
- * The same input gives the same answer, whatever the number of threads. */
+/* Logs in which nothing moves are left out, and hold-out logs that are too short as well.
+ * `holdout_count` may be 0. On success *out is filled. MK_ERR_PARSE, MK_ERR_RANGE (too little data,
+ * no motion), MK_ERR_EXPECT (a fatal finding of the data check), MK_ERR_NUMERIC (the model cannot
+ * follow the data at all), MK_ERR_INTR, MK_ERR_NOMEM. The same input gives the same answer,
+ * whatever the number of threads. */
 MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
                                        const struct mk_log *const *logs, size_t log_count,
                                        const struct mk_log *const *holdouts, size_t holdout_count,
                                        const struct mk_explain_options *options,
                                        struct mk_explanation *out, struct mk_error *err);
 
+/* An item of the budget in words, without a verb: "cogging at joint 1, amplitude 0.107 +- 0.0002 N
+ * m", or of a term without a name its formula. Cut to `size` bytes. */
+void mk_budget_item_name(const struct mk_explanation *e, const struct mk_budget_item *item,
+                         char *text, size_t size);
 /* Whether the given model predicts the held-out data far better than the one refitted to the logs:
  * then those are hardly of the same rig, or their signs, units or columns differ. */
 bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);

@@ -31,6 +31,8 @@ extern "C" {
 #define MK_MAX_PARAMETERS 8
 #define MK_MAX_EFFECTS 12
 #define MK_MAX_EFFECT_PARAMETERS 5
+/* Base parameters, then those of the effects in order. */
+#define MK_MAX_FIT_PARAMETERS (MK_MAX_PARAMETERS + MK_MAX_EFFECTS * MK_MAX_EFFECT_PARAMETERS)
 #define MK_MAX_STATES 24
 #define MK_MAX_EVENTS 24
 /* Sharpness k of friction's sign S_k(v) = tanh(k v) where nothing else is said. A slide moves at
@@ -162,6 +164,16 @@ struct mk_effect_use {
     double spread[MK_MAX_EFFECT_PARAMETERS];
 };
 
+/* Which of a log's columns drives the model, where the log has both the command that was sent and
+ * what a drive measured of it (docs/formats.md, "Log"). */
+enum mk_input {
+    MK_INPUT_UNSAID,    /* nobody has said it: the measured column */
+    MK_INPUT_MEASURED,  /* u, tau, u1/u2, tau1/tau2 */
+    MK_INPUT_COMMANDED, /* the same names with _cmd */
+    MK_INPUT_COUNT
+};
+const char *mk_input_name(enum mk_input input); /* "measured" (also where unsaid), "commanded" */
+
 /* --- a model -------------------------------------------------------------------------------- */
 
 struct mk_model {
@@ -180,6 +192,8 @@ struct mk_model {
     int effect_count;
     struct mk_effect_use effect[MK_MAX_EFFECTS];
     double rtol, atol; /* integration tolerances, defaults 1e-8, 1e-10 */
+    bool no_motor;     /* nothing drives the rig: its logs need no command, which is 0 */
+    enum mk_input input;
 };
 
 /* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */
@@ -191,6 +205,11 @@ void mk_model_default(enum mk_plant_kind kind, struct mk_model *out);
  */
 MK_NODISCARD enum mk_status mk_model_read(const char *path, struct mk_model *out,
                                           struct mk_error *err);
+/* The same for who can do without some values: of a parameter that the file says is `?` *out has a
+ * usual value and unknown[number] (MK_MAX_FIT_PARAMETERS of them, base parameters first, then those
+ * of the effects in order) is true. mk_model_read refuses `?`: MK_ERR_RANGE. */
+MK_NODISCARD enum mk_status mk_model_read_open(const char *path, struct mk_model *out,
+                                               bool *unknown, struct mk_error *err);
 /* Writes it, atomically; reads back equal. `comment` (may be NULL, may have several lines) goes on
  * top as # lines. MK_ERR_IO, MK_ERR_NOSPACE, MK_ERR_PERM. */
 MK_NODISCARD enum mk_status mk_model_write(const char *path, const struct mk_model *model,

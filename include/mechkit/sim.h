@@ -62,6 +62,13 @@ MK_NODISCARD enum mk_status mk_sim_reset(struct mk_sim *sim, double t, const dou
 MK_NODISCARD enum mk_status mk_sim_set_values(struct mk_sim *sim, const struct mk_model *model,
                                               struct mk_error *err);
 
+/* After a reset, before advancing, in the order of time: that the command u (2 values) was issued
+ * at t (<= now). What the model's input delay still holds back of it comes into force later.
+ * MK_ERR_STATE before a reset or for a time to come, MK_ERR_RANGE when too many commands are on
+ * their way. */
+MK_NODISCARD enum mk_status mk_sim_issued_before(struct mk_sim *sim, double t, const double *u,
+                                                 struct mk_error *err);
+
 /* Advances to t_end (> now) while the command issued from now on is u (2 values, held). What acts
  * on the rig is that command after the model's input delay. MK_ERR_NUMERIC when the solver gives
  * up. */
@@ -118,17 +125,25 @@ MK_NODISCARD enum mk_status mk_simulate_batch(struct mk_batch *batch, struct mk_
 struct mk_record {
     size_t rows;
     const double *t;                /* s, borrowed from the log */
+    double begins;                  /* t at which the run began, from which effects count the time:
+                                       of the first row, or as the log's metadata say */
     const double *q[MK_MAX_JOINTS]; /* rad; NaN where a sample was dropped */
-    const double *u[MK_MAX_INPUTS]; /* commands; u[1] NULL with one motor */
-    const double *late_us;          /* how late each exchange was; NULL: the log does not say, or
-                                       the board's own clock made the samples, on time */
-    bool board_clock;               /* it did */
-    const double *flags;            /* as of mechkit/loop.h; NULL: the log has none */
-    double u_to_torque;             /* 1 when the log has tau */
-    bool si;                        /* the log has tau */
+    /* Commands; NULL: 0 throughout. u[1] is NULL with one motor, u[0] where nothing drives the rig.
+     */
+    const double *u[MK_MAX_INPUTS];
+    const double *late_us;  /* how late each exchange was; NULL: the log does not say, or
+                               the board's own clock made the samples, on time */
+    bool board_clock;       /* it did */
+    const double *left_out; /* other than 0 in rows that are left out (mk_leave_out): they have
+                               no readings, and no motion goes on across them; NULL: none */
+    const double *flags;    /* as of mechkit/loop.h; NULL: the log has none */
+    double u_to_torque;     /* 1 when the log has tau */
+    bool si;                /* the log has tau */
 };
-/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`. MK_ERR_PARSE names what is
- * missing, or that the log is of another rig. */
+/* Finds t, q1, q2, u | tau | u1,u2 | tau1,tau2 in a log for `model`, the command's column with _cmd
+ * at its end where the model's input is the commanded one. A log needs no command where its
+ * metadata say `input: none` or the model has no motor. MK_ERR_PARSE names what is missing, or that
+ * the log is of another rig, or that it has a command where there is said to be none. */
 MK_NODISCARD enum mk_status mk_record_from_log(const struct mk_log *log,
                                                const struct mk_model *model, struct mk_record *out,
                                                struct mk_error *err);
@@ -170,11 +185,12 @@ struct mk_predict_figures {
     int own_count;
     struct mk_own_estimate own[MK_MAX_OWN_ESTIMATES];
 };
-/* Free-run prediction. Parameters with a spread get the values that the first half of the log says
- * (least squares of free runs over its windows, with the spread as prior); the figures are then
- * those of the windows that begin in the second half. *out gets columns t, q1, (q2,) dq1, (dq2,)
- * and `window` when windowed; the caller frees it. A window in which the solver fails is filled
- * with NaN from there on and counted in *failed (may be NULL). */
+/* Free-run prediction. Rows that are left out have none: a window ends before them, and the next
+ * one begins behind them. Parameters with a spread get the values that the first half of the log
+ * says (least squares of free runs over its windows, with the spread as prior); the figures are
+ * then those of the windows that begin in the second half. *out gets columns t, q1, (q2,) dq1,
+ * (dq2,) and `window` when windowed; the caller frees it. A window in which the solver fails is
+ * filled with NaN from there on and counted in *failed (may be NULL). */
 MK_NODISCARD enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log,
                                        const struct mk_predict_options *options,
                                        struct mk_log **out, struct mk_predict_figures *figures,

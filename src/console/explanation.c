@@ -1,4 +1,7 @@
 #include "console/explanation.h"
+#include "console/budget.h"
+#include "console/data_checks.h"
+#include "ident/input_report.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -8,6 +11,8 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "console/left_out.h"
 
 static void print_cause(FILE *out, const struct mk_model *model, const struct mk_cause *c)
 {
@@ -52,6 +57,16 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
                     "%.2g %s from there.\n",
                     held, mk_model_unit(&e->given, c->joint - 1, "rad"));
     }
+}
+
+/* Which column drives the rig: a finding where it is not the model's. */
+static void print_input(FILE *out, const struct mk_explanation *e)
+{
+    char what[400];
+    if (!e->input.made)
+        return;
+    mk_input_sentence(&e->input, what, sizeof what);
+    fprintf(out, e->input.changed ? "  %s\n" : "Input: %s\n", what);
 }
 
 static void print_rivals(FILE *out, const struct mk_explanation *e)
@@ -144,12 +159,29 @@ static void print_declined(FILE *out, const struct mk_explanation *e)
     fprintf(out, ".\n");
 }
 
+/* The first of the catalogue are the commonest; the report has all. */
+static void print_limits(FILE *out, const struct mk_explanation *e)
+{
+    enum { SHOWN = 4 };
+    for (int i = 0; i < e->detection_limit_count && i < SHOWN; i++) {
+        const struct mk_detection_limit *l = &e->detection_limit[i];
+        const struct mk_parameter_info *p = &l->effect->parameter[l->parameter];
+        fprintf(out, "%s%s", i ? "; " : "Would have been seen: ", l->effect->name);
+        if (l->joint > 0)
+            fprintf(out, " at joint %d", l->joint);
+        fprintf(out, " above %.2g %s", l->least, mk_model_unit(&e->given, l->joint - 1, p->unit));
+    }
+    if (e->detection_limit_count > 0)
+        fprintf(out, "%s\n", e->detection_limit_count > SHOWN ? "; ..." : "");
+}
+
 static const char *sentence(const struct mk_explanation *e)
 {
     static const char *const sentences[] = {
         "The model explains the data.",
         "Only values of parameters were wrong; the structure of the model is right.",
-        "Something is missing in the model:",
+        "Something is missing in the model, and has a name.",
+        "Something is missing in the model. A part of it has a name, a rest has none.",
         "Something is missing in the model that no known effect explains:"};
     if (e->verdict != MK_VERDICT_UNKNOWN || e->cause_count == 0)
         return sentences[e->verdict];
@@ -173,17 +205,33 @@ static bool drowns(const struct mk_explanation *e)
 
 void explanation_print(FILE *out, const struct mk_explanation *e)
 {
+    data_checks_print(out, &e->data_check);
+    left_out_print(out, e->left_out, e->left_out_count);
     fprintf(out, "%s\n", sentence(e));
     if (e->verdict == MK_VERDICT_UNKNOWN)
         fprintf(out, "  %s\n", e->structure);
-    if (e->verdict == MK_VERDICT_EFFECT)
-        for (int i = 0; i < e->cause_count; i++)
+    budget_print(out, e);
+    if (e->input.changed)
+        print_input(out, e);
+    if (e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL)
+        for (int i = 0; i < e->cause_count - e->piece_count; i++)
             print_cause(out, &e->given, &e->cause[i]);
+    if (e->verdict == MK_VERDICT_PARTIAL && e->structure[0])
+        fprintf(out, "  and a torque that has no name: %s\n", e->structure);
     for (int i = 0; i < e->log_value_count; i++)
         print_log_value(out, e, &e->log_value[i]);
     if (e->verdict == MK_VERDICT_PARAMETERS)
         print_values(out, e);
     print_rivals(out, e);
+    if (!e->input.changed)
+        print_input(out, e);
+    if (e->scale_free)
+        fprintf(
+            out,
+            "No command acts in these data: they show ratios of inertias, weights and frictions "
+            "only. %s is\nheld at its given value %g, and all torques are counted in it.\n",
+            mk_plant(e->given.plant)->parameter[e->scale_holder].name,
+            e->given.parameter[e->scale_holder]);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
             fprintf(out, "  missing torque in the equation of joint %d: %.3g %s rms\n", j + 1,
@@ -191,13 +239,6 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
-    fprintf(out, "Free runs of %g s on held-out data", e->window_s);
-    if (e->held_back)
-        fprintf(out, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
-    fprintf(out, ", error over standard deviation:\n");
-    for (int j = 0; j < mk_model_joints(&e->given); j++)
-        fprintf(out, "  q%d: given %.4g, refitted %.4g, extended %.4g (noise %.2g)\n", j + 1,
-                e->before[j], e->refitted[j], e->after[j], e->floor[j]);
     if (drowns(e))
         fprintf(out, "  The readings scatter nearly as much as they move: little can be seen in "
                      "such data.\n");
@@ -212,8 +253,9 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->offered)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);
-    else if (e->cause_count + e->log_value_count > 0)
+    else if (e->cause_count + e->log_value_count + e->input.changed > 0)
         print_declined(out, e);
+    print_limits(out, e);
     print_control(out, e);
     print_one_step(out, e);
     if (e->next.why[0])

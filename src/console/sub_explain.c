@@ -8,8 +8,9 @@
 #include <unistd.h>
 
 #include "console/control_gain.h"
+#include "console/data_checks.h"
 #include "console/explanation.h"
-#include "console/log_doubts.h"
+#include "console/left_out.h"
 #include "console/options.h"
 #include "console/signals.h"
 #include "mechkit/explain.h"
@@ -42,8 +43,11 @@ static const struct option_row option_rows[] = {
     {"window", OPTION_NUMBER(explain.window_s), "S",
      "length of the free runs that are compared; default 1", .wants = "seconds above 0"},
     {"seconds", OPTION_CALL(explain.most_s), "S|all",
-     "most data to search in, from the starts of the logs; default 30", .take = take_seconds,
+     "most data to search in, in windows spread over the logs; default 30", .take = take_seconds,
      .wants = "seconds above 0, or all"},
+    {"force", OPTION_FLAG(explain.force), NULL,
+     "go on in spite of a fatal finding of the data check"},
+    LEFT_OUT_OPTIONS(explain.rows),
     {"threads", OPTION_COUNT(explain.threads), "N", "default: all processors", 1, 256},
     {0}};
 
@@ -57,7 +61,10 @@ const struct subcommand sub_explain = {
         "Compares the model with the logs, names what it lacks, extends it, and measures the gain "
         "on\n"
         "the hold-out logs (without any, on the end of the last log). Writes report.html,\n"
-        "report.json and extended.ini to DIR, and next.cmd where an experiment would tell more.",
+        "report.json and extended.ini to DIR, and next.cmd where an experiment would tell more.\n"
+        "What is doubted of the logs is said first; a flipped sign, swapped columns or a wrong "
+        "unit\n"
+        "ends the run (exit code 1) unless --force is given.",
     .options = option_rows,
     .argument = "log",
     .least = 1,
@@ -166,23 +173,54 @@ struct job {
     struct options o;
     struct mk_model model;
     struct mk_log *logs[MAX_FILES], *holdouts[MAX_FILES];
+    struct mk_data_check data_check;
     struct mk_explanation e;
 };
 
 static enum mk_status read_input(struct job *j, struct mk_error *err)
 {
-    enum mk_status st = mk_model_read(j->o.model, &j->model, err);
+    enum mk_status st = mk_model_read_open(j->o.model, &j->model, j->o.explain.unknown, err);
     if (st == MK_OK)
         st = log_read_all((const char *const *)j->o.input.text, (size_t)j->o.input.count, j->logs,
                           err);
     if (st == MK_OK)
         st = log_read_all(j->o.holdout.text, j->o.holdout.count, j->holdouts, err);
+    return st;
+}
+
+/* An exit code. */
+static int check_input(struct job *j)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    warn_of_repeats(j->logs, (size_t)j->o.input.count, j->holdouts, j->o.holdout.count);
+    enum mk_status st =
+        mk_data_check_logs(&j->model, (const struct mk_log *const *)j->logs,
+                           (size_t)j->o.input.count, MK_DATA_EXPLAIN, &j->data_check, &err);
     if (st == MK_OK)
-        st = log_doubts((const struct mk_log *const *)j->logs, (size_t)j->o.input.count, &j->model,
-                        err);
-    return st == MK_OK ? log_doubts((const struct mk_log *const *)j->holdouts, j->o.holdout.count,
-                                    &j->model, err)
-                       : st;
+        st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->holdouts,
+                                j->o.holdout.count, MK_DATA_HOLD_OUT, &j->data_check, &err);
+    if (st != MK_OK)
+        return report_error(&err);
+    j->o.explain.data_check = &j->data_check;
+    return data_checks_say(&j->data_check, j->o.explain.force);
+}
+
+/* Hold-out logs that are left out are none. */
+static void drop_unused(struct job *j)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < j->o.holdout.count; i++) {
+        struct mk_log *log = j->holdouts[i];
+        const char *name = j->o.holdout.text[i];
+        j->holdouts[i] = NULL;
+        if (!mk_data_check_uses(&j->model, log, MK_DATA_HOLD_OUT)) {
+            mk_log_free(log);
+            continue;
+        }
+        j->holdouts[kept] = log;
+        j->o.holdout.text[kept++] = name;
+    }
+    j->o.holdout.count = kept;
 }
 
 static enum mk_status search(struct job *j, struct mk_error *err)
@@ -193,7 +231,6 @@ static enum mk_status search(struct job *j, struct mk_error *err)
         j->o.explain.progress = show_progress;
         j->o.explain.progress_context = &percent;
     }
-    warn_of_repeats(j->logs, count, j->holdouts, j->o.holdout.count);
     enum mk_status st = mk_explain(&j->model, (const struct mk_log *const *)j->logs, count,
                                    (const struct mk_log *const *)j->holdouts, j->o.holdout.count,
                                    &j->o.explain, &j->e, err);
@@ -212,7 +249,21 @@ static int explain(struct job *j)
         return report_error(&err);
     if (make_folder(j->o.out, &err) != MK_OK)
         return report_output_error(&err);
+    const int code = check_input(j);
+    if (code != EXIT_OK) {
+        remove_folder();
+        return code;
+    }
+    drop_unused(j);
     if (search(j, &err) != MK_OK) {
+        remove_folder();
+        return report_error(&err);
+    }
+    left_out_warn(j->e.left_out, j->e.left_out_count);
+    const size_t count = (size_t)j->o.input.count;
+    if (left_out_apply(j->logs, count, 0, j->e.left_out, j->e.left_out_count, &err) != MK_OK ||
+        left_out_apply(j->holdouts, j->o.holdout.count, count, j->e.left_out, j->e.left_out_count,
+                       &err) != MK_OK) {
         remove_folder();
         return report_error(&err);
     }

@@ -37,7 +37,7 @@ const struct subcommand sub_import = {
         "which unit, sign and offset (docs/formats.md); without one the names of the columns do.\n"
         "Says what was assumed and checks it against how rigs move: unit of time and angles,\n"
         "gravity, sign of the command, joints swapped. What cannot be is not written, and a mend\n"
-        "is proposed: exit code 1.",
+        "is proposed: exit code 1. What is only doubted is said, and the log is written.",
     .options = option_rows,
     .argument = "file",
     .least = 1,
@@ -71,7 +71,15 @@ static void print_column(const struct mk_import_column *c)
         fputs("-", stdout);
     else if (c->sign != 1.0)
         printf("%g * ", c->sign);
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs("(", stdout);
     fputs(mk_show_text(from, sizeof from, c->from), stdout);
+    if (*c->plus)
+        printf(" + %s", mk_show_text(from, sizeof from, c->plus));
+    if (*c->minus)
+        printf(" - %s", mk_show_text(from, sizeof from, c->minus));
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs(")", stdout);
     if (*c->unit)
         printf(" [%s]", c->unit);
     if (c->offset != 0.0)
@@ -86,17 +94,29 @@ static void print_map(const struct options *o, const struct mk_import_map *map,
            mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
         print_column(&map->column[i]);
+    if (map->no_input)
+        puts("  no command: nothing drove the rig");
     if (*table->left_out)
         printf("  left out: %s\n", table->left_out);
 }
 
-static void print_findings(const struct mk_import_finding *findings, int count)
+static void print_findings(const struct options *o, const struct mk_import_finding *findings,
+                           int count)
 {
     for (int i = 0; i < count; i++) {
-        printf("implausible: %s\n", findings[i].what);
-        if (*findings[i].proposal)
-            printf("  proposed: %s\n", findings[i].proposal);
+        printf("%s: %s: %s\n", findings[i].certain ? "fatal" : "doubt", o->file, findings[i].what);
+        printf("  to do: %s%s\n",
+               *findings[i].proposal ? "if so, change the mapping: " : "look at the data",
+               findings[i].proposal);
     }
+}
+
+static bool is_fatal(const struct mk_import_finding *findings, int count)
+{
+    bool fatal = false;
+    for (int i = 0; i < count; i++)
+        fatal = fatal || findings[i].certain;
+    return fatal;
 }
 
 static enum mk_status write_report(const struct options *o, const struct mk_import_map *map,
@@ -111,12 +131,17 @@ static enum mk_status write_report(const struct options *o, const struct mk_impo
         const struct mk_import_column *c = &map->column[i];
         cJSON *item = cJSON_AddObjectToObject(columns, c->to);
         cJSON_AddStringToObject(item, "column", c->from);
+        if (*c->plus)
+            cJSON_AddStringToObject(item, "plus", c->plus);
+        if (*c->minus)
+            cJSON_AddStringToObject(item, "minus", c->minus);
         cJSON_AddStringToObject(item, "unit", c->unit);
         cJSON_AddItemToObject(item, "sign", mk_json_number(c->sign));
         cJSON_AddItemToObject(item, "offset", mk_json_number(c->offset));
     }
     for (int i = 0; i < count; i++) {
         cJSON *item = cJSON_CreateObject();
+        cJSON_AddStringToObject(item, "severity", findings[i].certain ? "fatal" : "doubt");
         cJSON_AddStringToObject(item, "what", findings[i].what);
         cJSON_AddStringToObject(item, "proposal", findings[i].proposal);
         cJSON_AddItemToArray(list, item);
@@ -150,7 +175,7 @@ static enum mk_status write_outputs(const struct options *o, const struct mk_log
                                     struct mk_error *err)
 {
     enum mk_status st = MK_OK;
-    if (o->out && (count == 0 || o->force))
+    if (o->out && (!is_fatal(findings, count) || o->force))
         st = mk_log_write(o->out, log, err);
     if (st == MK_OK && o->fixed)
         st = mk_import_map_write(o->fixed, count > 0 ? &findings[count - 1].fixed : map, NULL, err);
@@ -186,16 +211,18 @@ static int run(int argc, char **argv)
         count = mk_import_check(table, o.file, &map, findings);
         if (!quiet) {
             print_map(&o, &map, table);
-            print_findings(findings, count);
+            print_findings(&o, findings, count);
         }
         writing = true;
         st = write_outputs(&o, log, &map, findings, count, &err);
         if (st == MK_OK && count > 0 && o.out && !quiet)
-            puts(o.force ? "written all the same" : "not written: mend the map, or use --force");
+            puts(o.force || !is_fatal(findings, count)
+                     ? "written all the same"
+                     : "not written: mend the map, or use --force");
     }
     mk_log_free(log);
     mk_table_free(table);
     if (st != MK_OK)
         return writing ? report_output_error(&err) : report_error(&err);
-    return count > 0 && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
+    return is_fatal(findings, count) && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
 }

@@ -3,15 +3,23 @@
 #include <string.h>
 #include <time.h>
 
-#include "console/log_doubts.h"
+#include "console/data_checks.h"
+#include "console/left_out.h"
 #include "console/options.h"
+#include "ident/left_out_json.h"
 #include "mechkit/json.h"
 #include "mechkit/sim.h"
 #include "sim/predict.h"
 
+struct left_out {
+    struct mk_left_out list[MK_MAX_LEFT_OUT];
+    int count;
+};
+
 struct options {
     const char *model, *input, *out, *json;
     struct mk_predict_options predict;
+    struct mk_row_choice rows;
     bool states;
 };
 
@@ -28,6 +36,7 @@ static const struct option_row option_rows[] = {
     {"out", OPTION_TEXT(out), "PRED.csv", "the prediction, on the log's own time base"},
     {"window", OPTION_NUMBER(predict.window_s), "S",
      "start again from the data every S seconds; adds a column window", .wants = "seconds above 0"},
+    LEFT_OUT_OPTIONS(rows),
     {"solver", OPTION_CALL(predict.sim.solver), "NAME",
      "arkode-erk (default), cvode-adams, cvode-bdf, dop853", .take = take_solver,
      .wants = "arkode-erk, cvode-adams, cvode-bdf or dop853"},
@@ -81,8 +90,8 @@ static void add_own_values(cJSON *root, const struct mk_model *model,
 }
 
 static enum mk_status write_figures(const struct options *o, const struct mk_model *model,
-                                    const struct mk_predict_figures *f, size_t failed,
-                                    double seconds, struct mk_error *err)
+                                    const struct mk_predict_figures *f, const struct left_out *left,
+                                    size_t failed, double seconds, struct mk_error *err)
 {
     cJSON *root = cJSON_CreateObject();
     size_t n = (size_t)mk_model_joints(model);
@@ -105,6 +114,7 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
     if (f->from_s > 0.0)
         cJSON_AddItemToObject(root, "from_s", mk_json_number(f->from_s));
     add_own_values(root, model, f);
+    cJSON_AddItemToObject(root, "left_out", left_out_json(left->list, left->count));
     cJSON_AddItemToObject(root, "seconds", mk_json_number(seconds));
     enum mk_status st = mk_json_write(o->json, root, err);
     cJSON_Delete(root);
@@ -136,8 +146,31 @@ static void print_figures(const struct options *o, const struct mk_model *model,
                failed == 1 ? "" : "s");
 }
 
+/* A free run goes on whatever the values are. */
+static enum mk_status say_extremes(const struct mk_model *model, const struct mk_log *log,
+                                   struct mk_error *err)
+{
+    static struct mk_data_check check;
+    enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, &check, err);
+    if (st == MK_OK)
+        (void)!data_checks_say(&check, true);
+    return st;
+}
+
+/* Takes what is left out from the log. */
+static enum mk_status leave_out(const struct options *o, const struct mk_model *model,
+                                struct mk_log **log, struct left_out *left, struct mk_error *err)
+{
+    enum mk_status st = mk_find_left_out(model, (const struct mk_log *const *)log, 1, &o->rows,
+                                         left->list, &left->count, err);
+    if (st == MK_OK)
+        left_out_warn(left->list, left->count);
+    return st == MK_OK ? left_out_apply(log, 1, 0, left->list, left->count, err) : st;
+}
+
 static int run(int argc, char **argv)
 {
+    struct left_out left = {.count = 0};
     struct options o = {0};
     struct arguments none;
     int code = options_parse(&sub_simulate, argc, argv, &o, &none);
@@ -158,7 +191,9 @@ static int run(int argc, char **argv)
     if (st == MK_OK && log->truncated)
         fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o.input);
     if (st == MK_OK)
-        log_extremes(log, &model);
+        st = say_extremes(&model, log, &err);
+    if (st == MK_OK)
+        st = leave_out(&o, &model, &log, &left, &err);
     double start = now();
     if (st == MK_OK)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,
@@ -168,9 +203,11 @@ static int run(int argc, char **argv)
     if (st == MK_OK && o.out)
         st = mk_log_write(o.out, prediction, &err);
     if (st == MK_OK && o.json)
-        st = write_figures(&o, &model, &figures, failed, seconds, &err);
-    if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0))
+        st = write_figures(&o, &model, &figures, &left, failed, seconds, &err);
+    if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0)) {
+        left_out_print(stdout, left.list, left.count);
         print_figures(&o, &model, &figures, failed);
+    }
     mk_log_free(prediction);
     mk_log_free(log);
     if (st == MK_OK)

@@ -6,6 +6,7 @@
 
 #include "mechkit/ctrl.h"
 #include "mechkit/loop.h"
+#include "mechkit/sim.h"
 
 #define RMS_ROWS 50 /* fewer say nothing about how still it is */
 

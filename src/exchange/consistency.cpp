@@ -112,8 +112,14 @@ class Fit
         n_ = plant_->joints;
         np_ = plant_->parameter_count;
         extra_ = n_ == 2 ? 2 : 0;
+        undriven_ = std::all_of(points.begin(), points.end(), [](const Point &p) {
+            return std::fabs(p.u[0]) + std::fabs(p.u[1]) == 0.0;
+        });
     }
     bool solve(double span);
+    // After solve(): the same with no mass, stiffness or friction below zero, as a rig can be at
+    // best.
+    void solve_physical();
     double acceleration_error() const;
     // A parameter that must be positive and is negative beyond doubt.
     int wrong_sign() const;
@@ -123,7 +129,11 @@ class Fit
     mk_model model_;
     const mk_plant_info *plant_;
     int n_, np_, extra_;
-    VectorXd p_, deviation_;
+    VectorXd p_, deviation_, right_;
+    MatrixXd gram_;
+    // Nothing drives the rig: both sides of its equations may be multiplied by anything. The first
+    // parameter, an inertia on every plant, is then 1, and the others are counted in it.
+    bool undriven_ = false;
 
     int passive() const { return 1 - plant_->motor_joint; }
     double passive_sign(const Point &p) const
@@ -148,13 +158,19 @@ void Fit::rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[
     }
     if (plant_->motor_joint == 1)
         tau[0] = 0.0;
+    for (int j = 0; j < n_ && undriven_; j++) {
+        tau[j] -= phi[j][0];
+        phi[j][0] = 0.0;
+    }
 }
 
 bool Fit::solve(double span)
 {
     const int unknowns = np_ + extra_;
-    MatrixXd gram = MatrixXd::Zero(unknowns, unknowns);
-    VectorXd right = VectorXd::Zero(unknowns);
+    gram_ = MatrixXd::Zero(unknowns, unknowns);
+    right_ = VectorXd::Zero(unknowns);
+    MatrixXd &gram = gram_;
+    VectorXd &right = right_;
     double squares = 0.0;
     for (const Point &p : points_) {
         double row[2][MK_MAX_PARAMETERS + 2], tau[2];
@@ -182,6 +198,8 @@ bool Fit::solve(double span)
     p_ = axes * (inverse.asDiagonal() * (axes.transpose() * right));
     if (!p_.allFinite())
         return false;
+    if (undriven_)
+        p_[0] = 1.0;
     // Neighbouring points share their readings: as many of them count as windows fit in.
     double windows = std::max(1.0, span / (2.0 * HALF_WINDOW));
     double independent = std::min(windows, static_cast<double>(points_.size())) * n_;
@@ -193,10 +211,71 @@ bool Fit::solve(double span)
     return true;
 }
 
-// With angles as in docs/formats.md these are sums of masses, lengths and inertias.
+// Parameters that with angles as in docs/formats.md are sums of masses, lengths and inertias: one
+// bit each.
+constexpr unsigned positive[MK_PLANT_COUNT] = {1u, 3u, 31u, 7u, 15u};
+
+// The unconstrained optimum of the unknowns that are off zero, or as far towards it as the first of
+// them comes back to zero; true when none does.
+bool step_towards(const MatrixXd &h, const VectorXd &b, std::vector<bool> &off_zero, VectorXd &x)
+{
+    std::vector<long> in;
+    for (size_t i = 0; i < off_zero.size(); i++)
+        if (off_zero[i])
+            in.push_back(static_cast<long>(i));
+    const VectorXd optimum =
+        MatrixXd(h(in, in)).completeOrthogonalDecomposition().solve(VectorXd(b(in)));
+    double reach = 1.0;
+    long first = -1;
+    for (size_t k = 0; k < in.size(); k++) {
+        const double now = x(in[k]), then = optimum(static_cast<long>(k));
+        if (then <= 0.0 && (first < 0 || now / (now - then) < reach)) {
+            reach = now > 0.0 ? now / (now - then) : 0.0;
+            first = in[k];
+        }
+    }
+    for (size_t k = 0; k < in.size(); k++)
+        x(in[k]) += reach * (optimum(static_cast<long>(k)) - x(in[k]));
+    if (first < 0)
+        return true;
+    x(first) = 0.0;
+    off_zero[static_cast<size_t>(first)] = false;
+    return false;
+}
+
+// Least squares with no unknown below zero (Lawson and Hanson 1974, ch. 23): unknowns are let off
+// zero one after another, the one first that improves the fit most, and put back where they would
+// go below. What is no sum of masses is friction, which is not negative either.
+void Fit::solve_physical()
+{
+    constexpr double NEGLIGIBLE = 1e-9; // of the scaled gradient
+    const long n = right_.size();
+    VectorXd scale = gram_.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    const MatrixXd h = scale.asDiagonal() * gram_ * scale.asDiagonal();
+    const VectorXd b = scale.cwiseProduct(right_);
+    VectorXd x = VectorXd::Zero(n);
+    std::vector<bool> off_zero(static_cast<size_t>(n), false);
+    for (long step = 0; step < 10 * n; step++) {
+        VectorXd slope = b - h * x;
+        long best = -1;
+        for (long i = 0; i < n; i++)
+            if (!off_zero[static_cast<size_t>(i)] &&
+                slope(i) > NEGLIGIBLE * b.cwiseAbs().maxCoeff() &&
+                (best < 0 || slope(i) > slope(best)))
+                best = i;
+        if (best < 0)
+            break;
+        off_zero[static_cast<size_t>(best)] = true;
+        while (!step_towards(h, b, off_zero, x)) {
+        }
+    }
+    p_ = scale.cwiseProduct(x);
+    if (undriven_)
+        p_[0] = 1.0;
+}
+
 int Fit::wrong_sign() const
 {
-    static const unsigned positive[MK_PLANT_COUNT] = {1u, 3u, 31u, 7u, 15u};
     int worst = -1;
     double most = BEYOND_DOUBT;
     for (int i = 0; i < np_; i++) {
@@ -302,7 +381,7 @@ bool hangs(const Columns &c, const mk_model &rig)
     for (int j = 0; j < plant->joints; j++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
         for (size_t r = 0; r < rows; r++) {
-            if (std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
+            if (c.u[0] && std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
                 return true;
             low = std::fmin(low, c.q[j][r]);
             high = std::fmax(high, c.q[j][r]);
@@ -385,7 +464,8 @@ Consistency consistency(const mk_log &log, const mk_model &rig)
     for (int j = 0; j < plant->joints; j++)
         if (!c.q[j])
             return out;
-    if (!c.t || !c.u[0] || c.rows < 50)
+    const char *input = mk_log_find_meta(&log, "input");
+    if (!c.t || (!c.u[0] && !(input && std::strcmp(input, "none") == 0)) || c.rows < 50)
         return out;
     out.hangs = hangs(c, rig);
     out.astray = speed_is_astray(log, 0) + speed_is_astray(log, 1);
@@ -395,8 +475,10 @@ Consistency consistency(const mk_log &log, const mk_model &rig)
     if (points.size() < 60 || !fit.solve(c.t[c.rows - 1] - c.t[0]))
         return out;
     out.known = true;
-    out.error = fit.acceleration_error();
+    out.free_error = fit.acceleration_error();
     out.wrong_sign = fit.wrong_sign();
+    fit.solve_physical();
+    out.error = fit.acceleration_error();
     return out;
 }
 

@@ -12,8 +12,10 @@ namespace mk
 {
 
 struct Consistency {
-    bool known = false;  // enough motion to say anything
-    double error = 1.0;  // squared error of the accelerations over their variance, mean over joints
+    bool known = false; // enough motion to say anything
+    // Squared error of the accelerations over their variance, mean over joints, of the best rig
+    // with no negative mass, stiffness or friction; and of the best parameters of any sign.
+    double error = 1.0, free_error = 1.0;
     int wrong_sign = -1; // parameter that comes out negative beyond doubt and must not; -1: none
     bool counts = true;  // steps of the readings are those of an encoder
     int astray = 0;      // joints whose speed came along and is not the slope of its angle

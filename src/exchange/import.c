@@ -171,7 +171,11 @@ enum mk_status mk_import_guess(const struct mk_table *table, const char *path,
         return not_recognised(table, path, "the angle of joint 1", err);
     if (joints == 2 && !mk_import_map_find(map, "q2"))
         return not_recognised(table, path, "the angle of joint 2", err);
-    return has_command ? MK_OK : not_recognised(table, path, "the motor's command", err);
+    return has_command ? MK_OK
+                       : not_recognised(table, path,
+                                        "the motor's command (if nothing drove the rig, a mapping "
+                                        "says [rig] input = none)",
+                                        err);
 }
 
 /* --- applying ---------------------------------------------------------------------------- */
@@ -188,21 +192,21 @@ static const struct mk_table_column *column_of(const struct mk_table *table, con
     return NULL;
 }
 
-static enum mk_status check_source(const struct mk_table *table, const char *path,
-                                   const struct mk_import_column *c, struct mk_error *err)
+static enum mk_status check_source(const struct mk_table *table, const char *path, const char *to,
+                                   const char *wanted, struct mk_error *err)
 {
-    const struct mk_table_column *from = column_of(table, c->from);
+    const struct mk_table_column *from = column_of(table, wanted);
     char name[SHOWN], text[SHOWN];
     size_t same = 0;
     if (!from)
-        return not_recognised(table, path, c->to, err);
+        return not_recognised(table, path, to, err);
     for (size_t i = 0; i < table->count; i++)
-        same += strcmp(table->column[i].name, c->from) == 0;
+        same += strcmp(table->column[i].name, wanted) == 0;
     if (same > 1)
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                            "%zu columns are called %s: which is %s? A mapping can say so by its "
                            "number, column = %zu for the first",
-                           same, mk_show_text(name, sizeof name, c->from), c->to,
+                           same, mk_show_text(name, sizeof name, wanted), to,
                            (size_t)(from - table->column) + 1);
     if (from->text_line)
         return mk_error_at(err, MK_ERR_PARSE, path, from->text_line, 0,
@@ -211,6 +215,22 @@ static enum mk_status check_source(const struct mk_table *table, const char *pat
                            mk_show_text(text, sizeof text, from->text),
                            mk_show_text(name, sizeof name, from->name));
     return MK_OK;
+}
+
+/* The columns that a column of the log is made of: itself, what is added, what is subtracted. */
+static enum mk_status find_sources(const struct mk_table *table, const char *path,
+                                   const struct mk_import_column *c,
+                                   const struct mk_table_column *source[3], struct mk_error *err)
+{
+    const char *const names[3] = {c->from, c->plus, c->minus};
+    enum mk_status st = MK_OK;
+    for (int i = 0; i < 3 && st == MK_OK; i++) {
+        if (!*names[i] && i > 0)
+            continue;
+        st = check_source(table, path, c->to, names[i], err);
+        source[i] = column_of(table, names[i]);
+    }
+    return st;
 }
 
 static enum mk_status apply_column(const struct mk_table *table, const char *path,
@@ -222,7 +242,8 @@ static enum mk_status apply_column(const struct mk_table *table, const char *pat
     enum quantity quantity =
         quantity_of_joint_column(c->to, map->joint_linear, mk_plant(map->rig)->motor_joint);
     double size = unit ? unit_size(unit, quantity, map->u_to_torque) : 1.0;
-    enum mk_status st = check_source(table, path, c, err);
+    const struct mk_table_column *source[3] = {NULL, NULL, NULL};
+    enum mk_status st = find_sources(table, path, c, source, err);
     if (st != MK_OK)
         return st;
     if (size == 0.0 && quantity == QUANTITY_COMMAND)
@@ -234,9 +255,14 @@ static enum mk_status apply_column(const struct mk_table *table, const char *pat
     double *data = mk_log_add_column(log, c->to);
     if (!data)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
-    const struct mk_table_column *from = column_of(table, c->from);
-    for (size_t r = 0; r < table->rows; r++)
-        data[r] = c->sign * size * from->data[r] + c->offset;
+    for (size_t r = 0; r < table->rows; r++) {
+        double value = source[0]->data[r];
+        if (source[1])
+            value += source[1]->data[r];
+        if (source[2])
+            value -= source[2]->data[r];
+        data[r] = c->sign * size * value + c->offset;
+    }
     return MK_OK;
 }
 
@@ -277,6 +303,8 @@ static enum mk_status describe(const struct mk_import_map *map, struct mk_log *l
     struct mk_model rig;
     map_model(map, &rig);
     enum mk_status st = mk_log_set_meta(log, "rig", mk_plant(map->rig)->name);
+    if (st == MK_OK && map->no_input)
+        st = mk_log_set_meta(log, "input", "none");
     if (st == MK_OK && map->u_to_torque > 0.0) {
         mk_format_double(number, map->u_to_torque);
         st = mk_log_set_meta(log, "u_to_torque", number);

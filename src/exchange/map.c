@@ -185,8 +185,25 @@ static int on_rig(struct reader *r, const char *key, const char *value)
     if (strcmp(key, "joint_unit") == 0)
         return joint_units(value, r->map.joint_linear) ||
                refuse(r, "expected rad or m for each joint", "rig", key);
-    return refuse(r, "unknown key: kind, joint_unit, u_to_torque, encoder_cpr, encoder_resolution",
-                  "rig", key);
+    if (strcmp(key, "input") == 0) {
+        r->map.no_input = strcmp(value, "none") == 0;
+        return r->map.no_input || refuse(r,
+                                         "expected none (nothing drove the rig), or no such key: "
+                                         "the command is then the column [u] or [tau]",
+                                         "rig", key);
+    }
+    return refuse(
+        r, "unknown key: kind, joint_unit, u_to_torque, encoder_cpr, encoder_resolution, input",
+        "rig", key);
+}
+
+/* Where the name of a source column of that key goes; NULL: it is no such key. */
+static char *source_name(struct mk_import_column *c, const char *key)
+{
+    return strcmp(key, "column") == 0  ? c->from
+           : strcmp(key, "plus") == 0  ? c->plus
+           : strcmp(key, "minus") == 0 ? c->minus
+                                       : NULL;
 }
 
 static int on_column(struct reader *r, const char *section, const char *key, const char *value)
@@ -199,10 +216,11 @@ static int on_column(struct reader *r, const char *section, const char *key, con
         *c = (struct mk_import_column){.sign = 1.0};
         snprintf(c->to, sizeof c->to, "%s", section);
     }
-    if (strcmp(key, "column") == 0) {
+    char *name = source_name(c, key);
+    if (name) {
         if (strlen(value) >= sizeof c->from)
             return refuse(r, "too long a name", section, key);
-        strcpy(c->from, value);
+        strcpy(name, value);
         return 1;
     }
     if (strcmp(key, "unit") == 0) {
@@ -224,7 +242,7 @@ static int on_column(struct reader *r, const char *section, const char *key, con
                refuse(r, "expected 1, -1 or another factor", section, key);
     if (strcmp(key, "offset") == 0)
         return finite_number(value, &c->offset) || refuse(r, "expected a number", section, key);
-    return refuse(r, "unknown key: column, unit, sign, offset", section, key);
+    return refuse(r, "unknown key: column, plus, minus, unit, sign, offset", section, key);
 }
 
 static int on_entry(void *user, const char *section, const char *key, const char *value)
@@ -251,13 +269,16 @@ static enum mk_status check(struct reader *r)
     bool has_command = false;
     for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++)
         has_command |= mk_import_map_find(&r->map, commands[i]) != NULL;
+    if (has_command && r->map.no_input)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                           "[rig] input = none, but there is a column for the command: one of the "
+                           "two is wrong");
     const char *missing = !r->has_rig                          ? "[rig] kind"
                           : !mk_import_map_find(&r->map, "t")  ? "[t]"
                           : !mk_import_map_find(&r->map, "q1") ? "[q1]"
                           : mk_plant(r->map.rig)->joints > 1 && !mk_import_map_find(&r->map, "q2")
                               ? "[q2]"
-                          : !has_command ? "[u] (or [tau])"
-                                         : NULL;
+                              : NULL;
     if (missing)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
     struct mk_model rig;
@@ -276,6 +297,11 @@ static enum mk_status check(struct reader *r)
     if (r->map.encoder_cpr[0] > 0 && r->map.encoder_resolution[0] > 0.0)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
                            "[rig] encoder_cpr and encoder_resolution say the same thing: give one");
+    if (!has_command && !r->map.no_input)
+        return mk_error_at(
+            r->err, MK_ERR_PARSE, r->path, 0, 0,
+            "[u] (or [tau]) is missing; if nothing drove the rig, say input = none in "
+            "[rig]");
     for (int i = 0; i < r->map.count; i++)
         if (!*r->map.column[i].from)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "[%s] column is missing",
@@ -359,9 +385,15 @@ static void put_map(FILE *f, const struct mk_import_map *map)
             fputs(map->joint_linear[j] ? " m" : " rad", f);
         fputc('\n', f);
     }
+    if (map->no_input)
+        fputs("input = none\n", f);
     for (int i = 0; i < map->count; i++) {
         const struct mk_import_column *c = &map->column[i];
         fprintf(f, "\n[%s]\ncolumn = %s\n", c->to, c->from);
+        if (*c->plus)
+            fprintf(f, "plus = %s\n", c->plus);
+        if (*c->minus)
+            fprintf(f, "minus = %s\n", c->minus);
         if (*c->unit)
             fprintf(f, "unit = %s\n", c->unit);
         if (c->sign != 1.0)
@@ -371,12 +403,18 @@ static void put_map(FILE *f, const struct mk_import_map *map)
     }
 }
 
+static bool can_name_sources(const struct mk_import_column *c)
+{
+    return map_can_name(c->from) && (!*c->plus || map_can_name(c->plus)) &&
+           (!*c->minus || map_can_name(c->minus));
+}
+
 enum mk_status mk_import_map_write(const char *path, const struct mk_import_map *map,
                                    const char *comment, struct mk_error *err)
 {
     struct mk_out_text out;
     for (int i = 0; i < map->count; i++)
-        if (!map_can_name(map->column[i].from))
+        if (!can_name_sources(&map->column[i]))
             return mk_error_at(err, MK_ERR_USAGE, path, 0, 0,
                                "the name of the column for %s cannot stand in a mapping: rename "
                                "the column",

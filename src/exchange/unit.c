@@ -46,11 +46,12 @@ enum quantity quantity_of_column(const char *name)
         const char *name;
         enum quantity quantity;
     } known[] = {
-        {"t", QUANTITY_TIME},          {"q1", QUANTITY_ANGLE},       {"q2", QUANTITY_ANGLE},
-        {"dq1", QUANTITY_SPEED},       {"dq2", QUANTITY_SPEED},      {"u", QUANTITY_COMMAND},
-        {"u1", QUANTITY_COMMAND},      {"u2", QUANTITY_COMMAND},     {"tau", QUANTITY_TORQUE},
-        {"tau1", QUANTITY_TORQUE},     {"tau2", QUANTITY_TORQUE},    {"tau_cmd", QUANTITY_TORQUE},
-        {"tau1_cmd", QUANTITY_TORQUE}, {"tau2_cmd", QUANTITY_TORQUE}};
+        {"t", QUANTITY_TIME},          {"q1", QUANTITY_ANGLE},        {"q2", QUANTITY_ANGLE},
+        {"dq1", QUANTITY_SPEED},       {"dq2", QUANTITY_SPEED},       {"u", QUANTITY_COMMAND},
+        {"u1", QUANTITY_COMMAND},      {"u2", QUANTITY_COMMAND},      {"tau", QUANTITY_TORQUE},
+        {"tau1", QUANTITY_TORQUE},     {"tau2", QUANTITY_TORQUE},     {"tau_cmd", QUANTITY_TORQUE},
+        {"tau1_cmd", QUANTITY_TORQUE}, {"tau2_cmd", QUANTITY_TORQUE}, {"u_cmd", QUANTITY_COMMAND},
+        {"u1_cmd", QUANTITY_COMMAND},  {"u2_cmd", QUANTITY_COMMAND}};
     for (size_t i = 0; i < COUNT(known); i++)
         if (strcmp(known[i].name, name) == 0)
             return known[i].quantity;

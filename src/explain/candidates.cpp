@@ -352,7 +352,7 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         r.q_min[j] = HUGE_VAL, r.q_max[j] = -HUGE_VAL;
     for (const FitLog *log : logs) {
-        r.seconds = std::max(r.seconds, log->duration());
+        r.seconds = std::max(r.seconds, log->start + log->duration());
         for (int j = 0; j < log->joints; j++) {
             const std::vector<double> &q = log->q[j];
             r.v_max[j] = std::max(r.v_max[j], log->v_max[j]);
@@ -376,6 +376,19 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     r.torque = std::max({r.torque, 0.05 * std::fabs(g[0]), 1e-9});
     r.u_max = std::max(r.u_max, 1e-9);
     return r;
+}
+
+bool is_friction(const mk_effect_info *effect, const double *values)
+{
+    static const char *const laws[] = {"viscous",        "coulomb",           "stribeck",
+                                       "quadratic-drag", "coulomb-asymmetry", "stiction",
+                                       "load-friction",  "friction-drift"};
+    if (std::strcmp(effect->name, "custom") == 0)
+        return std::strchr(Custom::about((int)values[1]).text, 'v') != nullptr;
+    if (std::strcmp(effect->name, "custom-wave") == 0)
+        return std::strchr(CustomWave::text((int)values[2]), 'v') != nullptr;
+    return std::any_of(std::begin(laws), std::end(laws),
+                       [&](const char *law) { return std::strcmp(effect->name, law) == 0; });
 }
 
 bool is_library(const mk_effect_info *effect)

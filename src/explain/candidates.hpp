@@ -38,6 +38,8 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
 
 // A term of the library rather than an entry of the catalogue.
 bool is_library(const mk_effect_info *effect);
+// A law of friction: of a joint's speed, against it. `values`: the effect's.
+bool is_friction(const mk_effect_info *effect, const double *values);
 
 // Two bodies that touch now and then.
 bool is_play(const mk_effect_info *effect);

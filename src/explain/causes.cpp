@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "explain/log_values.hpp"
 #include "model/effects_custom.hpp"
 
 namespace mk
@@ -11,7 +12,8 @@ namespace mk
 namespace
 {
 
-constexpr size_t MOST = 3;            // causes looked for
+constexpr size_t MOST = 3;            // causes looked for without evidence that carries over,
+constexpr size_t MOST_CARRIED = 8;    // and with it
 constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
 constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
@@ -53,12 +55,14 @@ void CauseSearch::run()
     add_causes();
     try_runners_up();
     drop_idle();
+    drop_what_does_not_carry_over();
 }
 
 void CauseSearch::add_causes()
 {
     bool freed = false;
-    while (rounds.size() < MOST && !search.cancelled && search.work_done() < MOST_WORK) {
+    const size_t most = carry_over ? MOST_CARRIED : MOST;
+    while (rounds.size() < most && !search.cancelled && search.work_done() < MOST_WORK) {
         if (search.complete(best))
             return;
         // Nameless terms that already follow the data will not become a name.
@@ -100,6 +104,10 @@ void CauseSearch::add_causes()
             return;
         consider_other_joint(round.field);
         consider_bristles(round.field);
+        consider_own_places(round.field);
+        if (!follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
+            !ask_carry_over(round.field, needed))
+            return;
         if (rounds.empty())
             first = round.field;
         before = best;
@@ -118,6 +126,136 @@ void CauseSearch::add_causes()
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
     }
+}
+
+bool CauseSearch::likelihood_counts(const Hypothesis &h)
+{
+    return h.drift <= SLIGHT;
+}
+
+// What a model leaves of data that it was not fitted to; a model with values of its own in every
+// log learns them from the first halves, and is then judged on the second.
+const HeldOutFigures *CauseSearch::left_out(const Hypothesis &h, bool halves, LeftOut &known) const
+{
+    if (!known.asked[halves]) {
+        known.asked[halves] = true;
+        known.found[halves] = carry_over->errors(h, halves, known.figures[halves]);
+    }
+    return known.found[halves] ? &known.figures[halves] : nullptr;
+}
+
+// How much better `with` predicts than `less`; nothing where one of them has no answer.
+std::optional<Carried> CauseSearch::compare(const Hypothesis &with, const Hypothesis &less,
+                                            LeftOut &of_less)
+{
+    LeftOut of_with;
+    const bool halves =
+        !own_parameters(with.point.model).empty() || !own_parameters(less.point.model).empty();
+    const HeldOutFigures *base = left_out(refit, halves, of_refit);
+    const HeldOutFigures *lacking = left_out(less, halves, of_less);
+    const HeldOutFigures *after = left_out(with, halves, of_with);
+    if (!base || !lacking || !after)
+        return std::nullopt;
+    double floor[MK_MAX_JOINTS];
+    carry_over->floor_of(model, best.point.noise, floor);
+    return CarryOver::compare(*after, *lacking, *base, floor, mk_model_joints(&model));
+}
+
+// Brings to the front of the field the likeliest cause that carries over; false if none does. Where
+// the data cannot tell, likelihood alone decides.
+bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
+{
+    constexpr size_t MOST_ASKED = 5; // of a field
+    if (!carry_over)
+        return true;
+    if (rounds.empty())
+        of_refit = {};
+    LeftOut of_best;
+    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()); i++) {
+        if (i > 0)
+            search.polish(field[i], true);
+        if (Search::discredited(field[i]) || field[i].score > best.score - needed)
+            continue;
+        const std::optional<Carried> c = compare(field[i], best, of_best);
+        if (c && c->judged && !CarryOver::promising(*c))
+            continue;
+        std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)i,
+                    field.begin() + (std::ptrdiff_t)i + 1);
+        return true;
+    }
+    return false;
+}
+
+// Causes that no longer carry over beside those found after them: the weakest goes, and the others
+// are asked again.
+void CauseSearch::drop_what_does_not_carry_over()
+{
+    carried.clear();
+    while (carry_over && !explained() && !rounds.empty() && !search.cancelled) {
+        std::vector<Carried> each;
+        std::vector<Hypothesis> less(rounds.size());
+        size_t weakest = rounds.size();
+        double least = HUGE_VAL;
+        for (size_t i = 0; i < rounds.size(); i++) {
+            LeftOut of_less;
+            if (!fit_without(i, less[i]))
+                return;
+            const std::optional<Carried> c = compare(best, less[i], of_less);
+            if (!c)
+                return;
+            each.push_back(*c);
+            if (c->judged && !CarryOver::enough(*c, (int)rounds.size()) &&
+                -c->mean / c->error < least) {
+                least = -c->mean / c->error;
+                weakest = i;
+            }
+        }
+        if (weakest == rounds.size()) {
+            carried = std::move(each);
+            face_rivals();
+            for (size_t i = 0; i < rounds.size(); i++)
+                rounds[i].lack = lack_of(less[i]);
+            return;
+        }
+        if (rounds.size() == 1) {
+            best = refit;
+            rounds.clear();
+        } else {
+            shed(weakest, std::move(less[weakest]));
+        }
+    }
+}
+
+// The runners-up of each cause in its place, beside all others.
+void CauseSearch::face_rivals()
+{
+    constexpr size_t RIVALS = 2; // of a cause
+    for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++) {
+        std::vector<Hypothesis> &field = rounds[i].field;
+        std::vector<Hypothesis> faced = {best};
+        faced[0].added = field[0].added;
+        for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+            const Candidate &rival = field[k].added;
+            if (is_library(rival.effect) || has_cause(rival))
+                continue;
+            mk_model m = best.point.model;
+            mk_effect_use &use = m.effect[model.effect_count + (int)i];
+            use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
+            Hypothesis h;
+            if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
+                continue;
+            h.added = rival;
+            faced.push_back(std::move(h));
+        }
+        field = std::move(faced);
+    }
+}
+
+bool CauseSearch::has_cause(const Candidate &c) const
+{
+    return std::any_of(rounds.begin(), rounds.end(), [&](const Round &r) {
+        return r.field[0].added.effect == c.effect && r.field[0].added.joint == c.joint;
+    });
 }
 
 // The first cause was chosen while another one was missing, and led to no model that follows the
@@ -205,6 +343,8 @@ void CauseSearch::shed(size_t cause, Hypothesis without)
     best = std::move(without);
     forget_lacks();
     rounds.erase(rounds.begin() + (std::ptrdiff_t)cause);
+    if (cause < carried.size())
+        carried.erase(carried.begin() + (std::ptrdiff_t)cause);
     Round &last = rounds.back();
     const Candidate latest = last.field[0].added;
     last.field = led_by(latest, std::move(last.field));
@@ -321,6 +461,27 @@ void CauseSearch::consider_bristles(std::vector<Hypothesis> &field)
     field.insert(field.begin(), leader);
 }
 
+// What is put up by hand before each log is not at the same place in all of them.
+void CauseSearch::consider_own_places(std::vector<Hypothesis> &field)
+{
+    mk_model own;
+    Hypothesis h;
+    if (!several_logs() || search.complete(field[0]) ||
+        !with_own_place(field[0].point.model, own) ||
+        !search.refit_at(own, field[0], field[0].drift, h) || h.score > field[0].score - ENOUGH ||
+        !differ(search.training(), h, search.usual_options()).back())
+        return;
+    h.added = field[0].added;
+    field[0] = std::move(h);
+}
+
+bool CauseSearch::several_logs() const
+{
+    const std::vector<const FitLog *> &logs = search.training();
+    return std::any_of(logs.begin(), logs.end(),
+                       [&](const FitLog *log) { return log->source != logs[0]->source; });
+}
+
 void CauseSearch::forget_lacks()
 {
     for (Round &round : rounds)
@@ -338,14 +499,16 @@ bool CauseSearch::stands_alone(const Round &round) const
     return follows(best) && nearest > chosen.score - best.score;
 }
 
-// A field with the best model in first place, as the one that has this cause.
+// A field with the best model in first place, as the one that has this cause, and those that have
+// as many causes.
 std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
                                             std::vector<Hypothesis> field) const
 {
     field.erase(std::remove_if(field.begin(), field.end(),
                                [&](const Hypothesis &h) {
-                                   return h.added.effect == cause.effect &&
-                                          h.added.joint == cause.joint;
+                                   return same_cause(h.added, cause) ||
+                                          h.point.model.effect_count !=
+                                              best.point.model.effect_count;
                                }),
                 field.end());
     field.insert(field.begin(), best);

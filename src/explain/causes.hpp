@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "explain/search.hpp"
+#include "explain/carry_over.hpp"
 
 namespace mk
 {
@@ -42,11 +42,19 @@ class CauseSearch
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
     static bool matters(double drift);
+    // With next to no drift every reading speaks for itself, and the likelihood is what it says.
+    // With more of it a model bends to its data, and whatever bends gains.
+    static bool likelihood_counts(const Hypothesis &h);
     // Whether no cause of `best` is a nameless term.
     bool all_named() const;
     bool explained() const { return follows(best) && all_named(); }
     int tried() const { return most_tried; }
 
+    // Where causes do not lead to a model that follows its data, each must carry over to data that
+    // it was not fitted to. Must outlive the search; NULL: there are too few data to tell.
+    const CarryOver *carry_over = nullptr;
+    // What was found of that for each cause of `best`; empty where it was not asked.
+    std::vector<Carried> carried;
     bool give_up_early = false; // where even with a cause the model is far from its data
     Hypothesis refit;           // the given model, without a cause
     Hypothesis best;            // with all of them
@@ -56,7 +64,14 @@ class CauseSearch
     const mk_model &model;
     Search &search;
     int most_tried = 0;
-    Hypothesis before;             // the latest cause
+    Hypothesis before; // the latest cause
+    // What a hypothesis leaves of data that are left out, of whole folds and of their second
+    // halves.
+    struct LeftOut {
+        HeldOutFigures figures[2];
+        bool asked[2] = {false, false}, found[2] = {false, false};
+    };
+    LeftOut of_refit;
     std::vector<Hypothesis> first; // what competed when there was no cause yet
 
     mk_model removed(size_t cause) const;
@@ -64,10 +79,19 @@ class CauseSearch
 
     bool idle_without_last();
     void drop_idle();
+    const HeldOutFigures *left_out(const Hypothesis &h, bool halves, LeftOut &known) const;
+    std::optional<Carried> compare(const Hypothesis &with, const Hypothesis &less,
+                                   LeftOut &of_less);
+    bool ask_carry_over(std::vector<Hypothesis> &field, double needed);
+    void drop_what_does_not_carry_over();
+    void face_rivals();
+    bool has_cause(const Candidate &c) const;
+    bool several_logs() const;
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
     void consider_other_joint(std::vector<Hypothesis> &field);
     void consider_bristles(std::vector<Hypothesis> &field);
+    void consider_own_places(std::vector<Hypothesis> &field);
     void forget_lacks();
     void lead_home(Hypothesis &rival);
     bool stands_alone(const Round &round) const;

@@ -10,12 +10,17 @@
 #include <string>
 #include <thread>
 
+#include "explain/budget.hpp"
+#include "explain/detection.hpp"
 #include "explain/gain.hpp"
-#include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
 #include "explain/log_values.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
+#include "ident/first_values.hpp"
+#include "ident/held_out.hpp"
+#include "ident/left_out.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -25,69 +30,144 @@ namespace
 
 constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
 
+using LogList = std::vector<const mk_log *>;
+
+// Whether no command acts in any of the logs, so that they leave the scale of the model open. Logs
+// that cannot be read are told of later.
+bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &logs)
+{
+    std::vector<mk_record> records(logs.size());
+    for (size_t i = 0; i < logs.size(); i++)
+        if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
+            return model.no_motor;
+    return scale_is_free(model, records);
+}
+
+// A model less its effects from `first` up to before `last`.
+mk_model without_effects(mk_model m, int first, int last)
+{
+    for (int e = last; e < m.effect_count; e++)
+        m.effect[first + e - last] = m.effect[e];
+    m.effect_count -= last - first;
+    return m;
+}
+
+bool any_unknown(const mk_explain_options &options)
+{
+    return std::any_of(std::begin(options.unknown), std::end(options.unknown),
+                       [](bool unknown) { return unknown; });
+}
+
+// The given model, or one that follows the data where that is orders of magnitude off or unknown.
+mk_model start_values(const mk_model &model, const mk_explain_options &options,
+                      const mk_log *const *logs, size_t count,
+                      const std::vector<const FitLog *> &training)
+{
+    IdentProblem problem = {};
+    problem.model = model;
+    std::copy(std::begin(options.unknown), std::end(options.unknown), problem.options.unknown);
+    if (model.no_motor)
+        problem.options.fixed[scale_holder(model, nullptr)] = true;
+    for (size_t i = 0; i < count; i++) {
+        mk_record record;
+        if (mk_record_from_log(logs[i], &model, &record, nullptr) != MK_OK)
+            return model;
+        problem.logs.push_back(logs[i]);
+        problem.records.push_back(record);
+    }
+    for (const FitLog *log : training)
+        for (int j = 0; j < log->joints; j++)
+            problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
+    FitOptions fit;
+    fit.threads = options.threads;
+    return first_values(problem, training, fit, BETTER_PRIOR).front();
+}
+
+// Delay and lag of the command as they are with all causes in the model.
+void describe_input(const Hypothesis &best, mk_input_comparison &input)
+{
+    const mk_model &m = best.point.model;
+    if (!input.changed || input.taken != MK_INPUT_COMMANDED)
+        return;
+    const std::vector<int> free = fitted_parameters(m);
+    const Eigen::MatrixXd cov = Fit::covariance(m, best.picture, free);
+    int number = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        const auto place = std::find(free.begin(), free.end(), number);
+        const long at = place - free.begin();
+        const double error = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
+        if (std::strcmp(info->name, "input-delay") == 0)
+            input.delay = m.effect[e].value[0], input.delay_error = error;
+        if (std::strcmp(info->name, "actuator-lag") == 0)
+            input.lag = m.effect[e].value[0], input.lag_error = error;
+        number += info->parameter_count;
+    }
+}
+
 class Explainer
 {
   public:
     Explainer(const mk_model &model_in, mk_explanation &out_in,
               const mk_explain_options &options_in)
-        : model(model_in), out(out_in), options(options_in)
+        : model(model_in), start(model_in), out(out_in), options(options_in)
     {
     }
 
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
-        enum mk_status st =
-            data.load(model, options, logs, log_count, holdouts, holdout_count, out, err);
-        if (st != MK_OK)
-            return st;
-        for (const FitLog &log : data.logs)
-            training.push_back(&log);
         SearchOptions so;
-        so.given = &model;
+        so.given = &start;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
-        search = std::make_unique<Search>(training, so);
+        const LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
         Hypothesis refit;
-        if (!search->refit(model, nullptr, refit))
-            return mk_error_set(
-                err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
-                "the model cannot follow the data: are rig, units and signs right?");
-        const mk_model plain = refit.point.model;
-        values = find_log_values(model, {logs, logs + log_count}, out.window_s, *search, refit);
-        refit = values.fit;
-        data.second_half = !values.found.empty();
-        put_back_lost_counts(so, refit);
-        search_causes(refit);
-        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
-            search_causes(refit);
-        look_closer(so);
-        causes->polish_rivals();
-        ask_held_out();
-        shed_what_misleads();
+        enum mk_status st = load_and_fit(learn, held, so, refit, err);
+        const mk_model given = model, given_refit = refit.point.model;
+        if (st != MK_OK)
+            return st;
+        values = find_log_values(model, learn, out.window_s, *search, refit);
+        st = choose_input(learn, held, err);
+        if (st == MK_OK && out.input.changed)
+            st = load_and_fit(learn, held, so, refit, err);
+        if (st != MK_OK)
+            return st;
+        if (out.input.changed)
+            values = find_log_values(model, learn, out.window_s, *search, refit);
+        const Hypothesis plain = refit;
+        search_beside_values(so);
+        if (drop_log_values(so, plain))
+            search_beside_values(so);
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         Verdict verdict(values.model, training, *causes, lost, out);
         verdict.decide();
-        out.given = model;
-        out.refit = plain;
+        out.given = given;
+        if (!values.found.empty() || out.input.changed)
+            out.refit = given_refit; // without any of it
+        describe_input(causes->best, out.input);
         describe_log_values(values, causes->best, training, options.threads, out);
-        if (out.log_value_count > 0 && out.verdict < MK_VERDICT_EFFECT)
-            out.verdict = MK_VERDICT_EFFECT;
+        if (out.log_value_count + out.input.changed > 0)
+            verdict.add_data_causes();
+        find_detection_limits(*search, causes->best, out);
         find_pushes(training, model, causes->refit, causes->best, options.threads, out);
         test_innovations(training, causes->refit, causes->best, out);
         enum mk_status measured =
             measure_gain(values.model, options, data, training, *causes, verdict, out, err);
         if (measured == MK_OK)
+            make_budget(data, *causes, *search, out);
+        if (measured == MK_OK && !model.no_motor)
             propose_experiment(values.model, training, causes->best, verdict.rivals(), options.next,
                                out);
         return measured;
     }
 
   private:
-    const mk_model &model;
+    mk_model model; // as given; where values of it are unknown, as the fit starts
+    mk_model start; // base parameters right to within a factor of some three
     mk_explanation &out;
     mk_explain_options options;
     TrainingData data;
@@ -96,16 +176,130 @@ class Explainer
     LogValues values;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
+    std::unique_ptr<CarryOver> carry_over;
 
+    // The data as the model's column drives them, and the fit to them that all else starts from.
+    enum mk_status load_and_fit(const LogList &logs, const LogList &holdouts, SearchOptions &so,
+                                Hypothesis &refit, mk_error *err)
+    {
+        search.reset();
+        training.clear();
+        data = {};
+        out.given_s = out.searched_s = 0.0;
+        enum mk_status st = data.load(model, options, logs.data(), logs.size(), holdouts.data(),
+                                      holdouts.size(), out, err);
+        if (st != MK_OK)
+            return st;
+        for (const FitLog &log : data.logs)
+            training.push_back(&log);
+        refit = {};
+        if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training), refit))
+            return MK_OK;
+        return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
+                            "the model cannot follow the data: are rig, units and signs right?");
+    }
+    // The column that drives the model comes before all causes: what the wrong one misses would be
+    // sought in the rig. What differs from log to log hides which one is right, so it is in the
+    // model meanwhile, and looked for again afterwards. Logs that the column cannot be asked of are
+    // told of later, if at all.
+    enum mk_status choose_input(const LogList &logs, const LogList &holdouts, mk_error *err)
+    {
+        const auto both = [this](const mk_log *log) { return mk_log_has_both_inputs(log, &model); };
+        if (!std::all_of(logs.begin(), logs.end(), both) ||
+            !std::all_of(holdouts.begin(), holdouts.end(), both))
+            return MK_OK;
+        mk_ident_options o = {};
+        std::copy(std::begin(options.unknown), std::end(options.unknown), o.unknown);
+        o.rows.keep_all = true; // they are left out already
+        o.threads = options.threads;
+        o.progress = options.progress;
+        o.progress_context = options.progress_context;
+        const enum mk_status st =
+            mk_compare_inputs(&values.model, logs.data(), logs.size(), &o, &out.input, err);
+        if (st == MK_OK && out.input.changed)
+            start = model =
+                without_effects(out.input.model, model.effect_count, values.model.effect_count);
+        return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
+    }
+    // The fit that all else starts from: of the given values, unless one of `other` values ends
+    // clearly nearer to the data. An effect alone can leave the given values far from the data and
+    // those of a linear method near, and yet make the given ones the better place to search from.
+    bool first_fit(SearchOptions &so, const mk_model &other, Hypothesis &refit)
+    {
+        const bool given = !any_unknown(options);
+        if (!given)
+            model = other;
+        start = model;
+        search = std::make_unique<Search>(training, so);
+        const bool fitted = search->refit(start, nullptr, refit);
+        const bool same = std::equal(std::begin(other.parameter), std::end(other.parameter),
+                                     std::begin(model.parameter));
+        if (!given || same || search->cancelled)
+            return fitted;
+        const mk_model given_start = start;
+        Hypothesis again;
+        start = other;
+        auto second = std::make_unique<Search>(training, so);
+        if (second->refit(start, nullptr, again) &&
+            (!fitted || again.score < refit.score - ENOUGH)) {
+            search = std::move(second);
+            refit = std::move(again);
+            return true;
+        }
+        start = given_start;
+        return fitted;
+    }
+    void search_beside_values(SearchOptions &so)
+    {
+        Hypothesis refit = values.fit;
+        data.second_half = !values.found.empty();
+        carry_over =
+            std::make_unique<CarryOver>(model, data, out.window_s, search->usual_options());
+        if (!carry_over->possible())
+            carry_over.reset();
+        put_back_lost_counts(so, refit);
+        search_causes(refit);
+        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
+            search_causes(refit);
+        look_closer(so);
+        causes->polish_rivals();
+        data.second_half = !own_parameters(causes->best.point.model).empty();
+        ask_held_out();
+        shed_what_misleads();
+    }
+    // What differs from log to log is looked for before the causes, and can then stand in for a
+    // part of one. With the causes in the model it no longer differs, and the search is to be
+    // repeated without it. True if so.
+    bool drop_log_values(SearchOptions &so, const Hypothesis &plain)
+    {
+        if (values.found.empty() || search->cancelled || !causes->follows(causes->best))
+            return false;
+        const std::vector<LogValue> left =
+            that_still_differ(values, causes->best, training, search->usual_options());
+        if (left.size() == values.found.size())
+            return false;
+        lost = {};
+        training.clear();
+        for (const FitLog &log : data.logs)
+            training.push_back(&log);
+        causes.reset();
+        search = std::make_unique<Search>(training, so);
+        values = with_log_values(model, left, *search, plain);
+        return true;
+    }
     void search_causes(const Hypothesis &refit)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         causes->give_up_early = lost.joint == 0; // look_closer() goes on
+        causes->carry_over = carry_over.get();
         causes->run();
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
         lost = find_lost_counts(values.model, training, so, refit, ENOUGH);
+        // Where the model still misses its data, steps in the readings make up for that.
+        if (lost.joint > 0 && !CauseSearch::likelihood_counts(lost.fit))
+            lost = {};
         if (lost.joint > 0)
             use_mended_logs(so, refit);
     }
@@ -134,7 +328,9 @@ class Explainer
             training.push_back(&log);
         causes.reset();
         search = std::make_unique<Search>(training, so);
-        if (!search->refit(values.model, nullptr, refit))
+        mk_model from = values.model;
+        std::copy_n(start.parameter, MK_MAX_PARAMETERS, from.parameter);
+        if (!search->refit(from, nullptr, refit))
             refit = lost.fit;
     }
     // A model that does not follow its data bends within a stretch, and what it misses there is
@@ -159,6 +355,7 @@ class Explainer
             !closer->refit(left.point.model, nullptr, same))
             return;
         auto again = std::make_unique<CauseSearch>(values.model, *closer, refit);
+        again->carry_over = carry_over.get();
         again->run();
         if (closer->cancelled)
             search->cancelled = true;
@@ -206,14 +403,20 @@ class Explainer
     void shed_what_misleads()
     {
         const HeldOut held(data.held, out.window_s, data.second_half);
-        HeldOutFigures refitted, all;
-        if (causes->rounds.size() < 2 || search->cancelled || causes->explained() ||
+        HeldOutFigures refitted;
+        if (search->cancelled || causes->explained() ||
             held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)
             return;
+        while (causes->rounds.size() > 1 && shed_one(held, refitted))
+            continue;
+    }
+    // False where all may stay, or none is better left out.
+    bool shed_one(const HeldOut &held, const HeldOutFigures &refitted)
+    {
+        HeldOutFigures all, least = refitted;
         const bool runs = held.figures(causes->best.point.model, all, nullptr) == MK_OK;
         if (runs && all.total() <= refitted.total() && !clearly_worse(all, refitted))
-            return;
-        HeldOutFigures least = refitted;
+            return false;
         Hypothesis better;
         size_t at = causes->rounds.size();
         for (size_t i = 0; i < causes->rounds.size(); i++) {
@@ -227,10 +430,47 @@ class Explainer
             better = std::move(less);
             at = i;
         }
-        if (at < causes->rounds.size())
-            causes->shed(at, std::move(better));
+        if (at == causes->rounds.size())
+            return false;
+        causes->shed(at, std::move(better));
+        return true;
     }
 };
+
+// Logs as a caller gives them.
+struct LogSpan {
+    const mk_log *const *logs;
+    size_t count;
+};
+
+// Those that are not left out.
+LogList used_logs(const mk_model &model, const LogSpan &given, enum mk_data_use use)
+{
+    LogList used;
+    for (size_t i = 0; i < given.count; i++)
+        if (mk_data_check_uses(&model, given.logs[i], use))
+            used.push_back(given.logs[i]);
+    return used;
+}
+
+// All that is doubted of the logs, asked for where the caller did not.
+enum mk_status check_data(const mk_model &model, const LogSpan &logs, const LogSpan &holdouts,
+                          const mk_explain_options &options, mk_data_check &check, mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    if (options.data_check)
+        check = *options.data_check;
+    else
+        st = mk_data_check_logs(&model, logs.logs, logs.count, MK_DATA_EXPLAIN, &check, err);
+    if (st == MK_OK && !options.data_check)
+        st = mk_data_check_logs(&model, holdouts.logs, holdouts.count, MK_DATA_HOLD_OUT, &check,
+                                err);
+    const mk_data_finding *fatal = mk_data_check_fatal(&check);
+    if (st == MK_OK && fatal && !options.force)
+        return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,
+                           fatal->remedy);
+    return st;
+}
 
 } // namespace
 
@@ -238,7 +478,7 @@ class Explainer
 
 const char *mk_verdict_name(enum mk_verdict verdict)
 {
-    static const char *const names[] = {"none", "parameters", "effect", "unknown"};
+    static const char *const names[] = {"none", "parameters", "effect", "partial", "unknown"};
     return names[verdict];
 }
 
@@ -285,10 +525,33 @@ try {
     enum mk_status st = mk_model_check(model, err);
     if (st != MK_OK)
         return st;
-    mk::Explainer explainer(*model, *result, o);
-    st = explainer.run(logs, log_count, holdouts, holdout_count, err);
+    st = mk::check_data(*model, {logs, log_count}, {holdouts, holdout_count}, o, result->data_check,
+                        err);
     if (st != MK_OK)
         return st;
+    std::vector<const mk_log *> all(logs, logs + log_count);
+    all.insert(all.end(), holdouts, holdouts + holdout_count);
+    std::vector<mk::OwnedLog> made;
+    st = mk::leave_out(*model, o.rows, all, made, result->left_out, &result->left_out_count, err);
+    if (st != MK_OK)
+        return st;
+    const mk::LogList learn = mk::used_logs(*model, {all.data(), log_count}, MK_DATA_EXPLAIN);
+    const mk::LogList held =
+        mk::used_logs(*model, {all.data() + log_count, holdout_count}, MK_DATA_HOLD_OUT);
+    if (learn.empty())
+        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
+                           "nothing moves in this log: there is nothing to explain");
+    // For the fits a rig that nothing drove in these logs is one without a motor.
+    mk_model as_driven = *model;
+    as_driven.no_motor = mk::nothing_drives(*model, all);
+    mk::Explainer explainer(as_driven, *result, o);
+    st = explainer.run(learn.data(), learn.size(), held.data(), held.size(), err);
+    if (st != MK_OK)
+        return st;
+    result->scale_free = as_driven.no_motor;
+    result->scale_holder = mk::scale_holder(*model, nullptr);
+    for (mk_model *m : {&result->given, &result->refit, &result->extended})
+        m->no_motor = model->no_motor;
     result->seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     *out = *result;

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "explain/held_out.hpp"
 #include "explain/innovations.hpp"
+#include "ident/held_out.hpp"
 
 namespace mk
 {
@@ -33,7 +33,7 @@ struct Gain {
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
-        if (out.verdict != MK_VERDICT_UNKNOWN || !named || !out.offered || !verdict.established() ||
+        if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
             !(out.closed > CONFIRMED) || !(touches || as_read))
             return;
         out.verdict = MK_VERDICT_EFFECT;
@@ -80,12 +80,12 @@ struct Gain {
         const double sd = held.deviation(model, j);
         return sd > 0.0 ? out.noise[j] / sd : 0.0;
     }
-    double floor_of(const HeldOut &held) const
+    // What the readings' own noise leaves of the error. No model is below it: a joint that comes
+    // out so moved little, and the noise that the fits saw was not all its own there.
+    double floor_of(const HeldOut &held, int j, const HeldOutFigures &refitted,
+                    const HeldOutFigures &after) const
     {
-        double sum = 0.0;
-        for (int j = 0; j < mk_model_joints(&model); j++)
-            sum += noise_share(held, j) * noise_share(held, j);
-        return sum;
+        return std::min({noise_share(held, j), refitted.nrmse(j), after.nrmse(j)});
     }
     // Where there is something to close, an extension that widens it is not what is missing,
     // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
@@ -105,6 +105,27 @@ struct Gain {
         }
         return gap > SOMETHING * floor && wider > WIDER * gap;
     }
+    // Without the causes what they were found beside may do: values that differ from log to log,
+    // the command's other column. Else these are no findings either.
+    void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
+                           HeldOutFigures &after)
+    {
+        if (out.log_value_count + out.input.changed == 0)
+            return;
+        if (clearly_worse(after, refitted) || misleads(held, refitted, after)) {
+            out.log_value_count = out.per_log_count = 0;
+            out.input.changed = false;
+            out.input.taken =
+                out.given.input == MK_INPUT_COMMANDED ? MK_INPUT_COMMANDED : MK_INPUT_MEASURED;
+            out.extended = out.refit;
+            after = refitted;
+            return;
+        }
+        out.offered = true;
+        out.cause_count = out.piece_count = out.rival_count = 0;
+        std::fill(std::begin(out.declined), std::end(out.declined), 0.0);
+        verdict.add_data_causes();
+    }
     enum mk_status measure(mk_error *err)
     {
         HeldOutFigures before, refitted, after;
@@ -112,7 +133,7 @@ struct Gain {
         if (st != MK_OK)
             return st;
         const HeldOut held(data.held, out.window_s, data.second_half);
-        const bool found = out.cause_count + out.log_value_count > 0;
+        const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
         // A formula is worth having for what it predicts only.
         if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
@@ -125,6 +146,7 @@ struct Gain {
             st = held.figures(out.extended, after, err);
             if (st != MK_OK)
                 return st;
+            offer_data_causes(held, refitted, after);
         }
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
@@ -144,14 +166,15 @@ struct Gain {
             out.extended = out.given;
             after = before;
         }
+        double floor = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
             out.before[j] = before.nrmse(j);
             out.refitted[j] = refitted.nrmse(j);
             out.after[j] = after.nrmse(j);
-            out.floor[j] = noise_share(held, j);
+            out.floor[j] = floor_of(held, j, refitted, after);
+            floor += out.floor[j] * out.floor[j];
         }
-        const double floor = floor_of(held);
-        double room = refitted.total() - floor;
+        const double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
         confirm(held, after);
         return MK_OK;

@@ -8,8 +8,8 @@
 #include <cstring>
 
 #include "explain/causes.hpp"
-#include "explain/held_out.hpp"
 #include "explain/statistics.hpp"
+#include "ident/held_out.hpp"
 
 namespace mk
 {
@@ -29,9 +29,11 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
-constexpr double LESS = 0.05;       // of the squared error must go, at least
-constexpr double SURE = 2.0;        // standard errors
+// Where an effect acts, or from where: set by hand before each log.
+constexpr Group places[] = {{"cable-stiffness", "rest", false, 0.05}};
+
 constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
+constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
 
 bool has(const mk_model &m, const mk_effect_info *effect, int joint)
 {
@@ -77,38 +79,67 @@ bool with_members(const mk_model &model, const std::vector<Candidate> &added, bo
     return true;
 }
 
-// The last `count` effects of a fit whose logs really differ: their spread is more than their
-// values are uncertain by.
-std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
-                         const FitOptions &options, size_t count)
+// Which effect of a model the parameter with this number belongs to.
+int effect_of(const mk_model &m, int number)
 {
-    std::vector<bool> yes(count, false);
-    Fit fit(training, options);
-    for (double &d : fit.options.drift)
-        d = h.drift;
-    const std::vector<int> free = fitted_parameters(h.point.model);
-    const FitPicture picture = fit.picture(h.point, free);
-    if (!picture.finite)
-        return yes;
-    const std::vector<OwnValue> values = fit.own_values(h.point, picture);
-    const int first = h.point.model.effect_count - (int)count;
-    for (size_t i = 0; i < count; i++) {
-        double error = 0.0, spread = 0.0;
-        for (const OwnValue &v : values) {
-            int number = v.number - mk_plant(h.point.model.plant)->parameter_count, e = 0;
-            while (number >= mk_effect(h.point.model.effect[e].index)->parameter_count)
-                number -= mk_effect(h.point.model.effect[e++].index)->parameter_count;
-            if (e != first + (int)i)
-                continue;
-            error = std::max(error, v.std_error);
-            spread = mk_model_parameter_spread(&h.point.model, v.number);
-        }
-        yes[i] = spread > SIGNIFICANT * error;
-    }
-    return yes;
+    int e = 0;
+    number -= mk_plant(m.plant)->parameter_count;
+    while (number >= mk_effect(m.effect[e].index)->parameter_count)
+        number -= mk_effect(m.effect[e++].index)->parameter_count;
+    return e;
+}
+
+// The least spread that has a physical size.
+double least_spread(const mk_effect_info *effect)
+{
+    for (const Group &group : groups)
+        if (std::strcmp(group.effect, effect->name) == 0)
+            return NO_SIZE * group.spread;
+    for (const Group &place : places)
+        if (std::strcmp(place.effect, effect->name) == 0)
+            return NO_SIZE * place.spread;
+    return 0.0;
 }
 
 } // namespace
+
+std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
+                         const FitOptions &options)
+{
+    const mk_model &m = h.point.model;
+    std::vector<bool> yes((size_t)m.effect_count, false);
+    Fit fit(training, options);
+    for (double &d : fit.options.drift)
+        d = h.drift;
+    const std::vector<int> free = fitted_parameters(m);
+    const FitPicture picture = fit.picture(h.point, free);
+    if (!picture.finite)
+        return yes;
+    std::vector<double> error(yes.size(), 0.0), spread(yes.size(), 0.0);
+    for (const OwnValue &v : fit.own_values(h.point, picture)) {
+        const size_t e = (size_t)effect_of(m, v.number);
+        error[e] = std::max(error[e], v.std_error);
+        spread[e] = mk_model_parameter_spread(&m, v.number);
+    }
+    for (size_t e = 0; e < yes.size(); e++)
+        yes[e] = spread[e] > least_spread(mk_effect(m.effect[e].index)) &&
+                 spread[e] > SIGNIFICANT * error[e];
+    return yes;
+}
+
+bool with_own_place(const mk_model &model, mk_model &out)
+{
+    out = model;
+    mk_effect_use &latest = out.effect[out.effect_count - 1];
+    for (const Group &place : places) {
+        const mk_effect_info *effect = mk_effect(latest.index);
+        if (std::strcmp(place.effect, effect->name) != 0)
+            continue;
+        latest.spread[mk_effect_parameter_index(effect, place.parameter)] = place.spread;
+        return true;
+    }
+    return false;
+}
 
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
                           double window_s, Search &search, const Hypothesis &refit)
@@ -130,13 +161,13 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             const double gain = one.score - own.score;
             if (gain < ENOUGH)
                 break;
-            const std::vector<bool> keep =
-                differ(search.training(), own, search.usual_options(), added.size());
-            if (std::count(keep.begin(), keep.end(), false) > 0) {
-                std::vector<Candidate> fewer;
-                for (size_t i = 0; i < added.size(); i++)
-                    if (keep[i])
-                        fewer.push_back(added[i]);
+            const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
+            const size_t first = keep.size() - added.size();
+            std::vector<Candidate> fewer;
+            for (size_t i = 0; i < added.size(); i++)
+                if (keep[first + i])
+                    fewer.push_back(added[i]);
+            if (fewer.size() < added.size()) {
                 added = std::move(fewer);
                 continue;
             }
@@ -144,19 +175,53 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
                 halves.figures(one.point.model, without, nullptr) != MK_OK)
                 break;
-            const LogRatio r = ratio_by_log(with, without);
-            const bool majority = 2 * r.better > r.logs;
-            const bool sure = r.logs > 2 ? r.mean < -SURE * r.error : r.better == r.logs;
-            if (!majority || !sure || !(r.mean < std::log(1.0 - LESS)))
+            if (!surely_better(ratio_by_log(with, without)))
                 break;
             out.model = own.point.model;
             std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
             out.fit = std::move(own);
             for (const Candidate &c : added)
-                out.found.push_back({c.effect, c.joint, c.size, gain});
+                out.found.push_back({c.effect, c.joint, c.size, gain, c.spread});
             break;
         }
     }
+    return out;
+}
+
+std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesis &best,
+                                        const std::vector<const FitLog *> &training,
+                                        const FitOptions &options)
+{
+    const mk_model &m = best.point.model;
+    const std::vector<bool> keep = differ(training, best, options);
+    std::vector<LogValue> left;
+    for (const LogValue &v : values.found)
+        for (int e = 0; e < m.effect_count; e++)
+            if (keep[(size_t)e] && mk_effect(m.effect[e].index) == v.effect &&
+                m.effect[e].joint == v.joint)
+                left.push_back(v);
+    return left;
+}
+
+LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &found, Search &search,
+                          const Hypothesis &refit)
+{
+    LogValues out = {given, refit, {}};
+    std::vector<Candidate> added;
+    for (const LogValue &v : found) {
+        Candidate c = {};
+        c.effect = v.effect, c.joint = v.joint, c.size = v.parameter, c.spread = v.spread;
+        added.push_back(c);
+    }
+    mk_model model;
+    Hypothesis fit;
+    if (added.empty() || !with_members(refit.point.model, added, true, model) ||
+        !search.refit_at(model, refit, refit.drift, fit))
+        return out;
+    out.model = fit.point.model;
+    std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+    out.fit = std::move(fit);
+    out.found = found;
     return out;
 }
 
@@ -192,7 +257,7 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
     const mk_model &m = best.point.model;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         out.held_off[j] = j < mk_model_joints(&m) ? held_off(m, j) : std::nan("");
-    if (values.found.empty())
+    if (own_parameters(m).empty())
         return;
     FitOptions options;
     options.threads = threads;
@@ -225,11 +290,12 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
             c.delta_bic = 2.0 * v.gain;
             c.p_value = chi2_tail(2.0 * v.gain, 1);
             c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
-            for (const OwnValue &o : own)
-                if (o.number == number + v.parameter && out.per_log_count < MK_MAX_PER_LOG)
-                    out.per_log[out.per_log_count++] = {o.source,    info,    v.joint,
-                                                        v.parameter, o.value, o.std_error};
         }
+        for (const OwnValue &o : own)
+            if (o.number >= number && o.number < number + info->parameter_count &&
+                out.per_log_count < MK_MAX_PER_LOG)
+                out.per_log[out.per_log_count++] = {o.source,          info,    m.effect[e].joint,
+                                                    o.number - number, o.value, o.std_error};
         number += info->parameter_count;
     }
 }

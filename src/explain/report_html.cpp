@@ -1,14 +1,18 @@
 // report.html: one page without anything outside of it, for a phone and for paper.
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/out_file.h"
-#include "explain/owned_log.hpp"
+#include "explain/report_budget.hpp"
+#include "ident/input_report.h"
+#include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/sim.h"
 
@@ -75,6 +79,7 @@ class Plot
   public:
     Plot(const char *x_title, const char *y_title) : x_name(x_title), y_name(y_title) {}
     void add_series(Series s) { all.push_back(std::move(s)); }
+    void shade(double from, double to) { shaded.push_back({from, to}); }
 
     std::string svg() const
     {
@@ -88,11 +93,18 @@ class Plot
             }
         if (!(x1 > x0) || !std::isfinite(y0))
             return "";
+        for (const auto &[from, to] : shaded)
+            x0 = std::min(x0, from), x1 = std::max(x1, to);
         if (!(y1 > y0))
             y0 -= 1.0, y1 += 1.0;
         double pad = 0.06 * (y1 - y0);
         Frame f = {x0, x1, y0 - pad, y1 + pad};
         std::string s = "<svg viewBox='0 0 640 270' role='img'>";
+        for (const auto &[from, to] : shaded) {
+            const double left = f.px(from);
+            add(s, "<rect class='left-out' x='%.1f' y='32' width='%.1f' height='190'/>", left,
+                f.px(to) - left);
+        }
         axes(s, f);
         for (const Series &one : all)
             draw(s, f, one);
@@ -108,6 +120,7 @@ class Plot
     };
     const char *x_name, *y_name;
     std::vector<Series> all;
+    std::vector<std::pair<double, double>> shaded; // of x
 
     void axes(std::string &s, const Frame &f) const
     {
@@ -191,6 +204,54 @@ mk_log beginning_of(const mk_log &log)
     return part;
 }
 
+void shade_left_out(const mk_record &r, Plot &plot)
+{
+    for (size_t k = 0; r.left_out && k < r.rows; k++) {
+        if (r.left_out[k] == 0.0)
+            continue;
+        const size_t first = k;
+        while (k < r.rows && r.left_out[k] != 0.0)
+            k++;
+        plot.shade(r.t[first] - r.t[0], r.t[k - 1] - r.t[0]);
+    }
+}
+
+// A log as a bar, and what is left out of it.
+void add_bar(std::string &s, const mk_left_out *first, const mk_left_out *last)
+{
+    constexpr double WIDTH = 640.0, HEIGHT = 14.0, LEAST = 2.0; // LEAST: what can be seen
+    s += "<svg viewBox='0 0 640 14' role='img'>";
+    add(s, "<rect class='whole-log' width='%g' height='%g'/>", WIDTH, HEIGHT);
+    for (const mk_left_out *one = first; one < last; one++)
+        add(s, "<rect class='left-out' x='%.1f' width='%.1f' height='%g'/>",
+            WIDTH * one->from_s / one->log_s,
+            std::max(LEAST, WIDTH * (one->to_s - one->from_s) / one->log_s), HEIGHT);
+    s += "</svg>";
+}
+
+// What is left out of the logs, with the reasons.
+std::string left_out_list(const mk_explanation &e)
+{
+    std::vector<mk_left_out> all(e.left_out, e.left_out + e.left_out_count);
+    std::stable_sort(all.begin(), all.end(),
+                     [](const mk_left_out &a, const mk_left_out &b) { return a.log < b.log; });
+    std::string s;
+    for (size_t i = 0, next = 0; i < all.size(); i = next) {
+        while (next < all.size() && all[next].log == all[i].log)
+            next++;
+        s += "<figure class='log'><figcaption>" + escaped(all[i].file);
+        add(s, ", %.4g s long:<br>", all[i].log_s);
+        for (size_t k = i; k < next; k++) {
+            add(s, "%.2f to %.2f s: ", all[k].from_s, all[k].to_s);
+            s += escaped(all[k].why) + "<br>";
+        }
+        s += "</figcaption>";
+        add_bar(s, all.data() + i, all.data() + next);
+        s += "</figure>";
+    }
+    return s.empty() ? s : "<p>Left out of the logs:</p>" + s;
+}
+
 // Error of two models over the held-out data, joint by joint: with the extension and without, or,
 // where there is none, refitted and as given.
 std::string error_plots(const mk_explanation &e, const mk_log *whole)
@@ -226,6 +287,7 @@ std::string error_plots(const mk_explanation &e, const mk_log *whole)
         Plot plot("time, s", error.c_str());
         plot.add_series(std::move(sb));
         plot.add_series(std::move(sa));
+        shade_left_out(record, plot);
         s += "<figure>" + plot.svg() + "</figure>";
     }
     return s;
@@ -316,7 +378,15 @@ std::string sentence(const mk_explanation &e)
             s += (s.empty() ? "" : ", and ") +
                  cause_name(e.log_value[i].effect, e.log_value[i].joint) +
                  " of its own in every log";
+        if (e.input.changed)
+            s += (s.empty() ? "" : ", and ") + std::string(e.input.taken == MK_INPUT_COMMANDED
+                                                               ? "the command as it was sent"
+                                                               : "the command as it was measured");
         return "The model lacks " + s + ".";
+    case MK_VERDICT_PARTIAL:
+        for (int i = 0; i < e.cause_count - e.piece_count; i++)
+            s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
+        return "The model lacks " + s + "; that is a part of what is missing.";
     default:
         if (e.partly_named && e.offered)
             return "Known effects explain a part of what is missing; the rest has no name.";
@@ -329,7 +399,8 @@ std::string formula(const mk_explanation &e)
 {
     if (!e.structure[0])
         return "";
-    const char *what = e.cause_count == 0 ? ""
+    const char *what = e.verdict == MK_VERDICT_PARTIAL ? "And a torque that has no name: "
+                       : e.cause_count == 0            ? ""
                        : !e.offered     ? "Fits what was learned from, but not the held-out data: "
                        : e.partly_named ? "The part: "
                                         : "As a formula: ";
@@ -354,12 +425,22 @@ std::string log_value_row(const mk_explanation &e, const mk_cause &c)
     return s;
 }
 
+std::string input_text(const mk_explanation &e)
+{
+    char what[400];
+    mk_input_sentence(&e.input, what, sizeof what);
+    what[0] = (char)std::toupper((unsigned char)what[0]);
+    return "<p>" + escaped(what) + ".</p>";
+}
+
 std::string cause_table(const mk_explanation &e)
 {
     std::string s =
         "<div><table><tr><th>Cause</th><th>Parameters</th><th>BIC</th><th>Verdict</th></tr>";
     for (int i = 0; i < e.cause_count; i++) {
         const mk_cause &c = e.cause[i];
+        if (i >= e.cause_count - e.piece_count && e.verdict == MK_VERDICT_PARTIAL)
+            break; // the formula stands above
         s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
         for (int k = 0; k < c.effect->parameter_count; k++) {
             if (mk_parameter_goes_without_saying(&c.effect->parameter[k]))
@@ -409,17 +490,6 @@ std::string parameter_table(const mk_explanation &e)
                 row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
                     e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }
-    return s + "</table></div>";
-}
-
-std::string gain_table(const mk_explanation &e)
-{
-    std::string s =
-        "<div><table><tr><th>Joint</th><th>given</th><th>refitted</th><th>extended</th><th>noise "
-        "of the readings</th></tr>";
-    for (int j = 0; j < mk_model_joints(&e.given); j++)
-        add(s, "<tr><td>q%d</td><td>%.4g</td><td>%.4g</td><td>%.4g</td><td>%.2g</td></tr>", j + 1,
-            e.before[j], e.refitted[j], e.after[j], e.floor[j]);
     return s + "</table></div>";
 }
 
@@ -506,13 +576,47 @@ std::string advice(const mk_explanation &e)
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 
+std::string limits(const mk_explanation &e)
+{
+    std::string s = "<p>Causes that were looked for and not found would have been named from these "
+                    "sizes on; smaller ones may hide in these data.</p><ul>";
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        s += "<li>" + cause_name(l.effect, l.joint);
+        add(s, ": %s above %.2g %s</li>", p.name, l.least,
+            mk_model_unit(&e.given, l.joint - 1, p.unit));
+    }
+    return s + "</ul>";
+}
+
+// What is doubted of the data comes before anything that was learned from them.
+std::string data_checks(const mk_explanation &e)
+{
+    std::string s;
+    for (int i = 0; i < e.data_check.count; i++) {
+        const mk_data_finding &f = e.data_check.finding[i];
+        s += i ? "<li>" : "<h2>Data check</h2><ul><li>";
+        add(s, "<b>%s</b>: ", mk_data_severity_name(f.severity));
+        s += escaped(f.file);
+        if (f.line > 0)
+            add(s, ":%d", f.line);
+        s += ": " + escaped(f.what) + "<br>To do: " + escaped(f.remedy) + "</li>";
+    }
+    return s.empty() ? s : s + "</ul>";
+}
+
 const char style[] =
     "body{font:16px/1.45 system-ui,sans-serif;max-width:44em;margin:1.5em auto;padding:0 1em;"
     "color:#222}h1{font-size:1.35em}h2{font-size:1.1em;margin-top:1.6em}"
     "table{border-collapse:collapse;width:100%;font-size:.88em}td,th{border-bottom:1px solid #ccc;"
     "padding:.3em .5em;text-align:left;vertical-align:top}figure{margin:1em 0}svg{width:100%}"
     "div{overflow-x:auto}"
-    ".frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{font-size:12px;fill:#444}"
+    ".left-out{fill:#f3d9b0;stroke:none}.whole-log{fill:#dfe6ee}.log{margin:.4em 0}"
+    ".log figcaption{font-size:.85em}.frame{fill:none;stroke:#888}.grid{stroke:#e4e4e4}.tick{"
+    "font-size:12px;fill:#444}"
+    ".bar-model{fill:#888}.bar-cause{fill:#06c}.bar-off{fill:#9bd}.bar-noise{fill:#ccc}"
+    "figcaption{font-size:.85em;color:#444}"
     ".before{fill:none;stroke:#c60;stroke-width:1.2;stroke-dasharray:5 3}"
     ".after{fill:none;stroke:#06c;stroke-width:1.4}.dots{fill:#333;fill-opacity:.55}"
     "@media(max-width:30em){table{font-size:.75em}td,th{padding:.25em .3em}.tick{font-size:16px}}"
@@ -527,16 +631,15 @@ try {
                     "<meta name='viewport' content='width=device-width,initial-scale=1'>"
                     "<title>mechkit explain</title><style>";
     s += style;
-    s += "</style></head><body><h1>" + escaped(sentence(*e)) + "</h1>" + formula(*e);
+    s += "</style></head><body>" + data_checks(*e) + "<h1>" + escaped(sentence(*e)) + "</h1>" +
+         formula(*e);
+    s += left_out_list(*e);
     add(s, "<p>Rig: %s. Free runs of %g s on held-out data", mk_plant(e->given.plant)->name,
         e->window_s);
     if (e->held_back)
         add(s, " (the last log from %.3g to %.3g s)", e->held_from, e->held_to);
-    s += "; error over the standard deviation of the reading:</p>";
-    s += gain_table(*e);
-    if (e->offered)
-        add(s, "<p>The extension closes <b>%.1f %%</b> of the error that refitting leaves.</p>",
-            100.0 * e->closed);
+    s += ":</p>";
+    s += mk::budget_html(*e);
     if (mk_explanation_doubts_logs(e))
         s += "<p>The given model predicts the held-out data better than the refitted one: are all "
              "logs of the same rig, with the same signs, units and columns?</p>";
@@ -546,8 +649,12 @@ try {
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
         s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
+    if (e->input.made)
+        s += "<h2>Which column drives it</h2>" + input_text(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    if (e->detection_limit_count > 0)
+        s += "<h2>What would have been seen</h2>" + limits(*e);
     if (e->residual_test_count > 0)
         s += "<h2>Prediction from one sample to the next</h2>" + residual_table(*e);
     if (e->control_count > 0)

@@ -1,8 +1,12 @@
 // report.json, to the letter of docs/formats.md.
 #include <cmath>
+#include <cstdio>
 #include <memory>
 #include <string>
 
+#include "experiment/data_check_json.h"
+#include "ident/input_report.h"
+#include "ident/left_out_json.h"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 
@@ -31,25 +35,9 @@ cJSON *joint_of(int joint)
     return joint > 0 ? cJSON_CreateNumber(joint) : cJSON_CreateNull();
 }
 
-cJSON *cause_json(const mk_model &model, const mk_cause &c)
+// What differs from log to log, beside the parameter's common value.
+void add_own_values(cJSON *parameters, const mk_explanation &e, const mk_cause &c)
 {
-    cJSON *o = cJSON_CreateObject();
-    cJSON_AddStringToObject(o, "name", c.effect->name);
-    cJSON_AddItemToObject(o, "joint", joint_of(c.joint));
-    cJSON_AddItemToObject(o, "parameters", parameters_of(model, c));
-    cJSON *evidence = cJSON_AddObjectToObject(o, "evidence");
-    cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
-    cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
-    cJSON_AddItemToObject(o, "confidence", mk_json_number(c.confidence));
-    return o;
-}
-
-// A cause that every log has a value of its own of.
-cJSON *log_value_json(const mk_explanation &e, const mk_cause &c)
-{
-    cJSON *o = cause_json(e.given, c);
-    cJSON_AddTrueToObject(o, "per_log");
-    cJSON *parameters = cJSON_GetObjectItem(o, "parameters");
     for (int k = 0; k < c.effect->parameter_count; k++) {
         cJSON *p = cJSON_GetObjectItem(parameters, c.effect->parameter[k].name);
         if (!(c.spread[k] > 0.0))
@@ -67,6 +55,88 @@ cJSON *log_value_json(const mk_explanation &e, const mk_cause &c)
             cJSON_AddItemToArray(values, one);
         }
     }
+}
+
+cJSON *cause_json(const mk_explanation &e, const mk_cause &c)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddStringToObject(o, "name", c.effect->name);
+    cJSON_AddItemToObject(o, "joint", joint_of(c.joint));
+    cJSON *parameters = parameters_of(e.given, c);
+    add_own_values(parameters, e, c);
+    cJSON_AddItemToObject(o, "parameters", parameters);
+    cJSON *evidence = cJSON_AddObjectToObject(o, "evidence");
+    cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
+    cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
+    cJSON_AddItemToObject(o, "confidence", mk_json_number(c.confidence));
+    return o;
+}
+
+// A cause that every log has a value of its own of.
+cJSON *log_value_json(const mk_explanation &e, const mk_cause &c)
+{
+    cJSON *o = cause_json(e, c);
+    cJSON_AddTrueToObject(o, "per_log");
+    return o;
+}
+
+// What may stand in the place of a cause as well.
+cJSON *instead_json(const mk_explanation &e, int cause)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.rival_count; i++) {
+        const mk_rival &r = e.rival[i];
+        char name[96];
+        if (r.instead_of != cause || r.distinguishable)
+            continue;
+        snprintf(name, sizeof name, r.joint ? "%s at joint %d" : "%s", r.effect->name, r.joint);
+        cJSON_AddItemToArray(all, cJSON_CreateString(name));
+    }
+    return all;
+}
+
+cJSON *budget_json(const mk_explanation &e)
+{
+    const mk_budget &b = e.budget;
+    const size_t n = (size_t)mk_model_joints(&e.given);
+    const int named = e.verdict == MK_VERDICT_UNKNOWN ? 0 : e.cause_count - e.piece_count;
+    cJSON *o = cJSON_CreateObject();
+    cJSON *units = cJSON_AddArrayToObject(o, "unit");
+    for (size_t j = 0; j < n; j++)
+        cJSON_AddItemToArray(units, cJSON_CreateString(mk_model_unit(&e.given, (int)j, "rad")));
+    cJSON_AddItemToObject(o, "given", mk_json_numbers(b.given, n));
+    cJSON_AddItemToObject(o, "refit", mk_json_numbers(b.refit, n));
+    cJSON_AddItemToObject(o, "extended", mk_json_numbers(b.extended, n));
+    cJSON_AddItemToObject(o, "noise", mk_json_numbers(b.noise, n));
+    cJSON_AddItemToObject(o, "closed", mk_json_number(b.closed));
+    cJSON *items = cJSON_AddArrayToObject(o, "items");
+    for (int i = 0; i < b.item_count; i++) {
+        const mk_budget_item &item = b.item[i];
+        cJSON *one = cJSON_CreateObject();
+        // Causes, then what differs from log to log, then terms without a name.
+        const int place = item.log_value >= 0                     ? named + item.log_value
+                          : item.cause >= 0 && item.cause < named ? item.cause
+                                                                  : -1;
+        cJSON_AddItemToObject(one, "cause",
+                              place < 0 ? cJSON_CreateNull() : cJSON_CreateNumber(place));
+        if (item.input)
+            cJSON_AddTrueToObject(one, "input");
+        else if (place < 0)
+            cJSON_AddItemToObject(one, "term", cJSON_CreateNumber(item.cause - named));
+        cJSON_AddItemToObject(one, "share", mk_json_number(item.share));
+        cJSON_AddItemToObject(one, "low", mk_json_number(item.low));
+        cJSON_AddItemToObject(one, "high", mk_json_number(item.high));
+        cJSON_AddItemToObject(one, "inclusion", mk_json_number(item.inclusion));
+        cJSON_AddItemToObject(one, "instead", instead_json(e, item.cause));
+        cJSON_AddItemToObject(one, "rms", mk_json_numbers(item.rms, n));
+        cJSON_AddItemToArray(items, one);
+    }
+    cJSON *rest = cJSON_AddObjectToObject(o, "rest");
+    cJSON_AddItemToObject(rest, "share", mk_json_number(b.rest));
+    cJSON_AddItemToObject(rest, "joint", joint_of(b.rest_joint));
+    cJSON *goes = cJSON_AddArrayToObject(rest, "goes_with");
+    for (int i = 0; i < b.goes_with_count; i++)
+        cJSON_AddItemToArray(goes, cJSON_CreateString(b.goes_with[i]));
     return o;
 }
 
@@ -82,6 +152,23 @@ cJSON *rivals_json(const mk_explanation &e)
         cJSON_AddBoolToObject(o, "distinguishable", r.distinguishable);
         if (r.instead_of < e.cause_count)
             cJSON_AddStringToObject(o, "instead_of", e.cause[r.instead_of].effect->name);
+        cJSON_AddItemToArray(all, o);
+    }
+    return all;
+}
+
+cJSON *limits_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.detection_limit_count; i++) {
+        const mk_detection_limit &l = e.detection_limit[i];
+        const mk_parameter_info &p = l.effect->parameter[l.parameter];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "name", l.effect->name);
+        cJSON_AddItemToObject(o, "joint", joint_of(l.joint));
+        cJSON_AddStringToObject(o, "parameter", p.name);
+        cJSON_AddItemToObject(o, "least", mk_json_number(l.least));
+        cJSON_AddStringToObject(o, "unit", mk_model_unit(&e.given, l.joint - 1, p.unit));
         cJSON_AddItemToArray(all, o);
     }
     return all;
@@ -183,17 +270,32 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *o = root.get();
     if (!o)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+    cJSON_AddItemToObject(o, "data_checks", data_check_json(&e->data_check));
     bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
     cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));
+    cJSON_AddItemToObject(o, "left_out", left_out_json(e->left_out, e->left_out_count));
     cJSON *causes = cJSON_AddArrayToObject(o, "causes");
-    cJSON *terms = unknown ? cJSON_AddArrayToObject(o, "terms") : causes;
-    for (int i = 0; i < e->cause_count; i++)
-        cJSON_AddItemToArray(terms, cause_json(e->given, e->cause[i]));
+    const int named = unknown ? 0 : e->cause_count - e->piece_count;
+    for (int i = 0; i < named; i++)
+        cJSON_AddItemToArray(causes, cause_json(*e, e->cause[i]));
     for (int i = 0; i < e->log_value_count; i++)
         cJSON_AddItemToArray(causes, log_value_json(*e, e->log_value[i]));
+    if (named < e->cause_count) {
+        cJSON *terms = cJSON_AddArrayToObject(o, "terms");
+        for (int i = named; i < e->cause_count; i++)
+            cJSON_AddItemToArray(terms, cause_json(*e, e->cause[i]));
+    }
+    if (e->input.made)
+        cJSON_AddItemToObject(o, "input", mk_input_json(&e->input));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
+    cJSON_AddItemToObject(o, "budget", budget_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
+    cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));
     cJSON_AddItemToObject(o, "parameters", base_parameters(*e));
+    cJSON_AddStringToObject(o, "scale", e->scale_free ? "free" : "known");
+    if (e->scale_free)
+        cJSON_AddStringToObject(o, "scale_held",
+                                mk_plant(e->given.plant)->parameter[e->scale_holder].name);
     cJSON_AddItemToObject(o, "holdout", holdout_json(*e, holdout_names, holdout_count));
     if (e->next.input[0]) {
         cJSON *next = cJSON_AddObjectToObject(o, "next_experiment");

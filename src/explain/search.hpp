@@ -63,6 +63,13 @@ class Search
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
     // Where a search for an effect at a joint starts.
     std::vector<Candidate> starts(const mk_model &model, const char *effect, int joint) const;
+    // All that could be added to a model.
+    std::vector<Candidate> candidates_of(const mk_model &model) const
+    {
+        return candidates(model, data);
+    }
+    double error_at_nothing(const Hypothesis &base, const Candidate &candidate);
+    double penalty(int parameters) const; // of a likelihood, for so many more (BIC)
     // Whether nothing is left to be explained: next to no drift, and white noise.
     bool complete(const Hypothesis &h) const;
     // Whether one stretch a log, which has no use for a drift, leaves the scatter of the readings.
@@ -106,7 +113,6 @@ class Search
     static double promised(const FitPicture &picture, const std::vector<int> &free,
                            const std::vector<int> &wanted);
     static bool worth_trying(const std::vector<Candidate> &all, size_t i);
-    double penalty(int parameters) const;
     void polish(Fit &fit, Hypothesis &h, bool drift_too) const;
     void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
     bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,

@@ -1,9 +1,12 @@
 #include "explain/structure.hpp"
 
 #include <cctype>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 
+#include "explain/candidates.hpp"
+#include "ident/input_report.h"
 #include "model/effects_custom.hpp"
 
 namespace mk
@@ -81,10 +84,13 @@ std::string formula_of(const mk_cause &cause, const mk_plant_info &plant)
 
 std::string describe_structure(const mk_explanation &e, const mk_plant_info &plant)
 {
+    // Beside causes that are named, only what has no name.
+    const bool named = e.verdict == MK_VERDICT_PARTIAL;
+    const int first = named ? e.cause_count - e.piece_count : 0;
     std::string all;
     for (int joint = 0; joint <= MK_MAX_JOINTS; joint++) {
         std::string terms;
-        for (int i = 0; i < e.cause_count; i++)
+        for (int i = first; i < e.cause_count; i++)
             if (e.cause[i].joint == joint)
                 terms += (terms.empty() ? "" : " ") + formula_of(e.cause[i], plant);
         if (terms.empty())
@@ -93,7 +99,41 @@ std::string describe_structure(const mk_explanation &e, const mk_plant_info &pla
             all += "; ";
         all += joint > 0 ? "joint " + std::to_string(joint) + ": " + terms : terms;
     }
-    return all.empty() ? "no term of the library explains it" : all;
+    return all.empty() && !named ? "no term of the library explains it" : all;
 }
 
 } // namespace mk
+
+void mk_budget_item_name(const mk_explanation *e, const mk_budget_item *item, char *text,
+                         size_t size)
+{
+    if (item->input) {
+        mk_input_short(&e->input, text, size);
+        return;
+    }
+    const bool own = item->log_value >= 0;
+    const mk_cause &c = own ? e->log_value[item->log_value] : e->cause[item->cause];
+    if (mk::is_library(c.effect)) {
+        const std::string term = mk::formula_of(c, *mk_plant(e->given.plant));
+        snprintf(text, size, "joint %d: %s", c.joint, term.c_str());
+        return;
+    }
+    // What tells its size: the value that differs from log to log, or else the first one fitted.
+    int k = 0;
+    for (int i = c.effect->parameter_count; i-- > 0;)
+        if (own ? c.spread[i] > 0.0 : !std::isnan(c.std_error[i]))
+            k = i;
+    const mk_parameter_info &p = c.effect->parameter[k];
+    const char *unit = mk_model_unit(&e->given, c.joint - 1, p.unit);
+    char joint[32] = "", value[64];
+    if (c.joint > 0)
+        snprintf(joint, sizeof joint, " at joint %d", c.joint);
+    if (own)
+        snprintf(value, sizeof value, "%.2g", c.spread[k]);
+    else if (std::isfinite(c.std_error[k]))
+        snprintf(value, sizeof value, "%.3g +- %.1g", c.value[k], c.std_error[k]);
+    else
+        snprintf(value, sizeof value, "%.3g", c.value[k]);
+    snprintf(text, size, own ? "%s%s of each log, %s %s%s%s apart" : "%s%s, %s %s%s%s",
+             c.effect->name, joint, p.name, value, unit[0] ? " " : "", unit);
+}

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <new>
+#include <numeric>
+#include <utility>
 
-#include "ident/period.hpp"
-#include "ident/sizes.hpp"
+#include "sim/record_check.hpp"
 
 namespace mk
 {
@@ -14,81 +16,92 @@ namespace mk
 namespace
 {
 
-constexpr size_t FEWEST = 40;          // rows of a log
-constexpr double MOTION = 5.0;         // counts: less is rest
-constexpr double A_RUN = 15.0;         // s of a log that are worth having
-constexpr double LONGEST_PERIOD = 0.2; // s; no rig here can be followed with readings farther apart
+constexpr size_t FEWEST = 40;  // rows of a log
+constexpr double MOTION = 5.0; // counts: less is rest
+// Of long logs windows are searched. They cost a start state each.
+constexpr double WINDOW = 5.0;          // s: some swings
+constexpr double SHORTEST_WINDOW = 1.0; // s: with more logs than this allows some have none
 
-// Rows [first, last) of a log, with its metadata and the columns a model needs.
-OwnedLog slice(const mk_log &log, size_t first, size_t last)
+// What a log tells between holes, in parts that are worth searching in.
+std::vector<Piece> worthwhile_pieces(const mk_record &record, size_t rows)
 {
-    mk_log *made = nullptr;
-    if (mk_log_create(last - first, &made) != MK_OK)
-        throw std::bad_alloc();
-    OwnedLog out(made);
-    for (size_t c = 0; c < log.column_count; c++) {
-        if (!log.columns[c].data)
-            continue;
-        double *data = mk_log_add_column(made, log.columns[c].name);
-        if (!data)
-            throw std::bad_alloc();
-        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
-    }
-    for (size_t m = 0; m < log.meta_count; m++)
-        if (log.meta[m].key[0] &&
-            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
-            throw std::bad_alloc();
-    return out;
-}
-
-// What a log tells without a hole in it.
-Piece longest_piece(const mk_record &record, size_t rows)
-{
-    Piece longest = {0, 0};
     double hole = 0.0;
-    for (const Piece &piece : pieces_of(record, rows, hole))
-        if (piece.last - piece.first > longest.last - longest.first)
-            longest = piece;
-    return longest;
+    std::vector<Piece> pieces = pieces_of(record, rows, hole);
+    pieces.erase(std::remove_if(pieces.begin(), pieces.end(),
+                                [](const Piece &p) { return p.last - p.first < FEWEST; }),
+                 pieces.end());
+    return pieces;
 }
 
-// A column that is to be learned from, or measured on.
-enum mk_status check_values(const double *x, const char *name, const mk_log &log, mk_error *err)
+// A piece of a log as given.
+struct Part {
+    int log;
+    mk_record record;
+    Piece rows;
+    double seconds() const { return record.t[rows.last - 1] - record.t[rows.first]; }
+};
+
+// How many windows each part gets, as its length is, and one at least where that leaves them long
+// enough.
+std::vector<size_t> window_counts(const std::vector<Part> &parts, double all_s, double most_s)
 {
-    for (size_t k = 0; k < log.rows; k++)
-        if (!std::isnan(x[k]))
-            return MK_OK;
-    return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0, "%s has no values", name);
+    const double most = std::max(1.0, std::floor(most_s / SHORTEST_WINDOW));
+    const double usual = std::max(1.0, std::round(most_s / WINDOW));
+    const bool each = (double)parts.size() <= most;
+    const double together = each ? usual : most;
+    std::vector<size_t> counts;
+    double before = 0.0; // s
+    for (const Part &part : parts) {
+        const double after = before + part.seconds();
+        const double share =
+            std::round(after / all_s * together) - std::round(before / all_s * together);
+        counts.push_back((size_t)std::max(each ? 1.0 : 0.0, share));
+        before = after;
+    }
+    return counts;
+}
+
+// Windows of one length, spread evenly over all parts and over all of each; of a part that is no
+// longer than its windows all of it.
+std::vector<Part> windows_over(const std::vector<Part> &parts, double all_s, double most_s)
+{
+    const std::vector<size_t> counts = window_counts(parts, all_s, most_s);
+    const size_t all = std::accumulate(counts.begin(), counts.end(), (size_t)0);
+    const double length = most_s / (double)std::max<size_t>(1, all);
+    std::vector<Part> windows;
+    for (size_t i = 0; i < parts.size(); i++) {
+        const Part &part = parts[i];
+        const size_t rows = part.rows.last - part.rows.first, count = counts[i];
+        const size_t wanted =
+            std::max(FEWEST, (size_t)std::ceil((double)rows * length / part.seconds()));
+        if (wanted * count >= rows) {
+            windows.push_back(part);
+            continue;
+        }
+        for (size_t k = 0; k < count; k++) {
+            const size_t middle = part.rows.first + rows * (2 * k + 1) / (2 * count);
+            const size_t first = middle - wanted / 2;
+            windows.push_back({part.log, part.record, {first, first + wanted}});
+        }
+    }
+    return windows;
 }
 
 enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
 {
-    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     enum mk_status st = mk_record_from_log(&log, &model, &record, err);
-    if (st != MK_OK)
-        return st;
-    if (record.rows < FEWEST)
-        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
-                           "%zu rows are too few to explain anything: %zu at least", record.rows,
-                           FEWEST);
-    const double period = median_period(record.t, record.rows);
-    if (period > LONGEST_PERIOD)
-        return mk_error_at(
-            err, MK_ERR_RANGE, log.path, 0, 0,
-            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
-        st = check_angles(record.q[j], angles[j], log, err);
-        if (st == MK_OK)
-            st = check_values(record.q[j], angles[j], log, err);
-    }
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++) {
-        const char *name = i ? "the second command" : "the command";
-        if (record.u[i])
-            st = check_commands(record.u[i], name, model, log, err);
-        if (record.u[i] && st == MK_OK)
-            st = check_values(record.u[i], name, log, err);
-    }
-    return st;
+    return st == MK_OK ? check_record(record, model, log, FEWEST, err) : st;
+}
+
+// From the first row that is not left out to behind the last one.
+std::pair<size_t, size_t> kept_rows(const mk_record &record)
+{
+    size_t first = 0, last = record.rows;
+    while (record.left_out && first < last && record.left_out[first] != 0.0)
+        first++;
+    while (record.left_out && last > first && record.left_out[last - 1] != 0.0)
+        last--;
+    return {first, last};
 }
 
 // The row behind the last one where a joint is not yet where it stays to the end.
@@ -128,6 +141,33 @@ enum mk_status check_motion(const FitLog &log, const mk_log *source, const char 
 
 } // namespace
 
+OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last)
+{
+    mk_log *made = nullptr;
+    if (mk_log_create(last - first, &made) != MK_OK)
+        throw std::bad_alloc();
+    OwnedLog out(made);
+    for (size_t c = 0; c < log.column_count; c++) {
+        if (!log.columns[c].data)
+            continue;
+        double *data = mk_log_add_column(made, log.columns[c].name);
+        if (!data)
+            throw std::bad_alloc();
+        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
+    }
+    for (size_t m = 0; m < log.meta_count; m++)
+        if (log.meta[m].key[0] &&
+            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
+            throw std::bad_alloc();
+    char begins[32];
+    const double *t = mk_log_get(&log, "t");
+    std::snprintf(begins, sizeof begins, "%.17g", t ? t[0] : 0.0);
+    if (!mk_log_find_meta(&log, "begins_s") &&
+        mk_log_set_meta(made, "begins_s", begins) == MK_ERR_NOMEM)
+        throw std::bad_alloc();
+    return out;
+}
+
 enum mk_status TrainingData::load(const mk_model &model, const mk_explain_options &options,
                                   const mk_log *const *given, size_t count,
                                   const mk_log *const *holdouts, size_t holdout_count,
@@ -144,6 +184,7 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
         if (st != MK_OK)
             return st;
     }
+    std::vector<Part> parts;
     for (size_t i = 0; i < count; i++) {
         mk_record record;
         st = check_log(*given[i], model, record, err);
@@ -155,22 +196,29 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
             if (st != MK_OK)
                 return st;
         }
-        used.push_back(longest_piece(record, last));
-        if (used[i].last - used[i].first < FEWEST)
+        const std::vector<Piece> pieces = worthwhile_pieces(record, last);
+        if (pieces.empty())
             return mk_error_at(err, MK_ERR_RANGE, given[i]->path, 0, 0,
                                "no %zu rows without a long hole in them: too few to explain "
                                "anything",
                                FEWEST);
-        logs.push_back(fit_log(record, model, used[i].first, used[i].last, (int)i));
-        out.given_s += logs.back().duration();
-        st = check_motion(logs.back(), given[i], "explain", err);
+        st = check_motion(fit_log(record, model, pieces.front().first, pieces.back().last),
+                          given[i], "explain", err);
         if (st != MK_OK)
             return st;
+        for (const Piece &piece : pieces) {
+            parts.push_back({(int)i, record, piece});
+            out.given_s += parts.back().seconds();
+        }
     }
     if (out.given_s > options.most_s)
-        st = take_part(model, options.most_s, given, err);
-    for (const FitLog &log : logs)
-        out.searched_s += log.duration();
+        parts = windows_over(parts, out.given_s, options.most_s);
+    for (const Part &p : parts) {
+        logs.push_back(fit_log(p.record, model, p.rows.first, p.rows.last, p.log));
+        out.searched_s += logs.back().duration();
+        made.push_back(rows_of_log(*given[p.log], p.rows.first, p.rows.last));
+        rows.push_back(made.back().get());
+    }
     return st;
 }
 
@@ -183,16 +231,23 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     enum mk_status st = check_motion(fit_log(record, model, 0, record.rows), &log, "explain", err);
     if (st != MK_OK)
         return st;
-    size_t end = record.rows;
+    const auto [begin, kept] = kept_rows(record);
+    size_t end = kept;
     const size_t moved = end_of_motion(record, model);
-    if (moved < end - end / 4)
-        end = moved;
-    last = end - end / 4;
-    if (end == record.rows && last < FEWEST)
+    if (moved < end - (end - begin) / 4)
+        end = std::max(moved, begin);
+    last = end - (end - begin) / 4;
+    if (end == kept && last - begin < FEWEST)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
                            "%zu rows are too few to explain anything and hold a quarter of them "
                            "back: %zu without those, or give another log with --holdout",
                            record.rows, FEWEST);
+    const double seconds = record.t[end - 1] - record.t[last], least = least_to_hold_out(model);
+    if (seconds < least)
+        return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
+                           "the last quarter of the motion, %.2g s, is too short to measure a gain "
+                           "on: %.2g s at least, or give another log with --holdout",
+                           seconds, least);
     const FitLog part = fit_log(record, model, last, std::max(end, last + 2));
     st = end - last < 2 ? MK_ERR_RANGE : check_motion(part, &log, "measure on", nullptr);
     if (st != MK_OK)
@@ -202,33 +257,8 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     out.held_back = true;
     out.held_from = record.t[last] - record.t[0];
     out.held_to = record.t[end - 1] - record.t[0];
-    made.push_back(slice(log, last, end));
+    made.push_back(rows_of_log(log, last, end));
     held.push_back(made.back().get());
-    return MK_OK;
-}
-
-// Of logs evenly over all the beginnings: effects may depend on the time since the start.
-enum mk_status TrainingData::take_part(const mk_model &model, double most_s,
-                                       const mk_log *const *given, mk_error *err)
-{
-    const size_t count = logs.size();
-    const double wanted = std::max(most_s, (double)FEWEST * logs[0].period);
-    size_t kept = (size_t)std::max(1.0, std::min((double)count, wanted / A_RUN));
-    double share = wanted / (double)kept;
-    std::vector<FitLog> part;
-    for (size_t i = 0; i < kept; i++) {
-        const size_t log = i * count / kept;
-        mk_record record;
-        enum mk_status st = mk_record_from_log(given[log], &model, &record, err);
-        if (st != MK_OK)
-            return st;
-        const double seconds = std::min(share, logs[log].duration());
-        size_t last = used[log].first;
-        while (last < used[log].last && record.t[last] - record.t[used[log].first] <= seconds)
-            last++;
-        part.push_back(fit_log(record, model, used[log].first, last, (int)log));
-    }
-    logs = std::move(part);
     return MK_OK;
 }
 

@@ -4,17 +4,21 @@
 
 #include <vector>
 
-#include "explain/owned_log.hpp"
 #include "ident/fit_log.hpp"
+#include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
 
 namespace mk
 {
 
+// Rows [first, last) of a log, with its metadata and when it began. Throws std::bad_alloc.
+OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last);
+
 struct TrainingData {
     std::vector<FitLog> logs;         // to search in
+    std::vector<const mk_log *> rows; // the same rows, one a FitLog
     std::vector<const mk_log *> held; // to measure on
-    std::vector<OwnedLog> made;       // those of `held` that were cut off
+    std::vector<OwnedLog> made;       // those of `rows` and `held` that were cut off
     bool second_half = false; // figures are those of second halves: logs have values of their own
 
     // Takes at most options.most_s of the logs; without hold-out logs the end of the last one is
@@ -24,12 +28,8 @@ struct TrainingData {
                         size_t holdout_count, mk_explanation &out, mk_error *err);
 
   private:
-    std::vector<Piece> used; // of the logs as given: between holes
-
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
                              size_t &last, mk_explanation &out, mk_error *err);
-    enum mk_status take_part(const mk_model &model, double most_s, const mk_log *const *given,
-                             mk_error *err);
 };
 
 } // namespace mk

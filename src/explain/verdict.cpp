@@ -39,13 +39,47 @@ void Verdict::decide()
         out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
     else if ((lost.joint > 0 || !causes.rounds.empty()) && causes.explained() && established())
         out.verdict = MK_VERDICT_EFFECT;
+    else if (carries_over())
+        out.verdict = MK_VERDICT_PARTIAL;
     else
         out.verdict = MK_VERDICT_UNKNOWN;
     describe_causes();
     add_lost_counts();
+    find_pieces();
+    if (out.verdict == MK_VERDICT_PARTIAL && out.piece_count == out.cause_count)
+        out.verdict = MK_VERDICT_UNKNOWN;
     describe_rivals();
-    if (out.verdict == MK_VERDICT_UNKNOWN)
+    if (out.verdict >= MK_VERDICT_PARTIAL)
         set_structure();
+}
+
+// What has no name. Where several laws of friction add up at one joint and the data are still not
+// followed, they are pieces of one that the catalogue lacks: how each of them would change if that
+// were in their place, nobody knows.
+void Verdict::find_pieces()
+{
+    auto friction = [](const mk_cause &c, int joint) {
+        return c.joint == joint && is_friction(c.effect, c.value);
+    };
+    for (int i = 0; i < out.cause_count; i++)
+        out.cause[i].piece = is_library(out.cause[i].effect);
+    if (out.verdict == MK_VERDICT_PARTIAL)
+        for (int j = 1; j <= mk_model_joints(&model); j++) {
+            const auto several = std::count_if(out.cause, out.cause + out.cause_count,
+                                               [&](const mk_cause &c) { return friction(c, j); });
+            for (int i = 0; i < out.cause_count; i++)
+                out.cause[i].piece =
+                    out.cause[i].piece || (several > 1 && friction(out.cause[i], j));
+        }
+    sort_causes();
+}
+
+// Whether there is a cause with a name, and all predict data that they were not fitted to.
+bool Verdict::carries_over() const
+{
+    return !causes.rounds.empty() && causes.carried.size() == causes.rounds.size() &&
+           std::any_of(causes.rounds.begin(), causes.rounds.end(),
+                       [](const Round &r) { return !is_library(r.field[0].added.effect); });
 }
 
 // How far the given values are from the estimate, in its own covariance: chi-square distributed
@@ -154,6 +188,7 @@ void Verdict::describe_causes()
             int fitted = 0;
             for (int k = 0; k < info->parameter_count; k++) {
                 c.value[k] = use.value[k];
+                c.spread[k] = use.spread[k];
                 c.std_error[k] = error[(size_t)(first + k)];
                 fitted += !std::isnan(c.std_error[k]);
             }
@@ -162,9 +197,18 @@ void Verdict::describe_causes()
         }
         first += info->parameter_count;
     }
-    std::stable_sort(
-        out.cause, out.cause + out.cause_count,
-        [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+    sort_causes();
+}
+
+// By importance, pieces last.
+void Verdict::sort_causes()
+{
+    std::stable_sort(out.cause, out.cause + out.cause_count,
+                     [](const mk_cause &a, const mk_cause &b) {
+                         return a.piece != b.piece ? b.piece : a.delta_bic > b.delta_bic;
+                     });
+    out.piece_count = (int)std::count_if(out.cause, out.cause + out.cause_count,
+                                         [](const mk_cause &c) { return c.piece; });
 }
 
 void Verdict::weigh(int cause, int fitted, mk_cause &c)
@@ -201,9 +245,7 @@ void Verdict::add_lost_counts()
     c.delta_bic = 2.0 * lost.gain;
     c.p_value = 0.0;
     c.confidence = confidence_of(lost.gain);
-    std::stable_sort(
-        out.cause, out.cause + out.cause_count,
-        [](const mk_cause &a, const mk_cause &b) { return a.delta_bic > b.delta_bic; });
+    sort_causes();
     if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
         mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
         use.value[0] = lost.step;
@@ -231,7 +273,10 @@ void Verdict::describe_rivals()
     for (size_t r = 0; r < causes.rounds.size(); r++) {
         const std::vector<Hypothesis> &field = causes.rounds[r].field;
         for (size_t i = 1; i < field.size(); i++) {
-            double behind = field[i].score - field[0].score;
+            // Of a field from when there were fewer causes beside, none is comparable.
+            if (field[i].point.model.effect_count != causes.best.point.model.effect_count)
+                continue;
+            double behind = field[i].score - causes.best.score;
             if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
                 behind > INSEPARABLE)
                 continue;
@@ -258,12 +303,28 @@ void Verdict::describe_rivals()
     }
 }
 
+void Verdict::add_data_causes()
+{
+    if (out.verdict < MK_VERDICT_EFFECT)
+        out.verdict = MK_VERDICT_EFFECT;
+    if (out.verdict != MK_VERDICT_UNKNOWN)
+        return;
+    out.verdict = MK_VERDICT_PARTIAL;
+    for (int i = 0; i < out.cause_count; i++)
+        out.cause[i].piece = true;
+    out.piece_count = out.cause_count;
+}
+
 void Verdict::withdraw()
 {
     out.extended = causes.refit.point.model;
     std::vector<double> error = standard_errors(causes.refit);
     std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count, out.std_error);
     out.drift_extended = causes.refit.drift;
+    if (out.verdict == MK_VERDICT_PARTIAL) {
+        out.verdict = MK_VERDICT_UNKNOWN;
+        set_structure();
+    }
     if (out.verdict != MK_VERDICT_EFFECT)
         return;
     if (CauseSearch::matters(causes.refit.drift)) {

@@ -21,6 +21,9 @@ class Verdict
     {
     }
     void decide();
+    // What differs from log to log and the command's other column are causes as well, found before
+    // all others: where these leave a rest without a name, they are named all the same.
+    void add_data_causes();
     // What predicts held-out data worse than the refitted model is not offered, and no cause is
     // claimed: the formula, if any, stays as an observation.
     void withdraw();
@@ -29,6 +32,7 @@ class Verdict
     // Whether each cause by itself is known to be there. Laws that nearly cancel make up a shape
     // that none of them has.
     bool established() const;
+    bool carries_over() const;
     // By rival of the explanation.
     const Hypothesis *const *rivals() const { return rival_fit; }
 
@@ -45,6 +49,8 @@ class Verdict
     double error_of_size(int first, const mk_effect_info &info, int size) const;
     void set_structure();
     void describe_causes();
+    void sort_causes();
+    void find_pieces();
     void weigh(int cause, int fitted, mk_cause &c);
     void add_lost_counts();
     int place_of(const Candidate &chosen) const;

@@ -181,6 +181,9 @@ enum mk_status read_records(const mk_model *model, const mk_log *const *logs, si
         enum mk_status st = mk_record_from_log(logs[i], model, &r, err);
         if (st != MK_OK)
             return st;
+        if (!r.u[0])
+            return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,
+                               "a run without a command, by which repeated runs are found");
         double period = period_of(r), first = i ? period_of(records[0]) : period;
         if (!(period > 0.0) || std::fabs(period - first) > 0.01 * first)
             return mk_error_at(err, MK_ERR_RANGE, logs[i]->path, 0, 0,

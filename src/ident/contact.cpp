@@ -12,15 +12,16 @@ namespace mk
 namespace
 {
 
-// How far out of proportion a residual torque must be. Calibrated on 44 + 120 made-up sets without
-// a touch, every effect of the catalogue and fourteen others hidden in them, 120 with one, and the
+// How far out of proportion a residual torque must be. Calibrated on 1000 made-up sets without a
+// touch, every effect of the catalogue and fourteen others hidden in them, 180 with one, and the
 // nine measured rigs.
 constexpr double PEAK = 8.0;       // standard deviations of what usually remains
 constexpr double SHARE = 0.6;      // of what acts then, counted as in ResidualTorques (2 at most)
 constexpr double PRODUCT = 4.0;    // of that share and of the excess over all that is elsewhere
 constexpr double EXCESS = 2.0;     // over all that is elsewhere
 constexpr double RELEVANT = 0.3;   // of what acts at busy times
-constexpr double MOST_DATA = 0.3;  // more than this share of the data is the rule, not foreign
+constexpr double MOST_DATA = 0.3;  // more than this share of the motion is the rule, not foreign
+constexpr double MOST_LOG = 0.5;   // longer than this share of its log it is that log's nature
 constexpr double FLANK = 4.0;      // standard deviations at which a touch begins and ends
 constexpr double TRAIL = 0.05;     // of the peak: less of it is the smoother's
 constexpr double GAP = 0.3;        // s: touches nearer each other are one
@@ -34,6 +35,9 @@ constexpr double SHORT = 0.45, ONE_WAY = 0.2; // s; sum over sum of sizes
 constexpr double MARGIN = 1.0;                // blocks on either side
 constexpr double LOG_END = 0.25;              // s: nearer to a log's end it lasts to there
 constexpr size_t WIDTHS[] = {1, 2, 4};        // blocks that are averaged
+// Where the smoother cannot follow, its errors push and pull from block to block. What single
+// blocks show must therefore show in averages over two, of which this share of PRODUCT is asked.
+constexpr double CONFIRMED = 0.9;
 
 // Blocks [first, last) with the largest size among them.
 struct Stretch {
@@ -128,39 +132,67 @@ struct Core {
     }
 };
 
+// By block: whether a joint moves on from the one before by more than a count of its encoder.
+std::vector<char> moving_blocks(const mk_model &model, const ResidualTorques &r)
+{
+    std::vector<char> moves(r.blocks(), 0);
+    for (int j = 0; j < r.joints; j++)
+        for (size_t k = 1; k < r.blocks(); k++)
+            if (r.log[k] == r.log[k - 1] &&
+                std::fabs(r.equation[j].angle[k] - r.equation[j].angle[k - 1]) >
+                    mk_model_count(&model, j))
+                moves[k] = 1;
+    return moves;
+}
+
 class EquationSearch
 {
   public:
-    EquationSearch(const ResidualTorques &r, int e)
-        : all(r), number(e), equation(r.equation[e]), narrow(r, equation, 1)
+    EquationSearch(const ResidualTorques &r, const std::vector<char> &moving, int e)
+        : all(r), moves(moving), number(e), equation(r.equation[e]), narrow(r, equation, 1)
     {
     }
-    void find(size_t width, std::vector<Contact> &out) const
+    void find(std::vector<Contact> &out) const
     {
-        Sizes sizes(all, equation, width);
-        std::vector<Stretch> found;
-        const size_t most = 2 * (all.log.back() + 1);
-        for (size_t i = 0; i <= most; i++)
-            found.push_back(sizes.take());
-        // Where the sizes of stretches, in their order, drop most.
-        size_t count = 0;
-        double excess = 0.0;
-        for (size_t i = 0; i < most; i++) {
-            const double drop = found[i].peak / std::max(found[i + 1].peak, FLANK);
-            if (drop > excess)
-                excess = drop, count = i + 1;
+        for (size_t width : WIDTHS) {
+            const Found f = largest(width);
+            if (foreign(f, PRODUCT, ONE_WAY) &&
+                (width > 1 || foreign(largest(2), CONFIRMED * PRODUCT, 0.0)))
+                for (const Stretch &s : f.stretches)
+                    out.push_back(contact(s, f.sizes, f.excess));
         }
-        found.resize(count);
-        if (foreign(found, sizes, excess))
-            for (const Stretch &s : found)
-                out.push_back(contact(s, sizes, excess));
     }
 
   private:
+    // What is largest in averages of some blocks, above all that is elsewhere.
+    struct Found {
+        Sizes sizes;
+        std::vector<Stretch> stretches;
+        double excess;
+    };
+
     const ResidualTorques &all;
+    const std::vector<char> &moves;
     const int number;
     const ResidualTorques::Equation &equation;
     const Sizes narrow;
+
+    // The stretches before the place where their sizes, in their order, drop most.
+    Found largest(size_t width) const
+    {
+        Found f = {Sizes(all, equation, width), {}, 0.0};
+        const size_t most = 2 * (all.log.back() + 1);
+        for (size_t i = 0; i <= most; i++)
+            f.stretches.push_back(f.sizes.take());
+        size_t count = 0;
+        for (size_t i = 0; i < most; i++) {
+            const double drop = f.stretches[i].peak / std::max(f.stretches[i + 1].peak, FLANK);
+            if (drop > f.excess)
+                f.excess = drop, count = i + 1;
+        }
+        f.stretches.resize(count);
+        return f;
+    }
 
     // What is left is the command less what the motion needs, so what pushes back from the upper
     // end of the travel is above 0. A stop does so each time that the joint comes there.
@@ -178,22 +210,30 @@ class EquationSearch
         }
         return again;
     }
-    bool foreign(const std::vector<Stretch> &found, const Sizes &sizes, double excess) const
+    size_t blocks_of_log(const Stretch &s) const
     {
-        size_t blocks = 0, stops = 0;
-        if (found.empty() || excess < EXCESS || found.back().peak < PEAK)
+        return (size_t)std::count(all.log.begin(), all.log.end(), all.log[s.first]);
+    }
+    bool foreign(const Found &f, double least_product, double least_one_way) const
+    {
+        size_t moving = 0, stops = 0;
+        if (f.stretches.empty() || f.excess < EXCESS || f.stretches.back().peak < PEAK)
             return false;
-        for (const Stretch &s : found) {
-            const Core core(equation, sizes, s);
+        for (const Stretch &s : f.stretches) {
+            const Core core(equation, f.sizes, s);
             const double seconds = all.block_s * (double)(s.last - s.first);
-            blocks += s.last - s.first;
+            moving +=
+                (size_t)std::count(moves.begin() + (long)s.first, moves.begin() + (long)s.last, 1);
             stops += is_stop(s, core);
-            if (core.share < SHARE || core.share * excess < PRODUCT ||
+            if ((double)(s.last - s.first) > MOST_LOG * (double)blocks_of_log(s))
+                return false;
+            if (core.share < SHARE || core.share * f.excess < least_product ||
                 core.largest < RELEVANT * equation.usual ||
-                (seconds < SHORT && core.one_way < ONE_WAY))
+                (seconds < SHORT && core.one_way < least_one_way))
                 return false;
         }
-        return stops < found.size() && (double)blocks < MOST_DATA * (double)all.blocks();
+        const auto motion = (double)std::count(moves.begin(), moves.end(), 1);
+        return stops < f.stretches.size() && (double)moving < MOST_DATA * motion;
     }
     // Averages reach beyond a touch: its ends are those of single blocks, where they show it.
     Contact contact(Stretch s, const Sizes &sizes, double excess) const
@@ -249,14 +289,11 @@ void unite(std::vector<Contact> &all)
 std::vector<Contact> find_contacts(const mk_model &model, const std::vector<mk_record> &records)
 {
     const ResidualTorques all = residual_torques(model, records);
+    const std::vector<char> moves = moving_blocks(model, all);
     std::vector<Contact> out;
-    for (int e = 0; e < all.joints; e++) {
-        if (!(all.equation[e].usual > 0.0))
-            continue;
-        const EquationSearch search(all, e);
-        for (size_t width : WIDTHS)
-            search.find(width, out);
-    }
+    for (int e = 0; e < all.joints; e++)
+        if (all.equation[e].usual > 0.0)
+            EquationSearch(all, moves, e).find(out);
     unite(out);
     return out;
 }

@@ -7,6 +7,7 @@
 
 #include "base/parallel.hpp"
 #include "ident/fit_priv.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -52,6 +53,7 @@ Fit::~Fit() = default;
 std::vector<int> fitted_parameters(const mk_model &model)
 {
     std::vector<int> free;
+    const int held = model.no_motor ? scale_holder(model, nullptr) : -1;
     int n = mk_model_parameter_count(&model);
     for (int i = 0; i < n; i++) {
         char name[64];
@@ -59,7 +61,7 @@ std::vector<int> fitted_parameters(const mk_model &model)
         // Most library terms have no frequency.
         bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
                     mk_model_parameter(&model, i - 1) < 8.0;
-        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle)
+        if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle && i != held)
             free.push_back(i);
     }
     return free;
@@ -389,8 +391,15 @@ double Fit::surprise(const FitPoint &point, int number, double &slope) const
     double known = options.near->parameter[number], now = point.model.parameter[number];
     if (!(known > 0.0) || !(now >= 0.0))
         return 0.0;
-    slope = scale_of(point.model, number) / ((now + NOTHING * known) * SPREAD);
-    return std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
+    const double unit = scale_of(point.model, number) / ((now + NOTHING * known) * SPREAD);
+    const double far = std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
+    // Half the square of what is returned is log(1 + far^2) / 2, of a Student distribution with one
+    // degree of freedom: near the known value a square, far from it nearly flat. It decides what
+    // data leave open and holds nothing off that they say: the pull is half a standard deviation at
+    // most.
+    const double square = far * far, heard = std::sqrt(std::log1p(square));
+    slope = heard > 1e-4 ? unit * std::fabs(far) / ((1.0 + square) * heard) : unit;
+    return std::copysign(heard, far);
 }
 
 void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const

@@ -42,7 +42,8 @@ struct FitOptions {
     double max_passes = HUGE_VAL;
     int threads = 1;
     // Model whose base parameters are right within a factor of some three, must outlive the fit: it
-    // keeps values that the data do not determine from running away. NULL: nothing is known.
+    // keeps values that the data do not determine from running away, and is not heard against what
+    // they do determine. NULL: nothing is known.
     const mk_model *near = nullptr;
 };
 
@@ -85,7 +86,8 @@ struct FitResiduals {
 };
 
 // Numbers (mechkit/ident.h) of the parameters that a fit may move: no constants of a law, no
-// counts, no parameter that its term does not use.
+// counts, no parameter that its term does not use, and of a rig that nothing drives not the one
+// that holds the scale (scale.hpp).
 std::vector<int> fitted_parameters(const mk_model &model);
 
 // Numbers of the parameters that have a value of their own in every log.
@@ -155,6 +157,10 @@ class Fit
     // Covariance of the free parameters in their units, from their information.
     static Eigen::MatrixXd covariance(const mk_model &model, const FitPicture &picture,
                                       const std::vector<int> &free);
+    // The model one Gauss-Newton step further, within the ranges of its parameters; false where
+    // that makes no rig.
+    static bool step(const mk_model &model, const FitPicture &picture, const std::vector<int> &free,
+                     mk_model &out);
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
 

@@ -6,8 +6,8 @@
 #include <limits>
 #include <utility>
 
-#include "ident/period.hpp"
 #include "mechkit/loop.h"
+#include "sim/period.hpp"
 
 namespace mk
 {
@@ -297,7 +297,7 @@ static bool says_something(const mk_record &record, size_t row)
     bool reads = false;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         reads = reads || (record.q[j] && !std::isnan(record.q[j][row]));
-    return reads && !std::isnan(record.u[0][row]);
+    return reads && !(record.u[0] && std::isnan(record.u[0][row]));
 }
 
 std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest)
@@ -305,19 +305,22 @@ std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longe
     std::vector<Piece> pieces;
     const double most = LONGEST_HOLE * median_period(record.t, rows);
     size_t first = 0, before = 0;
-    for (size_t k = 1; k <= rows; k++) {
-        bool end = k == rows;
+    bool cut = false; // rows since `before` are left out
+    for (size_t k = 0; k <= rows; k++) {
+        const bool end = k == rows;
+        cut = cut || (!end && record.left_out && record.left_out[k] != 0.0);
         if (!end && !says_something(record, k))
             continue;
-        double hole = end ? 0.0 : record.t[k] - record.t[before];
-        if (end || hole > most) {
-            size_t last = end ? k : before + 1;
+        const double hole = end || cut ? 0.0 : record.t[k] - record.t[before];
+        if (end || cut || hole > most) {
+            const size_t last = end && !cut ? k : before + 1;
             if (last - first >= Piece::FEWEST_ROWS)
                 pieces.push_back({first, last});
             longest = std::max(longest, hole);
             first = k;
         }
         before = k;
+        cut = false;
     }
     return pieces;
 }
@@ -327,7 +330,7 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
 {
     FitLog log;
     log.source = source;
-    log.start = record.t[first] - record.t[0];
+    log.start = record.t[first] - record.begins;
     log.joints = mk_model_joints(&model);
     log.period = median_period(record.t + first, last - first);
     Builder builder(record, log, first, last);

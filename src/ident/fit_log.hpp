@@ -39,8 +39,9 @@ struct Piece {
 };
 
 // What is between holes in the first `rows` rows: a command or angles that are missing for so long
-// that they are not bridged, since nobody knows what the rig did meanwhile. Pieces of a few rows
-// are left out. `longest`: raised to the longest hole, s. Throws std::bad_alloc.
+// that they are not bridged, since nobody knows what the rig did meanwhile, or rows that are left
+// out. Pieces of a few rows are dropped. `longest`: raised to the longest hole, s. Throws
+// std::bad_alloc.
 std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest);
 
 // `first`, `last`: rows [first, last) of the record, which is log number `source` of those given.

@@ -184,6 +184,22 @@ double promise(const mk_model &model, const std::vector<int> &free, const FitPic
 
 } // namespace
 
+bool Fit::step(const mk_model &model, const FitPicture &picture, const std::vector<int> &free,
+               mk_model &out)
+{
+    constexpr double TRACE = 1e-6; // damping: parameters may be collinear
+    constexpr int HALVINGS = 6;
+    const Stepper stepper(model, free);
+    VectorXd step = stepper.solve(picture, TRACE);
+    for (int i = 0; i <= HALVINGS; i++, step *= 0.5) {
+        out = model;
+        stepper.apply(out, step);
+        if (mk_model_check(&out, nullptr) == MK_OK)
+            return true;
+    }
+    return false;
+}
+
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
     int creeping = 0;

@@ -5,12 +5,14 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <new>
 
+#include "ident/left_out.hpp"
 #include "ident/method.hpp"
-#include "ident/period.hpp"
-#include "ident/sizes.hpp"
+#include "ident/scale.hpp"
+#include "sim/record_check.hpp"
 
 namespace
 {
@@ -29,65 +31,36 @@ const mk::IdentMethod *find(const char *name)
 }
 
 constexpr size_t FEWEST_ROWS = 20;
-// No rig here can be followed with readings farther apart, s.
-constexpr double LONGEST_PERIOD = 0.2;
 
-struct Range {
-    double low = HUGE_VAL, high = -HUGE_VAL;
-    size_t values = 0;
-
-    Range(const double *x, size_t rows)
-    {
-        for (size_t k = 0; k < rows; k++)
-            if (!std::isnan(x[k])) {
-                low = std::min(low, x[k]), high = std::max(high, x[k]);
-                values++;
-            }
-    }
-};
-
-enum mk_status check_values(const mk_record &record, const double *x, const char *what,
-                            const mk_log *log, mk_error *err)
+// A log that can be learned from joins the problem; one in which nothing moves does not.
+enum mk_status take_log(mk::IdentProblem &problem, const mk_log *log, mk_error *err)
 {
-    Range range(x, record.rows);
-    if (range.values < FEWEST_ROWS)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "%zu values of %s are too few to fit anything: %zu at least",
-                           range.values, what, FEWEST_ROWS);
+    mk_record record;
+    enum mk_status st = mk_record_from_log(log, &problem.model, &record, err);
+    if (st == MK_OK)
+        st = mk::check_record(record, problem.model, *log, FEWEST_ROWS, err);
+    if (st != MK_OK || !mk::record_moves(record, problem.model))
+        return st;
+    for (int j = 0; j < mk_model_joints(&problem.model); j++)
+        problem.moves[j] = problem.moves[j] || mk::joint_moves(record, problem.model, j);
+    problem.logs.push_back(log);
+    problem.records.push_back(record);
     return MK_OK;
 }
 
-// A log must have readings and move, or there is nothing to learn from it.
-enum mk_status check_motion(mk::IdentProblem &problem, const mk_record &record, const mk_log *log,
-                            mk_error *err)
+// All that is doubted of the logs, asked for where the caller did not.
+enum mk_status check_data(const mk::IdentProblem &problem, const mk_log *const *logs, size_t count,
+                          mk_data_check &check, mk_error *err)
 {
-    static const char *const angles[] = {"q1", "q2"};
-    bool moves = false;
-    if (record.rows < FEWEST_ROWS)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "%zu rows are too few to fit anything: %zu at least", record.rows,
-                           FEWEST_ROWS);
-    double period = mk::median_period(record.t, record.rows);
-    if (period > LONGEST_PERIOD)
-        return mk_error_at(
-            err, MK_ERR_RANGE, log->path, 0, 0,
-            "readings %.3g s apart show nothing of how a rig moves: is t in seconds?", period);
-    enum mk_status st = check_values(record, record.u[0], "the command", log, err);
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++)
-        if (record.u[i])
-            st = mk::check_commands(record.u[i], i ? "the second command" : "the command",
-                                    problem.model, *log, err);
-    for (int j = 0; j < mk_model_joints(&problem.model) && st == MK_OK; j++) {
-        st = check_values(record, record.q[j], angles[j], log, err);
-        if (st == MK_OK)
-            st = mk::check_angles(record.q[j], angles[j], *log, err);
-        Range range(record.q[j], record.rows);
-        if (range.high - range.low >= 3.0 * mk_model_count(&problem.model, j))
-            problem.moves[j] = moves = true;
-    }
-    if (st == MK_OK && !moves)
-        return mk_error_at(err, MK_ERR_RANGE, log->path, 0, 0,
-                           "nothing moves in this log: there is nothing to learn from it");
+    enum mk_status st = MK_OK;
+    if (problem.options.data_check)
+        check = *problem.options.data_check;
+    else
+        st = mk_data_check_logs(&problem.model, logs, count, MK_DATA_IDENTIFY, &check, err);
+    const mk_data_finding *fatal = mk_data_check_fatal(&check);
+    if (st == MK_OK && fatal && !problem.options.force)
+        return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,
+                           fatal->remedy);
     return st;
 }
 
@@ -99,7 +72,7 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
 {
     size_t beyond = 0, rows = 0;
     for (const mk_record &record : problem.records) {
-        for (size_t k = 0; k < record.rows; k++)
+        for (size_t k = 0; record.u[0] && k < record.rows; k++)
             beyond += std::fabs(record.u[0][k]) > problem.model.u_max * (1.0 + 1e-9);
         rows += record.rows;
     }
@@ -110,6 +83,23 @@ void warn_of_clipping(const mk::IdentProblem &problem, mk_ident_result &r)
                  problem.model.u_max, 100.0 * (double)beyond / (double)rows);
 }
 
+// The logs, each without what is left out of it.
+enum mk_status take_logs(mk::IdentProblem &problem, const mk_log *const *logs, size_t log_count,
+                         mk_ident_result &r, mk_error *err)
+{
+    std::vector<const mk_log *> used(logs, logs + log_count);
+    std::vector<mk::OwnedLog> made;
+    enum mk_status st = mk::leave_out(problem.model, problem.options.rows, used, made, r.left_out,
+                                      &r.left_out_count, err);
+    problem.made.assign(std::make_move_iterator(made.begin()), std::make_move_iterator(made.end()));
+    for (size_t i = 0; i < log_count && st == MK_OK; i++)
+        st = take_log(problem, used[i], err);
+    if (st == MK_OK && problem.logs.empty())
+        return mk_error_at(err, MK_ERR_RANGE, logs[0]->path, 0, 0,
+                           "nothing moves in this log: there is nothing to learn from it");
+    return st;
+}
+
 void name_parameters(const mk_ident_options &options, mk_ident_result &r)
 {
     r.parameter_count = mk_model_parameter_count(&r.model);
@@ -117,10 +107,39 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
         mk_ident_parameter &p = r.parameter[i];
         const mk_parameter_info *info = mk_model_parameter_info(&r.model, i, p.name, sizeof p.name);
         p.unit = mk_model_parameter_unit(&r.model, i);
-        p.initial = p.value = mk_model_parameter(&r.model, i);
+        p.value = mk_model_parameter(&r.model, i);
+        p.initial = options.unknown[i] ? std::nan("") : p.value;
         p.std_error = p.crb = std::nan("");
         p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;
     }
+}
+
+// A fit with the scale held where the data leave it open: at once where no command acts, else after
+// a fit has shown it.
+enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem &problem,
+                                 mk_ident_result &r, mk_error *err)
+{
+    const int holder = mk::scale_holder(problem.model, problem.options.unknown);
+    if (holder < 0 || mk::scale_is_held(problem.model, problem.options.fixed))
+        return method.fit(problem, r, err);
+    const mk_ident_result unfitted = r;
+    const bool free = mk::scale_is_free(problem.model, problem.records);
+    // Where no inertia is known, they are counted in the first.
+    if (free && problem.options.unknown[holder])
+        problem.model.parameter[holder] = 1.0;
+    problem.options.fixed[holder] = free;
+    r.parameter[holder].fixed = free;
+    enum mk_status st = method.fit(problem, r, err);
+    if (st != MK_OK || (!free && !mk::scale_was_not_found(r, holder)))
+        return st;
+    if (!free) {
+        r = unfitted;
+        problem.options.fixed[holder] = r.parameter[holder].fixed = true;
+        st = method.fit(problem, r, err);
+    }
+    if (st == MK_OK)
+        mk::tell_ratios(holder, r);
+    return st;
 }
 
 } // namespace
@@ -176,24 +195,20 @@ try {
         return mk_error_set(err, MK_ERR_NOTFOUND, "there is no method '%s'", name);
     if (log_count == 0)
         return mk_error_set(err, MK_ERR_INVALID, "a fit needs a log at least");
+    auto result = std::make_unique<mk_ident_result>();
     enum mk_status st = mk_model_check(model, err);
-    for (size_t i = 0; i < log_count && st == MK_OK; i++) {
-        mk_record record;
-        st = mk_record_from_log(logs[i], model, &record, err);
-        if (st == MK_OK)
-            st = check_motion(problem, record, logs[i], err);
-        if (st != MK_OK)
-            return st;
-        problem.logs.push_back(logs[i]);
-        problem.records.push_back(record);
-    }
+    if (st == MK_OK)
+        st = check_data(problem, logs, log_count, result->data_check, err);
+    if (st == MK_OK)
+        st = take_logs(problem, logs, log_count, *result, err);
     if (st != MK_OK)
         return st;
-    auto result = std::make_unique<mk_ident_result>();
     result->model = *model;
     snprintf(result->method, sizeof result->method, "%s", name);
     name_parameters(problem.options, *result);
-    st = method->fit(problem, *result, err);
+    // Whether the scale is free is seen in the data.
+    problem.model.no_motor = false;
+    st = fit_what_is_known(*method, problem, *result, err);
     if (st != MK_OK)
         return st;
     for (int j = 0; j < mk_model_joints(model); j++)
@@ -201,7 +216,10 @@ try {
             mk::warn(*result,
                      "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
     warn_of_clipping(problem, *result);
+    result->model.no_motor = model->no_motor;
     for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
+        if (result->scale_free && i == result->scale_holder)
+            continue;
         double e = result->parameter[i].std_error;
         if (i < mk_plant(model->plant)->parameter_count)
             result->model.parameter_stderr[i] = std::isfinite(e) ? e : 0.0;

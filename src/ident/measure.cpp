@@ -31,8 +31,8 @@ bool parabola(const mk_record &rec, size_t first, size_t last, Section &p)
     size_t readings = 0, commands = 0;
     for (size_t k = first; k < last; k++) {
         double q = rec.q[0][k];
-        if (!std::isnan(rec.u[0][k])) {
-            u += rec.u[0][k];
+        if (!rec.u[0] || !std::isnan(rec.u[0][k])) {
+            u += rec.u[0] ? rec.u[0][k] : 0.0;
             commands++;
         }
         if (std::isnan(q))

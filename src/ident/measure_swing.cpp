@@ -48,7 +48,8 @@ struct Pendulum {
 
 bool free_row(const MeasureProblem &problem, const mk_record &rec, size_t k)
 {
-    return std::isnan(rec.u[0][k]) || std::fabs(rec.u[0][k]) < 1e-3 * problem.model.u_max;
+    return !rec.u[0] || std::isnan(rec.u[0][k]) ||
+           std::fabs(rec.u[0][k]) < 1e-3 * problem.model.u_max;
 }
 
 // The wheel stands still on its pendulum over the tenth of a second from row k on.
@@ -232,6 +233,8 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
     o.fixed[1] = true;
     o.threads = problem.options.threads;
     auto r = std::make_unique<mk_ident_result>();
+    const mk_data_check made_here = {}; // no columns of a file to be doubted
+    o.data_check = &made_here;
     const mk_log *logs[1] = {made};
     st = mk_identify(&m, logs, 1, &o, r.get(), err);
     if (st != MK_OK)

@@ -2,6 +2,7 @@
 #ifndef MECHKIT_IDENT_METHOD_HPP
 #define MECHKIT_IDENT_METHOD_HPP
 
+#include <memory>
 #include <vector>
 
 #include "mechkit/ident.h"
@@ -13,8 +14,9 @@ namespace mk
 struct IdentProblem {
     mk_model model;
     std::vector<const mk_log *> logs;
-    std::vector<mk_record> records; // one a log
-    bool moves[MK_MAX_JOINTS];      // by more than a few counts in one log at least
+    std::vector<std::shared_ptr<mk_log>> made; // of `logs`, copies in which rows are left out
+    std::vector<mk_record> records;            // one a log
+    bool moves[MK_MAX_JOINTS];                 // by more than a few counts in one log at least
     mk_ident_options options;
 };
 

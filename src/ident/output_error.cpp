@@ -4,9 +4,10 @@
 #include <limits>
 #include <thread>
 
+#include "ident/first_values.hpp"
 #include "ident/fit.hpp"
 #include "ident/method.hpp"
-#include "ident/period.hpp"
+#include "sim/period.hpp"
 
 namespace mk
 {
@@ -209,6 +210,21 @@ size_t unknown(const std::vector<int> &free, const mk_ident_result &r)
                                  [&](int i) { return !r.parameter[i].excited; });
 }
 
+// A fit that starts from a model's values; false when it cannot follow the data from there.
+bool fit_from(Fit &fit, const std::vector<const FitLog *> &views, const std::vector<int> &free,
+              const mk_model &start, FitPoint &point, FitPicture &picture)
+{
+    FitPoint scouted;
+    double drift = 1.0;
+    const bool known = scout(views, free, fit.options, start, scouted, drift);
+    point = fit.start(known ? scouted.model : start);
+    if (known) {
+        std::copy(std::begin(scouted.noise), std::end(scouted.noise), std::begin(point.noise));
+        point.step = scouted.step;
+    }
+    return go_down(fit, free, drift, point, picture);
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -233,16 +249,13 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         return mk_error_set(err, MK_ERR_RANGE,
                             "no %zu rows without a hole: there is nothing to fit",
                             Piece::FEWEST_ROWS);
-    FitPoint scouted;
-    double drift = 1.0;
-    const bool known = scout(views, free, options, problem.model, scouted, drift);
-    FitPoint point = fit.start(known ? scouted.model : problem.model);
-    if (known) {
-        std::copy(std::begin(scouted.noise), std::end(scouted.noise), std::begin(point.noise));
-        point.step = scouted.step;
-    }
+    FitPoint point;
     FitPicture picture;
-    if (!go_down(fit, free, drift, point, picture)) {
+    bool found = false;
+    for (const mk_model &start : first_values(problem, views, options, BETTER_START))
+        if (!found && !fit.cancelled)
+            found = fit_from(fit, views, free, start, point, picture);
+    if (!found) {
         if (fit.cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         return mk_error_set(err, MK_ERR_NUMERIC,
@@ -260,7 +273,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     for (const OwnValue &v : fit.own_values(point, picture))
         if (r.own_count < MK_MAX_OWN_VALUES)
             r.own[r.own_count++] = {v.number, (size_t)v.source, v.value, v.std_error};
-    drift = fit.options.drift[0];
+    const double drift = fit.options.drift[0];
     warn_of_drift(drift, r);
     if (drift < SUSPICIOUS_DRIFT)
         warn_of_noise(views, r);

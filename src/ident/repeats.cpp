@@ -42,6 +42,8 @@ bool alike(const mk_record &a, const mk_record &b)
     if (std::fabs(span_a - span_b) > 0.1 * span_a)
         return false;
     double square[2] = {0.0, 0.0};
+    if (!a.u[0] || !b.u[0])
+        return false;
     for (size_t k = 0; k < std::min(a.rows, b.rows); k++)
         if (!std::isnan(a.u[0][k]) && !std::isnan(b.u[0][k]))
             square[0] += a.u[0][k] * a.u[0][k], square[1] += b.u[0][k] * b.u[0][k];

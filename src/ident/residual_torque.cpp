@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "ident/fit_log.hpp"
-#include "ident/period.hpp"
 #include "ident/quantiles.hpp"
 #include "ident/track.hpp"
+#include "sim/period.hpp"
 
 namespace mk
 {
@@ -22,6 +22,7 @@ constexpr double BLOCK = 0.05;         // s: shorter than a touch, longer than a
 constexpr double LONGEST_PERIOD = 0.1; // s: readings farther apart show no touch
 constexpr size_t FEWEST_BLOCKS = 40;   // with fewer nothing is usual
 constexpr size_t MOST_ROWS = 1000000;  // what a fit uses at most as well
+constexpr double MOTION = 5.0;         // counts: less is rest
 constexpr double BUSY = 0.75;          // quantile
 
 // What is in an equation beside the plant's terms and the effects of the model.
@@ -294,18 +295,31 @@ class Regression
     }
 };
 
-bool worth_reading(const mk_record &r, int joints)
+bool moves(const mk_record &r, const mk_model &model)
+{
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (size_t k = 0; k < r.rows; k++)
+            if (std::isfinite(r.q[j][k]))
+                low = std::min(low, r.q[j][k]), high = std::max(high, r.q[j][k]);
+        if (high - low >= MOTION * mk_model_count(&model, j))
+            return true;
+    }
+    return false;
+}
+
+bool worth_reading(const mk_record &r, const mk_model &model)
 {
     if (r.rows < Piece::FEWEST_ROWS || median_period(r.t, r.rows) > LONGEST_PERIOD)
         return false;
-    for (int j = 0; j < joints; j++) {
+    for (int j = 0; j < mk_model_joints(&model); j++) {
         size_t readings = 0;
         for (size_t k = 0; k < r.rows; k++)
             readings += std::isfinite(r.q[j][k]);
         if (readings < Piece::FEWEST_ROWS)
             return false;
     }
-    return true;
+    return moves(r, model);
 }
 
 } // namespace
@@ -320,7 +334,7 @@ ResidualTorques residual_torques(const mk_model &model, const std::vector<mk_rec
         mk_record part = records[i];
         part.rows = std::min(part.rows, left);
         left -= part.rows;
-        if (worth_reading(part, out.joints))
+        if (worth_reading(part, model))
             blocks.add(i, part);
     }
     for (int e = 0; e < out.joints; e++) {

@@ -34,8 +34,8 @@ struct ResidualTorques {
     size_t blocks() const { return t.size(); }
 };
 
-// Records too short, too slow or without readings have no blocks. At most the first million rows
-// are looked at. Throws std::bad_alloc.
+// Records too short, too slow, without readings or without motion have no blocks. At most the first
+// million rows are looked at. Throws std::bad_alloc.
 ResidualTorques residual_torques(const mk_model &model, const std::vector<mk_record> &records);
 
 } // namespace mk

@@ -9,7 +9,7 @@
 
 #include <Eigen/Dense>
 
-#include "ident/period.hpp"
+#include "sim/period.hpp"
 
 namespace
 {

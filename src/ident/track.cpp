@@ -4,8 +4,8 @@
 #include <cmath>
 #include <new>
 
-#include "ident/period.hpp"
 #include "mechkit/signals.h"
+#include "sim/period.hpp"
 
 namespace mk
 {

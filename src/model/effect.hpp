@@ -55,7 +55,7 @@ struct Frame {
     bool motor_detached;      // an effect passes the motor's torque on by itself
     S tau[2];                 // right-hand sides
     S m11, m12, m22;          // mass matrix
-    S lag_input;              // command before the actuator's lag
+    S lag_input[2];           // commands before the actuators' lag
     S a[2];                   // accelerations, known from the derivative stage on
     S base_acceleration;      // of a rocking base, about joint 1's axis
 };

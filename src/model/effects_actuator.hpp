@@ -154,7 +154,9 @@ struct TorqueRipple {
     }
 };
 
-// Current follows the command with a first-order lag; the state is what the motor gets.
+// Current follows the command with a first-order lag; the states are what the motors get. A rig
+// with two motors has the same drive at both joints; one with a single motor has 0 as the other
+// state.
 struct ActuatorLag {
     static constexpr mk_effect_info info = {"actuator-lag",
                                             "du_motor/dt = (u - u_motor) / T",
@@ -162,25 +164,29 @@ struct ActuatorLag {
                                             MK_EFFECT_JOINT_NONE,
                                             MK_STAGE_COMMAND | MK_STAGE_STATE,
                                             ALL_PLANTS,
-                                            1,
+                                            MK_MAX_INPUTS,
                                             0,
                                             1,
                                             {{"time-constant", "s", "T", 1e-5, 10.0, 0.01}}};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
-        f.lag_input = f.command[0];
-        f.command[0] = e.z[0];
+        for (int i = 0; i < MK_MAX_INPUTS; i++) {
+            f.lag_input[i] = f.command[i];
+            f.command[i] = e.z[i];
+        }
     }
     template <class S>
     static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
     {
-        dz[0] = (f.lag_input - e.z[0]) / e.p[0];
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            dz[i] = (f.lag_input[i] - e.z[i]) / e.p[0];
     }
     template <class S>
     static void init(Frame<S> &, const EffectArgs<S> &, S *z)
     {
-        z[0] = S(0.0);
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            z[i] = S(0.0);
     }
     template <class S>
     static double rate(const Frame<S> &, const EffectArgs<S> &e)

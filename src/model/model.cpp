@@ -10,6 +10,11 @@
 
 using namespace mk;
 
+const char *mk_input_name(enum mk_input input)
+{
+    return input == MK_INPUT_COMMANDED ? "commanded" : "measured";
+}
+
 void mk_model_default(enum mk_plant_kind kind, mk_model *out)
 {
     const mk_plant_info *plant = mk_plant(kind);

@@ -14,6 +14,7 @@
 struct reader {
     struct mk_ini *file;
     const char *path;
+    bool *unknown; /* by number: the value is `?`; NULL: all are needed */
     struct mk_error *err;
 };
 
@@ -45,9 +46,28 @@ static enum mk_status too_large(struct reader *r, const struct mk_ini_entry *e, 
                        help[0] ? " (" : "", help, help[0] ? ")" : "");
 }
 
-static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
-                                 const struct mk_parameter_info *p, double *out)
+/* `?`: a value that is not known. *out keeps the usual one. */
+static enum mk_status leave_open(struct reader *r, struct mk_ini_entry *e,
+                                 const struct mk_parameter_info *p, int number)
 {
+    e->used = true;
+    if (p->fit == MK_FIT_FIXED || p->fit == MK_FIT_INTEGER)
+        return mk_ini_refuse(r->file, e, r->err, "a number: no fit finds this one");
+    if (!r->unknown)
+        return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                           "%s in [%s] is `?`, not known, and its value is needed here: mechkit "
+                           "identify finds it from a log",
+                           e->key, e->section);
+    r->unknown[number] = true;
+    return MK_OK;
+}
+
+/* Of parameter `number` of the model. */
+static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
+                                 const struct mk_parameter_info *p, int number, double *out)
+{
+    if (strcmp(e->value, "?") == 0)
+        return leave_open(r, e, p, number);
     enum mk_status st = get_number(r, e, out);
     if (st != MK_OK)
         return st;
@@ -168,6 +188,33 @@ static enum mk_status get_counts(struct reader *r, struct mk_model *m)
     return MK_OK;
 }
 
+/* `motor = none`: nothing drives the rig. Without the key a motor does. */
+static enum mk_status get_motor(struct reader *r, struct mk_model *m)
+{
+    struct mk_ini_entry *e = find(r, "rig", "motor");
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    m->no_motor = strcmp(e->value, "none") == 0;
+    return m->no_motor ? MK_OK
+                       : mk_ini_refuse(r->file, e, r->err, "none, or no such key on a driven rig");
+}
+
+/* `input = measured` or `commanded`; without the key nobody has said it. */
+static enum mk_status get_input(struct reader *r, struct mk_model *m)
+{
+    struct mk_ini_entry *e = find(r, "rig", "input");
+    if (!e)
+        return MK_OK;
+    e->used = true;
+    for (int i = MK_INPUT_MEASURED; i < MK_INPUT_COUNT; i++)
+        if (strcmp(e->value, mk_input_name((enum mk_input)i)) == 0) {
+            m->input = (enum mk_input)i;
+            return MK_OK;
+        }
+    return mk_ini_refuse(r->file, e, r->err, "measured or commanded");
+}
+
 /* --- sections ---------------------------------------------------------------------------- */
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
@@ -196,6 +243,10 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
     if (st == MK_OK)
         st = get_counts(r, m);
     if (st == MK_OK)
+        st = get_motor(r, m);
+    if (st == MK_OK)
+        st = get_input(r, m);
+    if (st == MK_OK)
         st = get_positive(r, "simulation", "rtol", HUGE_VAL, &m->rtol);
     if (st == MK_OK)
         st = get_positive(r, "simulation", "atol", HUGE_VAL, &m->atol);
@@ -212,7 +263,7 @@ static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
                                "[parameters] %s is missing: the %s needs p1 .. p%d", p->name,
                                plant->name, plant->parameter_count);
-        enum mk_status st = get_ranged(r, e, p, &m->parameter[i]);
+        enum mk_status st = get_ranged(r, e, p, i, &m->parameter[i]);
         if (st != MK_OK)
             return st;
         e = find(r, "stderr", p->name);
@@ -292,6 +343,9 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct m
         return mk_error_at(r->err, st == MK_ERR_INVALID ? MK_ERR_PARSE : st, r->path,
                            e ? e->line : first->line, 0, "%s", why.message);
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
+    int first_number = mk_plant(m->plant)->parameter_count;
+    for (int k = 0; k + 1 < m->effect_count; k++)
+        first_number += mk_effect(m->effect[k].index)->parameter_count;
     for (int i = 0; i < info->parameter_count; i++) {
         e = find(r, first->section, info->parameter[i].name);
         if (!e && info->parameter[i].optional)
@@ -300,7 +354,7 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct m
             return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
                                "[%s] %s is missing (%s)", first->section, info->parameter[i].name,
                                info->parameter[i].help);
-        st = get_ranged(r, e, &info->parameter[i], &use->value[i]);
+        st = get_ranged(r, e, &info->parameter[i], first_number + i, &use->value[i]);
         if (st == MK_OK)
             st = get_spread(r, first->section, &info->parameter[i], &use->spread[i]);
         if (st != MK_OK)
@@ -348,6 +402,17 @@ static enum mk_status reject_unused(struct reader *r)
     return MK_OK;
 }
 
+/* Usual values in place of unknown ones, beside known ones of another size, may make no rig: larger
+ * inertias and smaller couplings do. */
+static void reconcile(struct mk_model *m, const bool *unknown)
+{
+    const struct mk_plant_info *plant = mk_plant(m->plant);
+    for (int attempt = 0; attempt < 12 && mk_model_check(m, NULL) != MK_OK; attempt++)
+        for (int i = 0; i < plant->parameter_count; i++)
+            if (unknown[i])
+                m->parameter[i] *= plant->parameter[i].min > 0.0 ? 10.0 : 0.1;
+}
+
 static enum mk_status interpret(struct reader *r, struct mk_model *m)
 {
     enum mk_status st = read_rig(r, m);
@@ -359,6 +424,8 @@ static enum mk_status interpret(struct reader *r, struct mk_model *m)
         st = reject_unused(r);
     if (st != MK_OK)
         return st;
+    if (r->unknown)
+        reconcile(m, r->unknown);
     struct mk_error why = MK_ERROR_INIT;
     st = mk_model_check(m, &why);
     if (st != MK_OK)
@@ -368,8 +435,16 @@ static enum mk_status interpret(struct reader *r, struct mk_model *m)
 
 enum mk_status mk_model_read(const char *path, struct mk_model *out, struct mk_error *err)
 {
-    struct reader r = {.path = path, .err = err};
+    return mk_model_read_open(path, out, NULL, err);
+}
+
+enum mk_status mk_model_read_open(const char *path, struct mk_model *out, bool *unknown,
+                                  struct mk_error *err)
+{
+    struct reader r = {.path = path, .unknown = unknown, .err = err};
     struct mk_model model;
+    for (int i = 0; unknown && i < MK_MAX_FIT_PARAMETERS; i++)
+        unknown[i] = false;
     enum mk_status st = mk_ini_read(path, "the model", &r.file, err);
     if (st == MK_OK)
         st = interpret(&r, &model);
@@ -474,6 +549,10 @@ static void write_model(FILE *f, const struct mk_model *m, const char *comment)
     put(f, "u_max", m->u_max);
     put(f, "u_to_torque", m->u_to_torque);
     write_joints(f, m);
+    if (m->no_motor)
+        fprintf(f, "motor = none\n");
+    if (m->input != MK_INPUT_UNSAID)
+        fprintf(f, "input = %s\n", mk_input_name(m->input));
     fprintf(f, "\n[parameters]\n");
     bool errors = false;
     for (int i = 0; i < plant->parameter_count; i++) {

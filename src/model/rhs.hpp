@@ -76,7 +76,7 @@ inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const U &t, const S *
     f.t = S(t);
     f.m = motion_of(c.joints, x, x + c.joints);
     f.command[0] = S(clamp(u[0], U(-c.u_max), U(c.u_max)));
-    f.command[1] = S(u[1]);
+    f.command[1] = c.joints == 2 && c.motor == 0 ? S(u[1]) : S(0.0); // a second motor, if any
     f.motor_speed = f.m.v[c.motor];
     f.coulomb_scale = S(1.0);
     f.motor_detached = false;

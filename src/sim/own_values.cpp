@@ -58,7 +58,8 @@ struct Window {
 class Estimate
 {
   public:
-    Estimate(mk_start_finder &finder, const mk_model &model, size_t rows, double window_s)
+    Estimate(mk_start_finder &finder, const mk_model &model, const mk_record &record, size_t rows,
+             double window_s)
         : f(finder), given(model), now(model), own(own_of(model))
     {
         for (const Own &o : own)
@@ -71,9 +72,11 @@ class Estimate
         together = std::max(1.0, SAME_ERROR / period);
         for (size_t first = 0; first < rows;) {
             size_t last = first + 1;
-            while (last < rows && f.t[last] - f.t[first] < window_s)
+            const double *left_out = record.left_out; // where a window ends
+            while (last < rows && f.t[last] - f.t[first] < window_s &&
+                   !(left_out && left_out[last - 1] != left_out[last]))
                 last++;
-            if (last - first >= FEWEST_ROWS)
+            if (last - first >= FEWEST_ROWS && !(left_out && left_out[first] != 0.0))
                 window.push_back({first, last, {}, false, HUGE_VAL});
             first = last;
         }
@@ -224,7 +227,7 @@ try {
         mk_start_finder_create(record, model), mk_start_finder_destroy);
     if (!finder)
         throw std::bad_alloc();
-    Estimate estimate(*finder, *model, rows, window_s);
+    Estimate estimate(*finder, *model, *record, rows, window_s);
     estimate.run();
     *out = estimate.model();
     *count = estimate.report(found);

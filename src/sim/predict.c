@@ -55,6 +55,26 @@ static void commands_before(const struct mk_record *rec, size_t row, double *u)
     }
 }
 
+/* Puts the simulation into state x at a row, the commands of earlier rows that have not come into
+ * force yet on their way. */
+static enum mk_status start_at(struct prediction *p, size_t row, const double *x,
+                               struct mk_error *err)
+{
+    const struct mk_record *rec = &p->rec;
+    const double late = mk_model_command_delay(p->model), now = rec->t[row];
+    double u[MK_MAX_INPUTS];
+    size_t from = row;
+    while (from > 0 && rec->t[from - 1] + late > now)
+        from--;
+    commands_before(rec, from, u);
+    enum mk_status st = mk_sim_reset(p->sim, now - rec->begins, x, u);
+    for (size_t k = from; st == MK_OK && k < row; k++) {
+        command_at(rec, k, u);
+        st = mk_sim_issued_before(p->sim, rec->t[k] - rec->begins, u, err);
+    }
+    return st;
+}
+
 /* Readings that the start state of a run over a whole log is fitted to, s: a prediction of the
  * rest, no fit to it. */
 #define FIRST_READINGS_S 1.0
@@ -79,16 +99,28 @@ static enum mk_status run_window(struct prediction *p, size_t first, size_t last
     if (st != MK_OK)
         return st;
     commands_before(rec, first, u);
-    st = mk_sim_reset(p->sim, rec->t[first] - rec->t[0], x, u);
+    st = start_at(p, first, x, err);
     if (st == MK_OK)
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
         command_at(rec, k, u);
-        st = mk_sim_advance(p->sim, rec->t[k + 1] - rec->t[0], u, err);
+        st = mk_sim_advance(p->sim, rec->t[k + 1] - rec->begins, u, err);
         if (st == MK_OK)
             store(p, k + 1);
     }
     return st;
+}
+
+static bool is_left_out(const struct mk_record *rec, size_t row)
+{
+    return rec->left_out && rec->left_out[row] != 0.0;
+}
+
+static size_t skip_left_out(const struct mk_record *rec, size_t row)
+{
+    while (row < rec->rows && is_left_out(rec, row))
+        row++;
+    return row;
 }
 
 static enum mk_status run_windows(struct prediction *p, double window_s, size_t *windows,
@@ -96,23 +128,27 @@ static enum mk_status run_windows(struct prediction *p, double window_s, size_t 
 {
     const struct mk_record *rec = &p->rec;
     enum mk_status st = MK_OK;
-    size_t first = 0;
     *windows = *failed = 0;
+    size_t first = skip_left_out(rec, 0);
     while (first < rec->rows) {
-        size_t last = rec->rows;
+        double end = HUGE_VAL, index = 0.0;
         if (window_s > 0.0) {
-            double index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
-            double end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
-            for (last = first + 1; last < rec->rows && rec->t[last] < end;)
-                last++;
-            for (size_t k = first; k < last; k++)
-                p->window[k] = index;
+            index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
+            end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
         }
+        size_t last = first + 1;
+        while (last < rec->rows && rec->t[last] < end && !is_left_out(rec, last))
+            last++;
+        for (size_t k = first; p->window && k < last; k++)
+            p->window[k] = index;
         st = run_window(p, first, last, err);
         *failed += st != MK_OK;
         ++*windows;
-        first = last;
+        first = skip_left_out(rec, last);
     }
+    if (*windows == 0)
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "all rows are left out: there is nothing to predict");
     return *failed == *windows ? st : MK_OK;
 }
 

@@ -1,4 +1,5 @@
 /* A log in a model's terms: which column is what, and the state of the rig at a row. */
+#include "mechkit/number.h"
 #include "mechkit/sim.h"
 
 #include <math.h>
@@ -14,27 +15,83 @@ static enum mk_status missing(const struct mk_log *log, struct mk_error *err, co
     return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s", what);
 }
 
-/* The command's columns under their various names (docs/formats.md). */
-static enum mk_status find_commands(const struct mk_log *log, const struct mk_plant_info *plant,
+/* Whether a log is of a rig that nothing drives, so that its command is 0 without a column. */
+static bool nothing_drives(const struct mk_log *log, const struct mk_model *model)
+{
+    const char *input = mk_log_find_meta(log, "input");
+    return model->no_motor || (input && strcmp(input, "none") == 0);
+}
+
+/* A command where there is said to be none: one of the two is wrong. */
+static enum mk_status check_undriven(const struct mk_log *log, const struct mk_model *model,
+                                     const struct mk_record *record, struct mk_error *err)
+{
+    for (int i = 0; i < MK_MAX_INPUTS && nothing_drives(log, model); i++)
+        for (size_t k = 0; record->u[i] && k < record->rows; k++)
+            if (fabs(record->u[i][k]) > 0.0)
+                return mk_error_at(
+                    err, MK_ERR_PARSE, log->path, log->first_row_line + (int)k, 0,
+                    "the command is %g, but %s says that nothing drives the rig", record->u[i][k],
+                    model->no_motor ? "`motor = none` in the model" : "`# input: none` in the log");
+    return MK_OK;
+}
+
+/* Where a log may have its command (docs/formats.md). */
+struct command_names {
+    const char *one, *two; /* NULL: for one motor only */
+    bool si;
+};
+static const struct command_names measured_names[] = {
+    {"u1", "u2", false}, {"tau1", "tau2", true}, {"u", NULL, false}, {"tau", NULL, true}};
+static const struct command_names commanded_names[] = {{"u1_cmd", "u2_cmd", false},
+                                                       {"tau1_cmd", "tau2_cmd", true},
+                                                       {"u_cmd", NULL, false},
+                                                       {"tau_cmd", NULL, true}};
+#define COMMAND_NAMES (sizeof measured_names / sizeof measured_names[0])
+
+/* The first of the names that the log has; -1: none. */
+static int find_names(const struct mk_log *log, const struct command_names *names)
+{
+    for (size_t i = 0; i < COMMAND_NAMES; i++)
+        if (mk_log_get(log, names[i].one))
+            return (int)i;
+    return -1;
+}
+
+/* The motor's command, and where two motors drive the rig that of joint 2. */
+static enum mk_status find_commands(const struct mk_log *log, const struct mk_model *model,
                                     struct mk_record *out, struct mk_error *err)
 {
-    static const struct {
-        const char *one, *two;
-        bool si;
-    } names[] = {
-        {"u1", "u2", false}, {"tau1", "tau2", true}, {"u", NULL, false}, {"tau", NULL, true}};
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        const double *one = mk_log_get(log, names[i].one);
-        const double *two = names[i].two ? mk_log_get(log, names[i].two) : NULL;
-        if (!one)
-            continue;
-        bool takes_two = plant->joints == 2 && plant->motor_joint == 0;
-        out->u[0] = one;
-        out->u[1] = takes_two ? two : NULL;
-        out->si = names[i].si;
-        return MK_OK;
-    }
-    return missing(log, err, "u (the command), tau, or u1/tau1: one of them is needed");
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    const bool commanded = model->input == MK_INPUT_COMMANDED;
+    const struct command_names *names = commanded ? commanded_names : measured_names;
+    const int found = find_names(log, names), measured = find_names(log, measured_names);
+    if (found < 0 && commanded && !nothing_drives(log, model))
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log has no column u_cmd, tau_cmd, or u1_cmd/tau1_cmd, which "
+                           "`input = commanded` in the model asks for: without that line the "
+                           "measured %s is taken",
+                           measured < 0 ? "command" : measured_names[measured].one);
+    if (found < 0)
+        return nothing_drives(log, model)
+                   ? MK_OK
+                   : missing(log, err,
+                             "u (the command), tau, or u1/tau1: one of them is needed. If nothing "
+                             "drove "
+                             "the rig, say so: `motor = none` in [rig] of the model, or `# input: "
+                             "none` in "
+                             "the log (mechkit import: `input = none` in [rig] of the mapping)");
+    const bool takes_two = plant->joints == 2 && plant->motor_joint == 0 && names[found].two;
+    out->u[0] = mk_log_get(log, names[found].one);
+    out->u[1] = takes_two ? mk_log_get(log, names[found].two) : NULL;
+    out->si = names[found].si;
+    if (commanded && takes_two && !out->u[1] && measured == found &&
+        mk_log_get(log, measured_names[measured].two))
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log has no column %s beside %s, which `input = commanded` in the "
+                           "model asks for: what joint 2 was sent is not known",
+                           names[found].two, names[found].one);
+    return MK_OK;
 }
 
 bool mk_record_joint_slides(const struct mk_log *log, int joint)
@@ -126,17 +183,23 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     out->t = mk_log_get(log, "t");
     if (!out->t)
         return missing(log, err, "t");
+    const char *begins = mk_log_find_meta(log, "begins_s");
+    if (!begins || !mk_parse_double_z(begins, &out->begins))
+        out->begins = log->rows > 0 ? out->t[0] : 0.0;
     static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     for (int j = 0; j < plant->joints; j++) {
         out->q[j] = mk_log_get(log, angles[j]);
         if (!out->q[j])
             return missing(log, err, angles[j]);
     }
+    out->left_out = mk_log_get(log, "left_out");
     out->flags = mk_log_get(log, "flags");
     const char *clock = mk_log_find_meta(log, "clock");
     out->board_clock = clock && strcmp(clock, "board") == 0;
     out->late_us = out->board_clock ? NULL : mk_log_get(log, "late_us");
-    st = find_commands(log, plant, out, err);
+    st = find_commands(log, model, out, err);
+    if (st == MK_OK)
+        st = check_undriven(log, model, out, err);
     out->u_to_torque = out->si ? 1.0 : model->u_to_torque;
     return st;
 }

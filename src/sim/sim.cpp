@@ -240,7 +240,8 @@ static enum mk_status run_to(mk_sim *sim, double t_end, mk_error *err)
     return st;
 }
 
-static enum mk_status issue(mk_sim *sim, const double *u, mk_error *err)
+// A command given at time t.
+static enum mk_status issue(mk_sim *sim, double t, const double *u, mk_error *err)
 {
     if (sim->delay <= 0.0) {
         put_in_force(sim, u);
@@ -252,9 +253,20 @@ static enum mk_status issue(mk_sim *sim, const double *u, mk_error *err)
         return mk_error_set(err, MK_ERR_RANGE, "more than %d commands wait in the input delay",
                             EDGES);
     Edge &e = sim->edge[(sim->first + sim->count++) % EDGES];
-    e.t = sim->t + sim->delay;
+    e.t = t + sim->delay;
     memcpy(e.u, u, sizeof e.u);
     memcpy(sim->issued, u, sizeof sim->issued);
+    return MK_OK;
+}
+
+enum mk_status mk_sim_issued_before(mk_sim *sim, double t, const double *u, mk_error *err)
+{
+    if (!sim->ready || t > sim->t)
+        return mk_error_set(err, MK_ERR_STATE, "earlier commands are told between reset and now");
+    if (t + sim->delay > sim->t)
+        return issue(sim, t, u, err);
+    memcpy(sim->issued, u, sizeof sim->issued);
+    put_in_force(sim, u);
     return MK_OK;
 }
 
@@ -267,7 +279,7 @@ enum mk_status mk_sim_advance(mk_sim *sim, double t_end, const double *u, mk_err
             return mk_error_set(err, MK_ERR_INVALID, "the command is not a finite number");
     if (!(t_end >= sim->t))
         return mk_error_set(err, MK_ERR_INVALID, "time runs backwards: %g to %g", sim->t, t_end);
-    enum mk_status st = issue(sim, u, err);
+    enum mk_status st = issue(sim, sim->t, u, err);
     while (st == MK_OK && sim->count > 0 && sim->edge[sim->first].t <= t_end) {
         const Edge e = sim->edge[sim->first];
         sim->first = (sim->first + 1) % EDGES;

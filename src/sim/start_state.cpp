@@ -27,7 +27,7 @@ try {
     f->data = {};
     f->data.rows = record->rows;
     for (size_t k = 0; k < record->rows; k++)
-        f->t.push_back(record->t[k] - record->t[0]);
+        f->t.push_back(record->t[k] - record->begins);
     f->data.t = f->t.data();
     for (int i = 0; i < MK_MAX_INPUTS; i++) {
         double held = 0.0;

@@ -4,7 +4,7 @@
 
 #include <memory>
 
-#include "explain/owned_log.hpp"
+#include "ident/owned_log.hpp"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
 #include "support/truth.hpp"

@@ -1,6 +1,6 @@
 // The time between the rows of a log that need not be even.
-#ifndef MECHKIT_IDENT_PERIOD_HPP
-#define MECHKIT_IDENT_PERIOD_HPP
+#ifndef MECHKIT_SIM_PERIOD_HPP
+#define MECHKIT_SIM_PERIOD_HPP
 
 #include <cstddef>
 

@@ -1,4 +1,4 @@
-#include "ident/period.hpp"
+#include "sim/period.hpp"
 
 #include <algorithm>
 #include <vector>

@@ -1,6 +1,6 @@
 // A log that frees itself.
-#ifndef MECHKIT_EXPLAIN_OWNED_LOG_HPP
-#define MECHKIT_EXPLAIN_OWNED_LOG_HPP
+#ifndef MECHKIT_IDENT_OWNED_LOG_HPP
+#define MECHKIT_IDENT_OWNED_LOG_HPP
 
 #include <memory>
 

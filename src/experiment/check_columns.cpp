@@ -1,0 +1,312 @@
+// What the columns and the metadata of a log say by themselves.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <vector>
+
+#include "experiment/findings.hpp"
+#include "mechkit/number.h"
+#include "sim/period.hpp"
+#include "sim/record_check.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double TURN = 6.283185307179586; // rad
+const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
+
+// --- wrapped angles ------------------------------------------------------------------------------
+
+// The row whose reading is a whole turn from where the readings before and after it point; 0: there
+// is none. What was wrapped stays within one turn, which sets it apart from pulses that were lost.
+size_t wrapped_at(const double *q, size_t rows, double turn)
+{
+    double low = HUGE_VAL, high = -HUGE_VAL;
+    for (size_t k = 0; k < rows; k++)
+        low = std::fmin(low, q[k]), high = std::fmax(high, q[k]); // pass a NaN over
+    if (!(high - low > 0.9 * turn && high - low < 1.001 * turn))
+        return 0;
+    for (size_t k = 2; k + 1 < rows; k++) {
+        const double step = q[k] - q[k - 1], rest = std::remainder(step, turn);
+        const double before = std::remainder(q[k - 1] - q[k - 2], turn);
+        const double after = std::remainder(q[k + 1] - q[k], turn);
+        if (std::fabs(step) > 0.9 * turn &&
+            std::fabs(rest - 0.5 * (before + after)) < 0.05 * turn &&
+            std::fabs(before - after) < 0.1 * turn)
+            return k;
+    }
+    return 0;
+}
+
+void check_wrapping(const CheckedLog &c, int joint, Findings &out)
+{
+    const double turns[] = {TURN, 360.0};
+    if (c.model.joint_linear[joint])
+        return;
+    const double *q = c.record.q[joint];
+    for (int i = 0; i < 2; i++) {
+        const size_t row = wrapped_at(q, c.record.rows, turns[i]);
+        if (row == 0)
+            continue;
+        out.fatal(text("%s jumps from %.6g to %.6g: it is wrapped to one turn%s", angles[joint],
+                       q[row - 1], q[row], i ? ", and in degrees" : ""),
+                  "unwrap it first, so that turns are counted on (numpy.unwrap, MATLAB's unwrap)",
+                  c.log.first_row_line + (int)row);
+    }
+}
+
+// --- units ---------------------------------------------------------------------------------------
+
+// Whether the readings step by `size` and whole multiples of it.
+bool steps_by(const double *q, size_t rows, double size)
+{
+    size_t steps = 0, multiples = 0;
+    for (size_t k = 1; k < rows; k++) {
+        const double step = std::fabs(q[k] - q[k - 1]) / size;
+        if (!(step > 1e-6))
+            continue;
+        steps++;
+        multiples += step > 0.5 && step < 1e6 && std::fabs(step - std::round(step)) < 0.05;
+    }
+    return steps >= 50 && multiples * 100 >= steps * 98;
+}
+
+// Number `joint` of a list in the log's metadata; 0 where there is none.
+double listed(const CheckedLog &c, const char *key, int joint)
+{
+    const char *text = mk_log_find_meta(&c.log, key);
+    for (int j = 0; text && *text; j++) {
+        char *end;
+        const double value = std::strtod(text, &end);
+        if (end == text || !(value > 0.0 && value <= 1e8))
+            break;
+        if (j == joint)
+            return value;
+        text = end + std::strspn(end, " \t,");
+    }
+    return 0.0;
+}
+
+// Size of a count in the joint's unit, after the log itself or, where it says nothing sensible, the
+// model.
+double count_of(const CheckedLog &c, int joint)
+{
+    const double cpr = listed(c, "encoder_cpr", joint);
+    const double size = listed(c, "encoder_resolution", joint);
+    return size > 0.0 ? size : cpr >= 1.0 ? TURN / cpr : mk_model_count(&c.model, joint);
+}
+
+// Steps of an encoder in another unit than rad are 57 times or hundreds of times as large as they
+// should be: no encoder, and no error of its scale, is off by so much.
+void check_unit(const CheckedLog &c, int joint, Findings &out)
+{
+    constexpr double FEWEST_COUNTS = 100.0; // a coarser sensor's counts may be rad by chance
+    if (c.model.joint_linear[joint])        // neither degrees nor counts a turn
+        return;
+    const double counts = TURN / count_of(c, joint);
+    const double *q = c.record.q[joint];
+    const bool in_degrees = steps_by(q, c.record.rows, 360.0 / counts);
+    if (!in_degrees && (counts < FEWEST_COUNTS || !steps_by(q, c.record.rows, 1.0)))
+        return;
+    const char *name = angles[joint];
+    out.fatal(
+        text("%s: steps of %g are those of %g counts a turn in %s, but angles are in rad", name,
+             in_degrees ? 360.0 / counts : 1.0, counts, in_degrees ? "degrees" : "raw counts"),
+        in_degrees
+            ? text("convert it: mechkit import --map with [%s] unit = deg", name)
+            : text("convert it: mechkit import --map with [%s] sign = %.10g", name, TURN / counts));
+}
+
+// --- what is there -------------------------------------------------------------------------------
+
+double missing_share(const double *x, size_t rows)
+{
+    return (double)std::count_if(x, x + rows, [](double v) { return std::isnan(v); }) /
+           (double)rows;
+}
+
+void check_missing(const CheckedLog &c, Findings &out)
+{
+    constexpr double MANY = 0.1; // of the rows
+    for (int j = 0; j < mk_model_joints(&c.model); j++) {
+        const double share = missing_share(c.record.q[j], c.record.rows);
+        if (share > MANY)
+            out.doubt(text("%.0f %% of the readings of %s are missing", 100.0 * share, angles[j]),
+                      "look for lost samples at the board or in the conversion of the file");
+    }
+    const double share = c.record.u[0] ? missing_share(c.record.u[0], c.record.rows) : 0.0;
+    if (share > MANY)
+        out.doubt(text("%.0f %% of the commands are missing, and made up from those before and "
+                       "after",
+                       100.0 * share),
+                  "record the command in every row");
+}
+
+// --- time ----------------------------------------------------------------------------------------
+
+double median(std::vector<double> values)
+{
+    auto middle = values.begin() + (std::ptrdiff_t)(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
+
+// Samples that lie between two rows: by the numbers that a loop gives its samples, or the rate that
+// the log says it was sampled at.
+double samples_a_row(const CheckedLog &c, double rate)
+{
+    const double *tick = mk_log_get(&c.log, "tick");
+    if (!tick)
+        return rate * median_period(c.record.t, c.record.rows);
+    std::vector<double> steps;
+    for (size_t k = 1; k < c.record.rows; k++)
+        if (std::isfinite(tick[k] - tick[k - 1]))
+            steps.push_back(tick[k] - tick[k - 1]);
+    return steps.empty() ? 1.0 : median(steps);
+}
+
+void check_rate(const CheckedLog &c, Findings &out)
+{
+    constexpr double NEAR = 0.05; // of a sample
+    const double period = median_period(c.record.t, c.record.rows);
+    const char *meta = mk_log_find_meta(&c.log, "sample_rate_hz");
+    double rate = 0.0;
+    if (meta && !(mk_parse_double_z(meta, &rate) && rate > 0.0)) {
+        out.doubt(text("sample_rate_hz: '%.40s' is no number above 0", meta),
+                  "correct or remove the line; the times of the rows are taken");
+        rate = 0.0;
+    }
+    const double each = samples_a_row(c, rate), whole = std::round(each);
+    if (whole >= 2.0 && std::fabs(each - whole) < NEAR * whole)
+        out.doubt(text("the log is thinned: its rows, %.4g s apart, are one in %.0f of those that "
+                       "were taken",
+                       period, whole),
+                  "give the log as it was recorded: what happens between rows (delays, backlash, "
+                  "lost counts, the command's steps) cannot be seen");
+    else if (rate > 0.0 && std::fabs(rate * period - 1.0) > NEAR)
+        out.doubt(text("sample_rate_hz is %g, but the rows are %.4g s apart (%.4g Hz)", rate,
+                       period, 1.0 / period),
+                  "correct the line, or the times; the times are taken");
+}
+
+// Time stamps that are all multiples of a step which is not far below the time between rows, and
+// steps between them that are not even: they were rounded.
+void check_time_grid(const CheckedLog &c, Findings &out)
+{
+    constexpr double COARSE = 0.15; // of the time between rows
+    constexpr double ON_IT = 1e-3;  // of the step
+    constexpr double OFTEN = 0.1;   // of the rows
+    const double *t = c.record.t;
+    const size_t rows = c.record.rows;
+    const double period = median_period(t, rows);
+    for (double step : {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4}) {
+        size_t off = 0, uneven = 0;
+        if (step < COARSE * period || step > 0.99 * period)
+            continue;
+        for (size_t k = 1; k < rows; k++) {
+            off += std::fabs(std::remainder(t[k] - t[0], step)) > ON_IT * step;
+            // Rows that were dropped leave steps of whole periods.
+            uneven += std::fabs(std::remainder(t[k] - t[k - 1], period)) > 0.5 * step;
+        }
+        if (off > 0)
+            continue;
+        if ((double)uneven > OFTEN * (double)rows)
+            out.doubt(text("time stamps are rounded to %g s, with rows %.4g s apart", step,
+                           (t[rows - 1] - t[0]) / (double)(rows - 1)),
+                      "write times with more digits: rounding them is noise on every speed");
+        return;
+    }
+}
+
+} // namespace
+
+void check_columns(const CheckedLog &log, Findings &out)
+{
+    for (int j = 0; j < mk_model_joints(&log.model); j++) {
+        check_wrapping(log, j, out);
+        check_unit(log, j, out);
+    }
+    check_missing(log, out);
+    check_rate(log, out);
+    check_time_grid(log, out);
+}
+
+namespace
+{
+
+// A command may overshoot where it is clipped for real; by so much it is another unit or garbage.
+void check_clipping(const CheckedLog &c, Findings &out)
+{
+    constexpr double MANY = 0.01, MOST = 0.5; // of the rows
+    constexpr double FAR = 10.0;              // times the limit
+    size_t beyond = 0, far = 0;
+    double most = 0.0;
+    for (size_t k = 0; c.record.u[0] && k < c.record.rows; k++) {
+        const double u = std::fabs(c.record.u[0][k]);
+        beyond += u > c.model.u_max * (1.0 + 1e-9);
+        far += u > FAR * c.model.u_max;
+        most = std::fmax(most, u);
+    }
+    const double rows = (double)c.record.rows;
+    if (far == 0 && !((double)beyond > MANY * rows))
+        return;
+    const std::string what =
+        text("the command reaches %.3g and is beyond the model's u_max = %g in "
+             "%zu of %zu rows, where it is taken as clipped",
+             most, c.model.u_max, beyond, c.record.rows);
+    const char *remedy = "convert the command to the model's unit, or correct u_max in the model";
+    if ((double)far > MOST * rows)
+        out.fatal(what, remedy);
+    else
+        out.doubt(what, remedy);
+}
+
+} // namespace
+
+void check_extremes(const CheckedLog &c, Findings &out)
+{
+    check_clipping(c, out);
+    for (int j = 0; j < mk_model_joints(&c.model); j++) {
+        double reach = 0.0;
+        for (size_t k = 0; k < c.record.rows; k++)
+            reach = std::fmax(reach, std::fabs(c.record.q[j][k])); // passes a NaN over
+        if (reach > MOST_ANGLE)
+            out.doubt(text("%s reaches %.3g %s: that is no %s of a rig", angles[j], reach,
+                           mk_model_unit(&c.model, j, "rad"),
+                           c.model.joint_linear[j] ? "position" : "angle"),
+                      "look at the column, and at its unit");
+    }
+}
+
+void check_metadata(const CheckedLog &c, Findings &out)
+{
+    const char *meta = mk_log_find_meta(&c.log, "u_to_torque");
+    double value = 0.0;
+    if (meta && !c.record.si) {
+        if (!mk_parse_double_z(meta, &value) || !(value > 0.0))
+            out.doubt(text("u_to_torque: '%.40s' is no number above 0", meta),
+                      text("correct the line; the model's %g is taken", c.model.u_to_torque));
+        else if (std::fabs(value / c.model.u_to_torque - 1.0) > 1e-3)
+            out.doubt(text("u_to_torque is %g here, %g in the model", value, c.model.u_to_torque),
+                      "correct the one that is wrong: torques in N m differ by as much. The "
+                      "model's is taken");
+    }
+    for (int j = 0; j < mk_model_joints(&c.model); j++) {
+        const double here = count_of(c, j), there = mk_model_count(&c.model, j);
+        const char *remedy = "correct the one that is wrong; the model's is taken";
+        if (c.model.encoder_cpr[j] > 0 && std::fabs(TURN / here - TURN / there) > 0.5)
+            out.doubt(text("encoder_cpr of joint %d is %g here, %d in the model", j + 1,
+                           TURN / here, c.model.encoder_cpr[j]),
+                      remedy);
+        if (c.model.encoder_cpr[j] == 0 && std::fabs(here / there - 1.0) > 1e-4)
+            out.doubt(text("a count of joint %d is %g %s here, %g in the model", j + 1, here,
+                           mk_model_unit(&c.model, j, "rad"), there),
+                      remedy);
+    }
+}
+
+} // namespace mk
