@@ -244,8 +244,9 @@ static void show_gains(struct session *s)
 {
     for (int i = 0; i < s->setup->param_count; i++) {
         const struct mk_ctrl_param *p = &s->setup->param[i];
-        session_say(s, "  %-12s %12.6g %-10s %g .. %g  %s%s", p->name, s->value[i], p->unit, p->min,
-                    p->max, p->gain ? "[gain] " : "", p->help);
+        session_say(s, "  %-12s %12.6g %-10s %g .. %g  %s%s", p->name, s->value[i],
+                    mk_model_unit(&s->model, -1, p->unit), p->min, p->max, p->gain ? "[gain] " : "",
+                    p->help);
     }
 }
 

@@ -20,12 +20,13 @@
 #define TOO_FAR_RAD 1.5
 #define DRAG_SHARE 0.015 /* of u_max, beyond the model's friction: a cable drags */
 
-/* A rig watched from outside: angles since the watch began. */
+/* A rig watched from outside: motions since the watch began. Those of a joint that slides are in
+ * units of mk_model_joint_scale, so that the bounds above hold for them too. */
 struct watch {
     struct mk_board *board;
     struct mk_clock *clock;
     int joints, bits;
-    double rad[MK_MAX_JOINTS]; /* of a count */
+    double count[MK_MAX_JOINTS]; /* its size */
     int32_t raw[MK_MAX_JOINTS];
     double q[MK_MAX_JOINTS];
     double u; /* applied */
@@ -40,7 +41,7 @@ static void watch_begin(struct watch *w, struct mk_board *board, const struct mk
     (void)board->ops->identify(board, &id, NULL);
     w->bits = id.counter_bits;
     for (int j = 0; j < w->joints; j++)
-        w->rad[j] = mk_model_count(model, j);
+        w->count[j] = mk_model_count(model, j) / mk_model_joint_scale(model, j);
     w->next_ns = mk_clock_now_ns(w->clock);
 }
 
@@ -57,7 +58,7 @@ static bool watch_step(struct watch *w, double u)
         return false;
     for (int j = 0; j < w->joints; j++) {
         if (w->primed)
-            w->q[j] += w->rad[j] * mk_counter_difference(s.count[j], w->raw[j], w->bits);
+            w->q[j] += w->count[j] * mk_counter_difference(s.count[j], w->raw[j], w->bits);
         w->raw[j] = s.count[j];
     }
     w->u = s.u_applied;
@@ -103,7 +104,9 @@ bool doctor_rest(struct doctor *d, struct mk_board *board, const struct mk_model
             continue;
         still = false;
         doctor_say(d, DOCTOR_PROBLEM, "links", "let them hang straight down and come to rest",
-                   "joint %d moves by %.3f rad with the motor off", j + 1, high[j] - low[j]);
+                   "joint %d moves by %.3g %s with the motor off", j + 1,
+                   (high[j] - low[j]) * mk_model_joint_scale(model, j),
+                   mk_model_unit(model, j, "rad"));
     }
     if (still)
         doctor_say(d, DOCTOR_OK, "links", "", "hang still with the motor off");
@@ -133,12 +136,19 @@ static int who_moves(struct doctor *d, struct watch *w, double *moved)
     return NOBODY;
 }
 
-static bool turn_by_hand(struct doctor *d, struct watch *w, int joint, double sign)
+static bool turn_by_hand(struct doctor *d, struct watch *w, const struct mk_model *model, int joint,
+                         double sign)
 {
     char request[120], what[32];
     double moved = 0.0;
-    snprintf(request, sizeof request, "hold the other link and turn joint %d %s by half a radian",
-             joint + 1, sign > 0 ? "anticlockwise" : "back clockwise");
+    if (model->joint_linear[joint])
+        snprintf(request, sizeof request, "push joint %d %s by %.3g m", joint + 1,
+                 sign > 0 ? "the way that counts forwards" : "back",
+                 HAND_RAD * mk_model_joint_scale(model, joint));
+    else
+        snprintf(request, sizeof request,
+                 "hold the other link and turn joint %d %s by half a radian", joint + 1,
+                 sign > 0 ? "anticlockwise" : "back clockwise");
     snprintf(what, sizeof what, "encoder %d", joint + 1);
     d->ask(d->user, request);
     int who = who_moves(d, w, &moved);
@@ -154,7 +164,8 @@ static bool turn_by_hand(struct doctor *d, struct watch *w, int joint, double si
                    "encoder %d counts instead: they are swapped", who + 1);
     else if (moved * sign < 0.0)
         doctor_say(d, DOCTOR_PROBLEM, what, "exchange its A and B wires",
-                   "counts backwards: %+.2f rad", moved);
+                   "counts backwards: %+.3g %s", moved * mk_model_joint_scale(model, joint),
+                   mk_model_unit(model, joint, "rad"));
     return who == joint && moved * sign > 0.0;
 }
 
@@ -166,7 +177,7 @@ void doctor_by_hand(struct doctor *d, struct mk_board *board, const struct mk_mo
     for (int j = w.joints - 1; j >= 0 && !cancelled(d); j--) {
         char what[32];
         snprintf(what, sizeof what, "encoder %d", j + 1);
-        if (turn_by_hand(d, &w, j, 1.0) && turn_by_hand(d, &w, j, -1.0))
+        if (turn_by_hand(d, &w, model, j, 1.0) && turn_by_hand(d, &w, model, j, -1.0))
             doctor_say(d, DOCTOR_OK, what, "", "counts both ways");
         w.next_ns = mk_clock_now_ns(w.clock);
     }
@@ -244,14 +255,17 @@ static struct wiring best_wiring(const double *moved, const double *expected, in
     return best;
 }
 
-static void say_wiring(struct doctor *d, const struct wiring *x, const double *moved, int motor,
-                       double misfit)
+static void say_wiring(struct doctor *d, const struct mk_model *model, const struct wiring *x,
+                       const double *moved, double misfit)
 {
+    int motor = mk_plant(model->plant)->motor_joint;
+    double size = mk_model_joint_scale(model, motor);
+    const char *unit = mk_model_unit(model, motor, "rad");
     if (misfit > 0.8)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "is this the model of this rig? encoders plugged in? power supply on?",
-                   "a push moved the joints by %+.3f and %+.3f rad, as no wiring explains",
-                   moved[0], moved[1]);
+                   "a push moved the joints by %+.4f and %+.4f %s, as no wiring explains",
+                   moved[0] * size, moved[1] * size, unit);
     else if (x->swapped)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "exchange the two encoder plugs at the board", "the encoders are swapped");
@@ -264,15 +278,15 @@ static void say_wiring(struct doctor *d, const struct wiring *x, const double *m
                    x->sign[0] < 0 ? 1 : 2);
     else
         doctor_say(d, DOCTOR_OK, "motor and encoders", "",
-                   "a push moved joint %d by %+.3f rad, both ways, as the model has it", motor + 1,
-                   moved[motor]);
+                   "a push moved joint %d by %+.4f %s, both ways, as the model has it", motor + 1,
+                   moved[motor] * size, unit);
 }
 
 bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model *model)
 {
     struct mk_clock clock;
     struct mk_board *expect = model_board(model, &clock);
-    int joints = mk_model_joints(model), motor = mk_plant(model->plant)->motor_joint;
+    int joints = mk_model_joints(model);
     double u = PUSH_SHARE * model->u_max;
     double ahead[2] = {0}, back[2] = {0}, moved[2] = {0}, expected[2] = {0};
     bool well = expect && push(expect, model, u, expected) && !cancelled(d);
@@ -300,7 +314,7 @@ bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model
     struct wiring x = best_wiring(moved, expected, joints, &misfit);
     if (joints == 1)
         x.sign[1] = x.sign[0];
-    say_wiring(d, &x, moved, motor, misfit);
+    say_wiring(d, model, &x, moved, misfit);
     return misfit <= 0.8 && !x.swapped && x.sign[0] > 0 && x.sign[1] > 0;
 }
 

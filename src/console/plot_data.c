@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "base/spectrum.h"
+#include "mechkit/sim.h"
 
 #define MOST_POINTS 4000 /* more points than pixels help nobody */
 
@@ -11,16 +12,16 @@ static const char *const angle_names[] = {"q1", "q2"}, *const speed_names[] = {"
 
 const double *plot_command(const struct mk_log *log, const char **label)
 {
-    static const char *const names[][2] = {{"u", "u [command units]"},
-                                           {"u1", "u1 [command units]"},
-                                           {"tau", "tau [N m]"},
-                                           {"tau1", "tau1 [N m]"}};
+    static const char *const names[][3] = {{"u", "u [command units]", "u [command units]"},
+                                           {"u1", "u1 [command units]", "u1 [command units]"},
+                                           {"tau", "tau [N m]", "tau [N]"},
+                                           {"tau1", "tau1 [N m]", "tau1 [N]"}};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         const double *u = mk_log_get(log, names[i][0]);
         if (!u)
             continue;
         if (label)
-            *label = names[i][1];
+            *label = names[i][mk_record_joint_slides(log, 0) ? 2 : 1];
         return u;
     }
     return NULL;

@@ -335,7 +335,7 @@ static int run(int argc, char **argv)
         printf("%s at %s, q = (%.4g", mk_plant(model.plant)->name, eq->name, eq->q[0]);
         if (mk_model_joints(&model) == 2)
             printf(", %.4g", eq->q[1]);
-        printf(") rad, g = %.4g m/s^2\n", model.g);
+        printf(") %s, g = %.4g m/s^2\n", mk_model_unit(&model, -1, "rad"), model.g);
         print_result(&o, linear_setup(model.plant, eq->name), &sys, &r, rank, condition);
     }
     return EXIT_OK;

@@ -37,7 +37,7 @@ static bool take_range(const char *value, void *target)
            mk_parse_double_z(colon + 1, &r->high) && r->low < r->high;
 }
 
-#define RANGE .take = take_range, .wants = "LOW:HIGH in rad, as -1:0.5"
+#define RANGE .take = take_range, .wants = "LOW:HIGH in the joint's unit, as -1:0.5"
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig, as far as it is known", .required = true},
@@ -52,13 +52,15 @@ static const struct option_row option_rows[] = {
     {"harmonics", OPTION_COUNT(search.harmonics), "N",
      "2 .. 12; default 5 for a trajectory, 8 for an input", 2, MK_EXCITE_MAX_HARMONICS},
     {"u-max", OPTION_NUMBER(search.u_max), "U", "limit of the command; default 70 % of the rig's"},
-    {"q1", OPTION_CALL(q[0]), "LO:HI", "limits of the angle, rad; default half a turn either way",
-     RANGE},
+    {"q1", OPTION_CALL(q[0]), "LO:HI",
+     "limits of the angle, rad (m where it slides); default half a turn either way, 31 mm", RANGE},
     {"q2", OPTION_CALL(q[1]), "LO:HI", "the same of joint 2", RANGE},
-    {"v1", OPTION_NUMBER(search.v_max[0]), "V", "limit of the speed, rad/s"},
+    {"v1", OPTION_NUMBER(search.v_max[0]), "V", "limit of the speed, rad/s or m/s"},
     {"v2", OPTION_NUMBER(search.v_max[1]), "V", "the same of joint 2"},
     {"drift", OPTION_NUMBER(search.drift), "D",
-     "process noise that the rig may have, rad/s per sqrt(s); default 1e-4", 0, INFINITY},
+     "process noise that the rig may have, rad/s per sqrt(s); default 1e-4; where a joint slides a "
+     "hundredth of it, m/s per sqrt(s)",
+     0, INFINITY},
     {"spread", OPTION_NUMBER(search.spread), "P",
      "how far the parameters may be off, as 0.1; default 0: trust the model", 0, 1},
     {"fix", OPTION_TEXTS(fixed), "NAME", "a parameter that will not be fitted; may be repeated"},
@@ -154,7 +156,8 @@ static void print_result(const struct mk_excitation *e)
     print_row("largest command", f->u_max, g->u_max, "");
     for (int j = 0; j < plant->joints; j++)
         printf("  joint %d: %.3g .. %.3g %s, up to %.3g %s\n", j + 1, f->q_min[j], f->q_max[j],
-               mk_model_unit(&e->model, j, "rad"), f->v_max[j], mk_model_unit(&e->model, j, "rad/s"));
+               mk_model_unit(&e->model, j, "rad"), f->v_max[j],
+               mk_model_unit(&e->model, j, "rad/s"));
     if (!isnan(e->worst_of_rigs))
         printf("  with parameters off by up to the spread: up to %.4g %%\n",
                100.0 * e->worst_of_rigs);

@@ -66,7 +66,7 @@ static void summarise_balance(const struct mk_log *log, struct run_summary *r)
     const struct mk_plant_info *plant = mk_plant_by_name(r->rig);
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         if (q[j] && settled + RMS_ROWS < last &&
-            !(plant && plant->joint_is_wheel[j] && strcmp(r->unit[j], "rad") == 0))
+            !(plant && plant->joint_is_wheel[j] && !r->slides[j]))
             r->rms[j] = spread(q[j], settled, last);
 }
 
@@ -122,7 +122,7 @@ enum mk_status summarise(const char *path, struct run_summary *out, struct mk_er
     copy_meta(log, "setup", out->setup, sizeof out->setup);
     copy_meta(log, "rig", out->rig, sizeof out->rig);
     for (int j = 0; j < MK_MAX_JOINTS; j++)
-        out->unit[j] = mk_record_joint_slides(log, j) ? "m" : "rad";
+        out->slides[j] = mk_record_joint_slides(log, j);
     copy_meta(log, "fault", out->fault, sizeof out->fault);
     summarise_balance(log, out);
     summarise_tracking(log, out);
@@ -135,6 +135,11 @@ static size_t add(char *buf, size_t size, size_t used, const char *text)
 {
     int n = used < size ? snprintf(buf + used, size - used, "%s", text) : 0;
     return used + (n > 0 ? (size_t)n : 0);
+}
+
+const char *summary_unit(const struct run_summary *r, int j)
+{
+    return r->slides[j] ? "m" : "rad";
 }
 
 const char *summary_line(const struct run_summary *r, char *buf, size_t size)
@@ -151,12 +156,13 @@ const char *summary_line(const struct run_summary *r, char *buf, size_t size)
         used = add(buf, size, used, part);
         int j = isnan(r->rms[1]) ? 0 : 1;
         if (!isnan(r->rms[j])) {
-            snprintf(part, sizeof part, " within %.4f %s rms", r->rms[j], r->unit[j]);
+            snprintf(part, sizeof part, " within %.4f %s rms", r->rms[j], summary_unit(r, j));
             used = add(buf, size, used, part);
         }
     }
     if (!isnan(r->track_rms)) {
-        snprintf(part, sizeof part, "  speed error %.3f %s/s rms", r->track_rms, r->unit[0]);
+        snprintf(part, sizeof part, "  speed error %.3f %s/s rms", r->track_rms,
+                 summary_unit(r, 0));
         used = add(buf, size, used, part);
     }
     snprintf(part, sizeof part, "  |u| <= %.2f", r->u_peak);

@@ -13,8 +13,8 @@ struct run_summary {
     double caught_t; /* first catch; NAN: never (or nothing to catch) */
     double held_s;   /* of the last stretch of balancing, up to its end */
     bool balanced_at_end;
-    double rms[MK_MAX_JOINTS]; /* of that stretch, about its mean, from 1 s after the catch; NAN */
-    const char *unit[MK_MAX_JOINTS]; /* of the positions: "rad", "m" */
+    double rms[MK_MAX_JOINTS];  /* of that stretch, about its mean, from 1 s after the catch; NAN */
+    bool slides[MK_MAX_JOINTS]; /* the joint's position is in m, else in rad */
     double track_rms; /* rms of motor speed against ref, over the last tenth; NAN: no reference */
     double u_peak, u_rms;
     double late_max_us;
@@ -24,6 +24,8 @@ struct run_summary {
 
 MK_NODISCARD enum mk_status summarise(const char *path, struct run_summary *out,
                                       struct mk_error *err);
+/* Unit of the position of joint j (0-based). */
+const char *summary_unit(const struct run_summary *r, int j);
 /* One line for people; returns buf. */
 const char *summary_line(const struct run_summary *r, char *buf, size_t size);
 

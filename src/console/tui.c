@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "console/linear.h"
+#include "mechkit/sim.h"
 
 #define LIVE_POINTS 131072 /* a minute at the highest rate */
 
@@ -74,9 +75,11 @@ static void show_summary(struct tui *t)
         card_line(card, "caught    never");
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         if (!isnan(r->rms[j]))
-            card_line(card, "stillness q%d within %.4f %s rms", j + 1, r->rms[j], r->unit[j]);
+            card_line(card, "stillness q%d within %.4f %s rms", j + 1, r->rms[j],
+                      summary_unit(r, j));
     if (!isnan(r->track_rms))
-        card_line(card, "tracking  speed error %.3f %s/s rms at the end", r->track_rms, r->unit[0]);
+        card_line(card, "tracking  speed error %.3f %s/s rms at the end", r->track_rms,
+                  summary_unit(r, 0));
     card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
     card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
               r->lost, r->rows);
@@ -140,6 +143,8 @@ void tui_show_log(struct tui *t, struct host_show *show)
     const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
     scope_clear(&t->log, plant ? plant : mk_plant(t->status.model.plant));
     t->log_plant = plant ? plant->kind : t->status.model.plant;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        t->log_slides[j] = mk_record_joint_slides(show->log, j);
     if (scope_load(&t->log, show->log, show->model) == MK_OK) {
         const char *slash = show->log->path ? strrchr(show->log->path, '/') : NULL;
         const char *name = slash ? slash + 1 : show->log->path ? show->log->path : "";

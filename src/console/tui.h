@@ -54,6 +54,7 @@ struct tui {
     bool playing; /* and moves on */
     double play_t, play_speed;
     char log_name[80];
+    bool log_slides[MK_MAX_JOINTS];
     enum mk_plant_kind log_plant;
 
     enum tui_mode mode;

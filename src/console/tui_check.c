@@ -85,8 +85,8 @@ static void check_limits(struct list *l, const struct host_status *st)
     for (int j = 0; j < 2; j++)
         range(travel[j], sizeof travel[j], mk_model_unit(m, j, "rad"), s->q_min[j], s->q_max[j]);
     if (mk_plant(st->model.plant)->joints == 2)
-        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g %s and %.3g %s", travel[0], travel[1],
-             s->v_max[0], fast, s->v_max[1], mk_model_unit(m, 1, "rad/s"));
+        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g and %.3g %s", travel[0], travel[1],
+             s->v_max[0], s->v_max[1], fast);
     else
         line(l, WELL, "limits", "q1 %s, speed %.3g %s", travel[0], s->v_max[0], fast);
 }

@@ -214,7 +214,7 @@ static void draw_row(const struct tui *t, struct canvas *c, struct tui_rect r, i
         snprintf(next, sizeof next, "%.6g", g->value[i]);
     snprintf(range, sizeof range, "%.5g .. %.5g", p->min, p->max);
     canvas_print(c, row, r.col + 1, r.cols - 1, style, "%c%-14s%-8s%10.6g", p->gain ? '*' : ' ',
-                 p->name, p->unit, t->status.value[i]);
+                 p->name, mk_model_unit(&t->status.model, -1, p->unit), t->status.value[i]);
     canvas_print(c, row, r.col + 35, r.cols - 35, chosen || !next[0] ? style : STYLE_WARN, "%s%10s",
                  next[0] ? ">" : " ", next);
     canvas_print(c, row, r.col + 47, r.cols - 47, style, "%10.6g  %s", t->status.initial[i], range);

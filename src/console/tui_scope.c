@@ -5,22 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const struct {
-    const char *name, *unit;
-} channels[CH_COUNT] = {{"q1", "rad"},    {"q2", "rad"}, {"dq1", "rad/s"},
-                        {"dq2", "rad/s"}, {"u", ""},     {"ref", ""}};
+static const char *const channels[CH_COUNT] = {"q1", "q2", "dq1", "dq2", "u", "ref"};
 
 static const double windows[] = {0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0};
 #define WINDOWS ((int)(sizeof windows / sizeof windows[0]))
 
 const char *scope_channel_name(enum scope_channel ch)
 {
-    return channels[ch].name;
-}
-
-const char *scope_channel_unit(enum scope_channel ch)
-{
-    return channels[ch].unit;
+    return channels[ch];
 }
 
 bool scope_has(const struct scope *s, enum scope_channel ch)
@@ -368,8 +360,8 @@ void scope_caption(const struct scope *s, char *buf, size_t size)
         if (s->trigger == TRIGGER_CATCH)
             n += snprintf(buf + n, size - (size_t)n, "  trigger: catch");
         else
-            n += snprintf(buf + n, size - (size_t)n, "  trigger: %s %s %.3g",
-                          channels[s->selected].name, triggers[s->trigger], s->level);
+            n += snprintf(buf + n, size - (size_t)n, "  trigger: %s %s %.3g", channels[s->selected],
+                          triggers[s->trigger], s->level);
     }
     if (s->waiting && n > 0 && (size_t)n < size)
         n += snprintf(buf + n, size - (size_t)n, " (waits)");
@@ -463,7 +455,7 @@ static void draw_label(const struct lane *l, struct canvas *c, struct tui_rect r
     const struct scope_point *p =
         scope_find(s, s->cursor_on ? s->cursor_t : fmin(l->v.t1, scope_last_t(s)));
     canvas_print(c, r.row, r.col, LABEL_COLS, selected ? STYLE_SELECTED : STYLE_TITLE, "%-3s",
-                 channels[ch].name);
+                 channels[ch]);
     canvas_print(c, r.row, r.col + 3, LABEL_COLS - 3, STYLE_DIM, "%6.4g", l->high);
     if (r.rows > 2)
         canvas_print(c, r.row + r.rows - 1, r.col + 3, LABEL_COLS - 3, STYLE_DIM, "%6.4g", l->low);

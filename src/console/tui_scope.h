@@ -70,7 +70,6 @@ void scope_move_cursor(struct scope *s, int steps);
 void scope_pan(struct scope *s, int windows);
 
 const char *scope_channel_name(enum scope_channel ch);
-const char *scope_channel_unit(enum scope_channel ch);
 bool scope_has(const struct scope *s, enum scope_channel ch);
 /* One line: window, trigger, freeze, cursor. */
 void scope_caption(const struct scope *s, char *buf, size_t size);

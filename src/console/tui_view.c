@@ -101,8 +101,7 @@ static struct figures figures_now(const struct tui *t)
     struct figures f = {.plant = t->in_log ? t->log_plant : t->status.model.plant,
                         .ref = (double)NAN};
     f.joints = mk_plant(f.plant)->joints;
-    if (!t->in_log) /* a log on the screen is of the model's rig or in rad */
-        memcpy(f.slides, t->status.model.joint_linear, sizeof f.slides);
+    memcpy(f.slides, t->in_log ? t->log_slides : t->status.model.joint_linear, sizeof f.slides);
     if (s->cursor_on)
         from_point(s, s->cursor_t, &f);
     else if (t->in_log)

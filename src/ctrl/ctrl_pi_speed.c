@@ -14,6 +14,7 @@
 enum { KP, KI, SPEED, FRICTION, COMPENSATE, PARAM_COUNT };
 
 #define POLE_RADPS 10.0
+#define MOST_GAIN 1e7 /* of a rig of tons in N s/m; a bound against slips of the keyboard */
 
 struct pi_speed {
     double integral; /* command units */
@@ -26,6 +27,7 @@ static enum mk_status pi_speed_create(struct mk_ctrl *ctrl, struct mk_error *err
     double inertia = ctrl->model.parameter[0], viscous = ctrl->model.parameter[1];
     ctrl->value[KP] = fmax(2.0 * POLE_RADPS * inertia - viscous, POLE_RADPS * inertia);
     ctrl->value[KI] = inertia * POLE_RADPS * POLE_RADPS;
+    ctrl->value[SPEED] *= mk_model_joint_scale(&ctrl->model, 0);
     return MK_OK;
 }
 
@@ -82,8 +84,8 @@ const struct mk_ctrl_ops mk_ctrl_pi_speed = {
     .param_count = PARAM_COUNT,
     .param =
         {
-            [KP] = {"kp", "s/rad", "gain on the speed error", 0.0, 100.0, NAN, true},
-            [KI] = {"ki", "1/rad", "gain on its integral", 0.0, 1000.0, NAN, true},
+            [KP] = {"kp", "s/rad", "gain on the speed error", 0.0, MOST_GAIN, NAN, true},
+            [KI] = {"ki", "1/rad", "gain on its integral", 0.0, MOST_GAIN, NAN, true},
             [SPEED] = {"speed", "rad/s", "reference when there is no signal", -1000.0, 1000.0, 50.0,
                        false},
             [FRICTION] = {"friction", "", "share of the believed friction fed forward", 0.0, 1.0,

@@ -422,12 +422,14 @@ void add_variables(const SymbolicModel &s, Variables &all)
     const char *local = "causality=\"local\" variability=\"continuous\" initial=\"calculated\"";
     std::string input = "causality=\"input\" variability=\"continuous\"";
     all.add("u", 0, input, real(0.0),
-            "command of the motor, in units of " + literal(s.model.u_to_torque) + " N m");
+            "command of the motor, in units of " + literal(s.model.u_to_torque) + " " +
+                (s.model.joint_linear[s.plant->motor_joint] ? "N" : "N m"));
     if (s.two_inputs)
         all.add("u2", 1, input, real(0.0), "torque on joint 2, in the same units");
     for (int j = 0; j < s.joints; j++)
         all.add("q" + std::to_string(j + 1), 100 + j, output, "<Real/>",
-                "what the encoder of joint " + std::to_string(j + 1) + " reads", "rad");
+                "what the encoder of joint " + std::to_string(j + 1) + " reads",
+                mk_model_unit(&s.model, j, "rad"));
     for (int i = 0; i < s.states; i++) {
         const std::string &name = s.state_names[static_cast<size_t>(i)];
         bool speed = i >= s.joints && i < 2 * s.joints;

@@ -146,8 +146,8 @@ class Forecast
         wide.topLeftCorner(ns, ns + np) = end * root;
         wide.block(ns, 0, np, ns + np) = root.bottomRows(np);
         // A random walk of the speed over dt, and the angle that it makes.
-        double push = options.drift * std::sqrt(dt);
         for (int j = 0; j < joints; j++) {
+            double push = options.drift * mk_model_joint_scale(&model, j) * std::sqrt(dt);
             long column = ns + np + 2 * j;
             wide(joints + j, column) = push;
             wide(j, column) = 0.5 * dt * push;

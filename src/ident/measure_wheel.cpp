@@ -16,8 +16,11 @@ using Eigen::VectorXd;
 
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 constexpr double PIECE_S = 0.5;
-// Below this the smoothed sign of the friction law is not yet one (tanh(15 v) = 0.99).
-constexpr double SLOWEST = 0.2; // rad/s
+// Below this speed the smoothed sign of the friction law is not yet one: tanh(3) = 0.995.
+double slowest(const mk_model &m)
+{
+    return 3.0 / m.friction_sharpness;
+}
 
 double inertia_of(const mk_model &m)
 {
@@ -28,14 +31,16 @@ double inertia_of(const mk_model &m)
 bool turns(const mk_model &m, const Section &p)
 {
     double count = mk_model_count(&m, 0);
-    return p.misfit < 2.0 * count && p.v_begin * p.v_end > 0.0 && std::fabs(p.v_begin) > SLOWEST &&
-           std::fabs(p.v_end) > SLOWEST;
+    return p.misfit < 2.0 * count && p.v_begin * p.v_end > 0.0 &&
+           std::fabs(p.v_begin) > slowest(m) && std::fabs(p.v_end) > slowest(m);
 }
 
 // The speed hardly changes: acceleration takes little of the torque.
 bool steady(const mk_model &m, const Section &p)
 {
-    return turns(m, p) && std::fabs(p.v_end - p.v_begin) < 0.02 * std::fabs(p.v) + 0.1 &&
+    return turns(m, p) &&
+           std::fabs(p.v_end - p.v_begin) <
+               0.02 * std::fabs(p.v) + 0.1 * mk_model_joint_scale(&m, 0) &&
            std::fabs(inertia_of(m) * p.a) < 0.1 * std::fabs(p.u);
 }
 
@@ -43,7 +48,8 @@ bool steady(const mk_model &m, const Section &p)
 bool ramps(const mk_model &m, const Section &p)
 {
     return turns(m, p) && std::fabs(p.u) < 0.98 * m.u_max &&
-           std::fabs(inertia_of(m) * p.a) > 0.1 * std::fabs(p.u) && std::fabs(p.a) * PIECE_S > 1.0;
+           std::fabs(inertia_of(m) * p.a) > 0.1 * std::fabs(p.u) &&
+           std::fabs(p.a) * PIECE_S > mk_model_joint_scale(&m, 0);
 }
 
 // Row of the law that both ways have a Coulomb and a viscous part of their own.
@@ -83,23 +89,24 @@ void report_friction(const mk_model &given, const Regressed &r, mk_measurement &
     static const struct {
         const char *name, *unit;
         int parameter;
-    } rows[4] = {{"coulomb forwards", "u", 2},
-                 {"viscous forwards", "u s/rad", 1},
-                 {"coulomb backwards", "u", 2},
-                 {"viscous backwards", "u s/rad", 1}};
+    } rows[4] = {{"coulomb forwards", "N m", 2},
+                 {"viscous forwards", "N m s/rad", 1},
+                 {"coulomb backwards", "N m", 2},
+                 {"viscous backwards", "N m s/rad", 1}};
     for (int i = 0; i < 4; i++)
-        add_quantity(out, rows[i].name, rows[i].unit, r.value(i), std::sqrt(r.covariance(i, i)),
-                     given.parameter[rows[i].parameter]);
+        add_quantity(out, rows[i].name, mk_model_unit(&given, 0, rows[i].unit), r.value(i),
+                     std::sqrt(r.covariance(i, i)), given.parameter[rows[i].parameter]);
     auto pair = [&](int i, int k, double sign) {
         return std::sqrt(r.covariance(i, i) + r.covariance(k, k) + 2.0 * sign * r.covariance(i, k));
     };
     double coulomb = 0.5 * (r.value(0) + r.value(2)), viscous = 0.5 * (r.value(1) + r.value(3));
-    add_quantity(out, "p3, mean of both ways", "u", coulomb, 0.5 * pair(0, 2, 1.0),
-                 given.parameter[2]);
-    add_quantity(out, "p2, mean of both ways", "u s/rad", viscous, 0.5 * pair(1, 3, 1.0),
-                 given.parameter[1]);
+    add_quantity(out, "p3, mean of both ways", mk_model_unit(&given, 0, "N m"), coulomb,
+                 0.5 * pair(0, 2, 1.0), given.parameter[2]);
+    add_quantity(out, "p2, mean of both ways", mk_model_unit(&given, 0, "N m s/rad"), viscous,
+                 0.5 * pair(1, 3, 1.0), given.parameter[1]);
     double difference = r.value(0) - r.value(2);
-    add_quantity(out, "coulomb-asymmetry", "u", difference, pair(0, 2, -1.0), UNKNOWN);
+    add_quantity(out, "coulomb-asymmetry", mk_model_unit(&given, 0, "N m"), difference,
+                 pair(0, 2, -1.0), UNKNOWN);
     out.model.parameter[1] = viscous;
     out.model.parameter_stderr[1] = 0.5 * pair(1, 3, 1.0);
     out.model.parameter[2] = coulomb;
@@ -127,9 +134,10 @@ enum mk_status run_friction(const MeasureProblem &problem, mk_measurement &out, 
         spread_of_speeds(pieces, sign, low, high);
         if (high < 1.5 * low)
             return mk_error_set(err, MK_ERR_RANGE,
-                                "%s there is one speed only, %.3g rad/s: two that differ by half "
+                                "%s there is one speed only, %.3g %s: two that differ by half "
                                 "tell viscous from Coulomb friction",
-                                sign > 0.0 ? "forwards" : "backwards", sign * high);
+                                sign > 0.0 ? "forwards" : "backwards", sign * high,
+                                mk_model_unit(&problem.model, 0, "rad/s"));
     }
     MatrixXd x((long)pieces.size(), 4);
     VectorXd y((long)pieces.size());
@@ -166,17 +174,19 @@ void inertia_by_model(const MeasureProblem &problem, const std::vector<Section> 
         y((long)i) = pieces[i].u - model_friction(problem.model, pieces[i]);
     }
     Regressed r = regress_plain(x, y);
-    add_quantity(out, "p1 with the model's friction", "u s^2/rad", r.value(0),
-                 std::sqrt(r.covariance(0, 0)), problem.model.parameter[0]);
+    add_quantity(out, "p1 with the model's friction", mk_model_unit(&problem.model, 0, "kg m^2"),
+                 r.value(0), std::sqrt(r.covariance(0, 0)), problem.model.parameter[0]);
 }
 
 void report_constant(const MeasureProblem &problem, double j, double error, mk_measurement &out)
 {
     const mk_model &m = problem.model;
-    add_quantity(out, "p1 times u_to_torque", "kg m^2", j * m.u_to_torque, error * m.u_to_torque,
+    add_quantity(out, "p1 times u_to_torque", m.joint_linear[0] ? "kg" : "kg m^2",
+                 j * m.u_to_torque, error * m.u_to_torque,
                  problem.options.known > 0.0 ? problem.options.known : UNKNOWN);
     if (problem.options.known > 0.0)
-        add_quantity(out, "torque constant", "N m", problem.options.known / j,
+        add_quantity(out, m.joint_linear[0] ? "force constant" : "torque constant",
+                     m.joint_linear[0] ? "N" : "N m", problem.options.known / j,
                      problem.options.known * error / (j * j), m.u_to_torque);
 }
 
@@ -219,7 +229,8 @@ enum mk_status run_inertia(const MeasureProblem &problem, mk_measurement &out, m
                 (y((long)i) - x.row((long)i).tail(x.cols() - 1).dot(r.value.tail(x.cols() - 1))),
                 r.residual((long)i));
     double j = r.value(0), error = std::sqrt(r.covariance(0, 0));
-    add_quantity(out, "p1", "u s^2/rad", j, error, problem.model.parameter[0]);
+    add_quantity(out, "p1", mk_model_unit(&problem.model, 0, "kg m^2"), j, error,
+                 problem.model.parameter[0]);
     report_constant(problem, j, error, out);
     out.model.parameter[0] = j;
     out.model.parameter_stderr[0] = error;

@@ -19,6 +19,7 @@ const UnitRow units[] = {
     {"mrad", "mm", "mrad", "mm"},
     {"rad/s", "m/s", "rad/s", "m/s"},
     {"s/rad", "s/m", "s/rad", "s/m"},
+    {"1/rad", "1/m", "1/rad", "1/m"},
     {"rad/s^2", "m/s^2", "rad/s^2", "m/s^2"},
     {"rad/s per sqrt(s)", "m/s per sqrt(s)", "rad/s per sqrt(s)", "m/s per sqrt(s)"},
     {"1/rev", "rad/m", "1/rev", "rad/m"},

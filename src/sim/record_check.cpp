@@ -80,7 +80,7 @@ enum mk_status check_record(const mk_record &record, const mk_model &model, cons
     enum mk_status st = MK_OK;
     for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
         const Column c = {record.q[j], angles[j]};
-        st = check_sizes(c, MOST_ANGLE, " rad", log, err);
+        st = check_sizes(c, MOST_ANGLE, model.joint_linear[j] ? " m" : " rad", log, err);
         if (st == MK_OK)
             st = check_count(c, fewest, log, err);
     }
