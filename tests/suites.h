@@ -52,6 +52,7 @@
     X(replug)                                                                                      \
     X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \
+    X(slide)                                                                                       \
     X(shoot)                                                                                       \
     X(contact)                                                                                     \
     X(signals)                                                                                     \

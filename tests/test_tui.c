@@ -179,6 +179,21 @@ START_TEST(without_a_setup_it_says_how_to_begin)
 }
 END_TEST
 
+START_TEST(limits_of_a_joint_that_slides_are_shown_in_metres)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    choose("pi-speed", MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_model_set_linear(&status.model, 0, true, &err), MK_OK);
+    mk_safety_default(&status.model, 0.002, &status.config.limits);
+    status.looked = status.still = true;
+    status.q[0] = 0.25;
+    news();
+    ck_assert(drawn(24, 80, "q1 free, speed 9 m/s"));
+    ck_assert(drawn(24, 80, "0.2500 m "));
+    ck_assert(!drawn(24, 80, "rad"));
+}
+END_TEST
+
 START_TEST(before_a_start_the_check_list_says_what_is_well)
 {
     choose("pendubot-mid", MK_PLANT_PENDUBOT);
@@ -661,6 +676,7 @@ Suite *suite_tui(void)
     tcase_add_checked_fixture(t, begin, end);
     tcase_set_timeout(t, 60);
     tcase_add_test(t, without_a_setup_it_says_how_to_begin);
+    tcase_add_test(t, limits_of_a_joint_that_slides_are_shown_in_metres);
     tcase_add_test(t, before_a_start_the_check_list_says_what_is_well);
     tcase_add_test(t, a_folder_that_takes_no_logs_is_seen_before_the_start);
     tcase_add_test(t, a_run_at_both_sizes_in_both_alphabets);

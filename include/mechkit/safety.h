@@ -16,7 +16,7 @@ extern "C" {
 #define MK_FAULT_LIST(X)                                                                           \
     X(NONE, "none", "no fault")                                                                    \
     X(TRAVEL, "travel", "a joint left its travel limits")                                          \
-    X(SPEED, "speed", "a joint turned faster than its limit")                                      \
+    X(SPEED, "speed", "a joint moved faster than its limit")                                       \
     X(JUMP, "encoder-jump", "an encoder jumped further than a joint can move in a sample")         \
     X(STUCK, "encoder-stuck", "an encoder stands still although the motor drives hard")            \
     X(RUNAWAY, "runaway", "the motor joint runs away against the sign of the command")             \
