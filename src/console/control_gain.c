@@ -1,6 +1,7 @@
 #include "console/control_gain.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,7 +16,8 @@
 #define HOLD_S 4.0
 #define NOISE_COUNTS 0.3 /* readings flicker */
 #define START_RAD 0.002  /* links never hang quite the same */
-#define STEPS "20*square(0.25)"
+#define STEP_RADPS 20.0  /* of the speed that is tracked, both ways */
+#define STEPS "%.9g*square(0.25)"
 
 static int by_size(const void *a, const void *b)
 {
@@ -118,7 +120,10 @@ enum mk_status control_gain_measure(struct mk_explanation *e, struct mk_error *e
     e->control_count = 0;
     if (!e->offered || trial_hang(&e->extended, &rig.model, rig.start_rad, NULL) != MK_OK)
         return MK_OK;
-    enum mk_status st = mk_signal_create(STEPS, &rig.steps, err);
+    char steps[48];
+    int motor = mk_plant(e->given.plant)->motor_joint;
+    snprintf(steps, sizeof steps, STEPS, STEP_RADPS * mk_model_joint_scale(&e->given, motor));
+    enum mk_status st = mk_signal_create(steps, &rig.steps, err);
     const struct mk_ctrl_ops *setup;
     for (int i = 0; st == MK_OK && (setup = mk_ctrl_setup(i)) != NULL; i++) {
         bool ours = (setup->plants & (1u << e->extended.plant)) &&
