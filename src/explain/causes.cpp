@@ -105,6 +105,9 @@ void CauseSearch::add_causes()
         consider_other_joint(round.field);
         consider_bristles(round.field);
         consider_own_places(round.field);
+        // Another search in shorter stretches ranks them better, and it is asked then.
+        if (give_up_early && carry_over && round.field[0].drift >= LOST)
+            return;
         if (!follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
             !ask_carry_over(round.field, needed))
             return;
@@ -125,6 +128,50 @@ void CauseSearch::add_causes()
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
+    }
+}
+
+double CauseSearch::noise(int joint) const
+{
+    const double fitted = best.point.noise[joint], known = known_noise[joint];
+    if (follows(best))
+        return fitted;
+    const double scatter = scatter_of(search.training(), joint);
+    return std::min(fitted, known > 0.0 ? std::min(known, scatter) : scatter);
+}
+
+bool CauseSearch::take_over(const CauseSearch &other)
+{
+    if (!search.refit(other.best.point.model, nullptr, best))
+        return false;
+    rounds = other.rounds;
+    most_tried = other.most_tried;
+    std::copy(std::begin(other.best.point.noise), std::end(other.best.point.noise), known_noise);
+    forget_lacks();
+    drop_what_vanished();
+    drop_what_does_not_carry_over();
+    return true;
+}
+
+// Causes that a fit has switched off, or made larger than they can be.
+void CauseSearch::drop_what_vanished()
+{
+    for (size_t i = rounds.size(); i-- > 0;) {
+        Hypothesis alone = best;
+        alone.added = rounds[i].field[0].added;
+        const int last = alone.point.model.effect_count - 1;
+        std::swap(alone.point.model.effect[model.effect_count + (int)i],
+                  alone.point.model.effect[last]);
+        if (!Search::discredited(alone))
+            continue;
+        Hypothesis less;
+        if (rounds.size() > 1 && fit_without(i, less)) {
+            shed(i, std::move(less));
+            continue;
+        }
+        best = refit;
+        rounds.clear();
+        return;
     }
 }
 
@@ -157,33 +204,44 @@ std::optional<Carried> CauseSearch::compare(const Hypothesis &with, const Hypoth
     if (!base || !lacking || !after)
         return std::nullopt;
     double floor[MK_MAX_JOINTS];
-    carry_over->floor_of(model, best.point.noise, floor);
+    double noises[MK_MAX_JOINTS];
+    for (int j = 0; j < mk_model_joints(&model); j++)
+        noises[j] = noise(j);
+    carry_over->floor_of(model, noises, floor);
     return CarryOver::compare(*after, *lacking, *base, floor, mk_model_joints(&model));
 }
 
-// Brings to the front of the field the likeliest cause that carries over; false if none does. Where
-// the data cannot tell, likelihood alone decides.
+// Brings to the front of the field the cause that carries over best; false if none does. Where the
+// data cannot tell, likelihood alone decides.
 bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
 {
-    constexpr size_t MOST_ASKED = 5; // of a field
+    constexpr size_t MOST_ASKED = 6; // of a field
     if (!carry_over)
         return true;
     if (rounds.empty())
         of_refit = {};
     LeftOut of_best;
-    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()); i++) {
+    size_t chosen = field.size();
+    double least = 0.0; // mean log ratio: a few bad windows do not decide
+    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()) && !search.cancelled; i++) {
         if (i > 0)
             search.polish(field[i], true);
         if (Search::discredited(field[i]) || field[i].score > best.score - needed)
             continue;
         const std::optional<Carried> c = compare(field[i], best, of_best);
-        if (c && c->judged && !CarryOver::promising(*c))
+        const bool asked = c && c->judged;
+        if (asked && (!CarryOver::promising(*c) || c->mean >= least))
             continue;
-        std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)i,
-                    field.begin() + (std::ptrdiff_t)i + 1);
-        return true;
+        chosen = i;
+        if (!asked)
+            break;
+        least = c->mean;
     }
-    return false;
+    if (chosen == field.size())
+        return false;
+    std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)chosen,
+                field.begin() + (std::ptrdiff_t)chosen + 1);
+    return true;
 }
 
 // Causes that no longer carry over beside those found after them: the weakest goes, and the others
@@ -263,7 +321,9 @@ bool CauseSearch::has_cause(const Candidate &c) const
 void CauseSearch::try_runners_up()
 {
     constexpr size_t RUNNERS_UP = 2;
-    if (rounds.empty() || follows(best) || best.drift >= LOST ||
+    // What carries over best was asked of all of them.
+    const bool asked = carry_over && !likelihood_counts(best);
+    if (rounds.empty() || follows(best) || asked || best.drift >= LOST ||
         mk_model_hides_joint(&best.point.model))
         return;
     const std::vector<Hypothesis> field = first;

@@ -16,8 +16,8 @@ struct Gain {
     const mk_model &model;
     const mk_explain_options &options;
     const TrainingData &data;
-    const std::vector<const FitLog *> &training;
     const CauseSearch &causes;
+    const FinalFit &last;
     Verdict &verdict;
     mk_explanation &out;
 
@@ -29,7 +29,7 @@ struct Gain {
         constexpr double NEARLY = 1.5;    // of the noise
         const bool named = !causes.rounds.empty() && causes.all_named();
         bool touches =
-            mk_model_event_count(&causes.best.point.model) > mk_model_event_count(&model);
+            mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
@@ -68,7 +68,7 @@ struct Gain {
     {
         constexpr double TRACE = 5e-3; // drift
         const bool trace =
-            causes.refit.drift <= TRACE && leaves_white_noise(training, causes.refit);
+            last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
         const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
@@ -184,11 +184,11 @@ struct Gain {
 } // namespace
 
 enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
-                            const TrainingData &data, const std::vector<const FitLog *> &training,
-                            const CauseSearch &causes, Verdict &verdict, mk_explanation &out,
+                            const TrainingData &data, const CauseSearch &causes,
+                            const FinalFit &last, Verdict &verdict, mk_explanation &out,
                             mk_error *err)
 {
-    Gain gain = {model, options, data, training, causes, verdict, out};
+    Gain gain = {model, options, data, causes, last, verdict, out};
     return gain.measure(err);
 }
 
