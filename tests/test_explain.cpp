@@ -306,6 +306,20 @@ START_TEST(of_long_records_a_part_is_searched_and_said)
 END_TEST
 
 // The windows that are searched of logs of some lengths, in s, with another one to measure on.
+START_TEST(parameters_come_of_all_data_though_a_part_is_searched)
+{
+    Hidden h;
+    const mk_explanation all = explained(h), part = explained(h, false, 2.0);
+    ck_assert_double_lt(part.searched_s, 0.5 * part.given_s);
+    // Of a third of the data errors would be some 1.7 times as large.
+    for (int i = 0; i < 2; i++) {
+        ck_assert_double_eq_tol(part.std_error[i], all.std_error[i], 0.1 * all.std_error[i]);
+        ck_assert_double_eq_tol(part.refit.parameter[i], all.refit.parameter[i],
+                                0.3 * all.std_error[i]);
+    }
+}
+END_TEST
+
 static mk::TrainingData searched(const std::vector<double> &lengths, double most_s)
 {
     std::vector<mk::OwnedLog> logs;
@@ -1033,6 +1047,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
     tcase_add_loop_test(t, of_several_long_logs_a_part_of_each_is_searched, 0, 4);
+    tcase_add_test(t, parameters_come_of_all_data_though_a_part_is_searched);
     tcase_add_test(t, with_more_logs_than_windows_those_are_spread_over_them);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);

@@ -27,9 +27,8 @@ class Shares
 {
   public:
     Shares(const TrainingData &data_in, const FinalFit &last_in, const mk_explanation &out_in)
-        : data(data_in),
-          held(data.held, out_in.window_s, data.second_half,
-               last_in.search().usual_options().threads),
+        : data(data_in), held(data.held, out_in.window_s, data.second_half,
+                              last_in.search().usual_options().threads),
           last(last_in), out(out_in), joints(mk_model_joints(&out_in.given))
     {
         find_items();
@@ -160,7 +159,8 @@ class Shares
             mk_record record;
             if (mk_record_from_log(rows[i], &out.given, &record, nullptr) != MK_OK)
                 return last.search();
-            other_logs.push_back(fit_log(record, out.given, 0, record.rows, last.logs()[i]->source));
+            other_logs.push_back(
+                fit_log(record, out.given, 0, record.rows, last.logs()[i]->source));
             views.push_back(&other_logs.back());
         }
         SearchOptions so;

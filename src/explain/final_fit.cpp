@@ -24,7 +24,8 @@ void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, dou
         (extended && !search->refit(best.point.model, nullptr, best_again)))
         return;
     // The same data for both, so the same fit: else what one was spared would seem to be a gain.
-    const HeldOut runs(data.rows, window_s, data.second_half, usual.threads);
+    const std::vector<const mk_log *> &rows = data.whole.empty() ? data.rows : data.whole_rows;
+    const HeldOut runs(rows, window_s, data.second_half, usual.threads);
     HeldOutFigures before, after;
     Hypothesis &last = extended ? best_again : refit_again;
     if (runs.figures(last.point.model, after, nullptr) != MK_OK ||
@@ -34,7 +35,7 @@ void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, dou
     refit = std::move(refit_again);
     best = extended ? std::move(best_again) : refit;
     views = std::move(whole);
-    sources = data.whole.empty() ? data.rows : data.whole_rows;
+    sources = rows;
     own = std::move(search);
 }
 

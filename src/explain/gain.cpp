@@ -28,8 +28,7 @@ struct Gain {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
         const bool named = !causes.rounds.empty() && causes.all_named();
-        bool touches =
-            mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
+        bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
@@ -67,8 +66,7 @@ struct Gain {
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
         constexpr double TRACE = 5e-3; // drift
-        const bool trace =
-            last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
+        const bool trace = last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
         const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)

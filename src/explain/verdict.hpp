@@ -38,7 +38,7 @@ class Verdict
 
   private:
     const mk_model &model;
-    CauseSearch &causes;   // evidence
+    CauseSearch &causes;  // evidence
     const FinalFit &last; // and values
     const LostCounts &lost;
     mk_explanation &out;

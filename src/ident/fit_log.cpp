@@ -383,8 +383,8 @@ double scatter_of(const std::vector<const FitLog *> &logs, int joint)
 {
     double scatter = 0.0;
     for (const FitLog *log : logs)
-        scatter = std::max(
-            {scatter, fit_log_noise(*log, joint), log->count[joint] / std::sqrt(12.0)});
+        scatter =
+            std::max({scatter, fit_log_noise(*log, joint), log->count[joint] / std::sqrt(12.0)});
     return scatter;
 }
 
