@@ -24,6 +24,7 @@
     X(predict)                                                                                     \
     X(inputs)                                                                                      \
     X(own_values)                                                                                  \
+    X(slides)                                                                                      \
     X(model_file)                                                                                  \
     X(console)                                                                                     \
     X(options)                                                                                     \
