@@ -557,6 +557,73 @@ START_TEST(saving_never_overwrites)
 }
 END_TEST
 
+START_TEST(saving_over_a_file_replaces_files_only)
+{
+    const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                                  "save! over.csv\nsetup pi-speed\nstart\n"
+                                                  "wait 0.2\nhalt\nsave! over.csv\n");
+    char out[256], path[300], text[400], command[400];
+    snprintf(out, sizeof out, "%s", scratch("over"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/over.csv", out);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_double_gt(mk_log_get(log, "t")[log->rows - 1], 0.15); /* the second run */
+    mk_log_free(log);
+    /* Another spelling of the run's own name is no other file. */
+    snprintf(command, sizeof command, "%s",
+             scratch_text("own.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                     "save! ./run-001.csv\n"));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(access(path, R_OK), 0);
+    ck_assert_int_eq(unlink(path), 0);
+    /* A pipe, a device, a folder is no log: it stays, and so does the run. */
+    snprintf(path, sizeof path, "%s/pipe", out);
+    ck_assert_int_eq(mkfifo(path, 0600), 0);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave! %s\n", path);
+    snprintf(command, sizeof command, "%s", scratch_text("pipe.cmd", text));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "no regular file"), "%d %s", o.code, o.err);
+    struct stat info;
+    ck_assert(lstat(path, &info) == 0 && S_ISFIFO(info.st_mode));
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(programs_that_share_a_folder_lose_no_log)
+{
+    enum { PROGRAMS = 3, RUNS = 12 };
+    const char *script = scratch_text("shared.cmd", "setup pi-speed\nrepeat 12\nstart\nwait 0.05\n"
+                                                    "halt\nsetup pi-speed\nend\n");
+    char out[4096], folder[256];
+    snprintf(folder, sizeof folder, "%s", scratch("shared"));
+    /* A name that leads elsewhere is taken, too. */
+    int code = run_command(out, sizeof out,
+                           "mkdir -p %s && ln -s %s/elsewhere %s/run-002.csv; "
+                           "for i in 1 2 3; do %s run %s --fast --out %s & done; wait",
+                           folder, folder, folder, MK_TEST_APP, script, folder);
+    ck_assert_int_eq(code, 0);
+    int whole = 0;
+    for (int n = 1; n <= PROGRAMS * RUNS + 1; n++) {
+        char path[300];
+        struct mk_log *log;
+        snprintf(path, sizeof path, "%s/run-%03d.csv", folder, n);
+        if (mk_log_read(path, &log, NULL) != MK_OK)
+            continue;
+        const double *t = mk_log_get(log, "t");
+        whole += log->rows > 10 && t[0] < 1e-9 && t[log->rows - 1] > 0.045;
+        mk_log_free(log);
+    }
+    ck_assert_int_eq(whole, PROGRAMS * RUNS);
+    ck_assert_int_ne(access(strcat(folder, "/elsewhere"), F_OK), 0);
+}
+END_TEST
+
 START_TEST(a_command_file_looks_at_its_own_run)
 {
     const char *fitted = scratch("fitted.ini"), *done = scratch("done.cmd");
@@ -719,6 +786,8 @@ Suite *suite_console(void)
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
+    tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
