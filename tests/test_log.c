@@ -490,6 +490,36 @@ START_TEST(a_line_as_long_as_none_is_refused)
 }
 END_TEST
 
+START_TEST(a_log_of_comments_or_columns_without_end_is_refused_at_its_line)
+{
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("comments.csv");
+    FILE *f = fopen(path, "w");
+    for (int i = 0; i < 200000; i++)
+        fputs("#\n", f);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 100001 && strstr(err.message, "comments"), "%s", err.message);
+    path = scratch("long_comments.csv");
+    f = fopen(path, "w");
+    for (int i = 0; i < 20; i++)
+        fprintf(f, "# key: %0*d\n", 1000000, 1);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 17 && strstr(err.message, "16 MB"), "%s", err.message);
+    path = scratch("columns.csv");
+    f = fopen(path, "w");
+    fputs("t", f);
+    for (int i = 0; i < 100000; i++)
+        fprintf(f, ",c%d", i);
+    fputs("\n", f);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 1 && strstr(err.message, "at most 4096"), "%s", err.message);
+}
+END_TEST
+
 START_TEST(a_wide_log_is_read_and_written)
 {
     enum { COLUMNS = 2000 };
@@ -578,6 +608,7 @@ Suite *suite_log(void)
     tcase_add_test(t, garbage_is_refused_and_never_read_past_its_end);
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_line_as_long_as_none_is_refused);
+    tcase_add_test(t, a_log_of_comments_or_columns_without_end_is_refused_at_its_line);
     tcase_add_test(t, a_wide_log_is_read_and_written);
     tcase_add_test(t, a_full_disk_keeps_the_old_file);
     tcase_add_test(t, writing_replaces_files_alone_and_follows_links);
