@@ -726,6 +726,53 @@ START_TEST(simulate_writes_the_log_s_own_time_base)
 }
 END_TEST
 
+START_TEST(commands_that_are_missing_are_not_made_up)
+{
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    static char text[200000];
+    for (int step = 6; step <= 501;
+         step += 495) { /* every sixth command is missing, or 4 of 2000 */
+        char *at = text + sprintf(text, "t,q1,u\n");
+        for (int i = 0; i < 2000; i++)
+            at += i % step == step - 1 ? sprintf(at, "%.3f,%.4f,\n", i * 0.002, sin(i * 0.01))
+                                       : sprintf(at, "%.3f,%.4f,1\n", i * 0.002, sin(i * 0.01));
+        const char *log = scratch_text("missing.csv", text);
+        struct outcome o = MECHKIT("simulate", "--model", model, "--input", log, "--out",
+                                   scratch("missing_p.csv"));
+        ck_assert_msg(o.code == (step == 6 ? 3 : 0), "%d %s", o.code, o.err);
+        ck_assert_msg(strstr(o.err, step == 6 ? "missing in 333 of 2000 rows: at most 1 %"
+                                              : "missing in 3 of 2000 rows: held from before"),
+                      "%s", o.err);
+    }
+}
+END_TEST
+
+START_TEST(names_that_are_too_long_are_refused_and_not_cut)
+{
+    char text[2000], name[600];
+    memset(name, 'n', sizeof name);
+    name[599] = '\0';
+    snprintf(text, sizeof text, "setup pi-speed\nmodel %s\n", name);
+    struct outcome o = MECHKIT("run", "--check", scratch_text("long.cmd", text));
+    ck_assert_msg(o.code == 3 && strstr(o.err, ":2: model nnn") && strstr(o.err, "599 characters"),
+                  "%d %s", o.code, o.err);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave %.500s\n", name);
+    o = MECHKIT("run", scratch_text("long.cmd", text), "--fast", "--out", scratch("long"));
+    ck_assert_msg(o.code == 1 && strstr(o.err, ":5: save: the name of the log and its folder"),
+                  "%d %s", o.code, o.err);
+}
+END_TEST
+
+START_TEST(faults_after_a_setup_say_when_they_begin)
+{
+    struct outcome o =
+        MECHKIT("run", scratch_text("late.cmd", "faults at 5 drop\nsetup pi-speed\n"), "--fast");
+    ck_assert_msg(o.code == 0 && !strstr(o.out, "next setup"), "%s%s", o.out, o.err);
+    o = MECHKIT("run", scratch_text("late.cmd", "setup pi-speed\nfaults at 5 drop\n"), "--fast");
+    ck_assert_msg(o.code == 0 && strstr(o.out, "at the next setup"), "%s%s", o.out, o.err);
+}
+END_TEST
+
 START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
 {
     const char *script = scratch_text("t.cmd", "setup pi-speed\nstart\nwait 60\n");
@@ -789,6 +836,9 @@ Suite *suite_console(void)
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
+    tcase_add_test(t, faults_after_a_setup_say_when_they_begin);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);

@@ -1,5 +1,6 @@
 #include "console/gnuplot.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -9,16 +10,19 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "base/text.h"
 
 void gnuplot_quote(FILE *f, const char *text)
 {
-    fputc('\'', f);
-    for (; *text; text++) {
-        if (*text == '\'')
-            fputc('\'', f);
-        fputc((unsigned char)*text < ' ' ? ' ' : *text, f);
-    }
-    fputc('\'', f);
+    char shown[1000];
+    mk_show_text(shown, sizeof shown, text);
+    fputc('"', f);
+    for (const char *at = shown; *at; at++)
+        if (isalnum((unsigned char)*at) || *at == ' ' || (unsigned char)*at >= 0x80)
+            fputc(*at, f);
+        else
+            fprintf(f, "\\%03o", (unsigned)(unsigned char)*at);
+    fputc('"', f);
 }
 
 void gnuplot_picture(FILE *f, const char *path, int width, int height)
@@ -40,7 +44,7 @@ static pid_t start(const char *script, int out, FILE *complaints)
     signal(SIGPIPE, SIG_DFL); /* so that it ends when nobody reads any more */
     dup2(out, STDOUT_FILENO);
     dup2(fileno(complaints), STDERR_FILENO);
-    execlp("gnuplot", "gnuplot", script, (char *)NULL);
+    execlp("gnuplot", "gnuplot", "-d", script, (char *)NULL);
     _exit(errno == ENOENT ? 127 : 126);
 }
 

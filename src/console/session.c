@@ -282,12 +282,18 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
 
 /* --- running ----------------------------------------------------------------------------- */
 
-static void path_in_out(const struct session *s, const char *name, char *path, size_t size)
+static enum mk_status path_in_out(const struct session *s, const char *name,
+                                  char path[SESSION_PATH], struct mk_error *err)
 {
-    if (s->options.out && name[0] != '/')
-        snprintf(path, size, "%s/%s", s->options.out, name);
-    else
-        snprintf(path, size, "%s", name);
+    const bool inside = s->options.out && name[0] != '/';
+    int n = snprintf(path, SESSION_PATH, "%s%s%s", inside ? s->options.out : "", inside ? "/" : "",
+                     name);
+    if (n < SESSION_PATH)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_RANGE,
+                        "the name of the log and its folder have %d characters, "
+                        "at most %d",
+                        n, SESSION_PATH - 1);
 }
 
 /* The next free run-NNN.csv, made empty so that no other program takes it for free as well. */
@@ -297,7 +303,9 @@ static enum mk_status name_log(struct session *s, struct mk_error *err)
     int fd;
     do {
         snprintf(name, sizeof name, "run-%03d.csv", ++s->runs);
-        path_in_out(s, name, s->log_path, sizeof s->log_path);
+        enum mk_status st = path_in_out(s, name, s->log_path, err);
+        if (st != MK_OK)
+            return st;
         fd = open(s->log_path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     } while (fd < 0 && errno == EEXIST);
     if (fd < 0)
@@ -503,7 +511,9 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     if (!s->log_path[0])
         return mk_error_set(err, MK_ERR_STATE, "there is no run to save");
     char path[SESSION_PATH];
-    path_in_out(s, name, path, sizeof path);
+    enum mk_status st = path_in_out(s, name, path, err);
+    if (st != MK_OK)
+        return st;
     bool there = overwrite && is_same_file(s->log_path, path);
     int why = overwrite ? 0 : EEXIST;
     if (overwrite && !there)
