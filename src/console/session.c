@@ -494,7 +494,8 @@ static int replace(const char *log, const char *path)
     if (!S_ISREG(old.st_mode))
         return EINVAL;
     char beside[SESSION_PATH + 32];
-    snprintf(beside, sizeof beside, "%s.%ld.tmp", path, (long)getpid());
+    snprintf(beside, sizeof beside, "%s.%ld-0.tmp", path, (long)getpid());
+    mk_out_file_clean(path);
     int why = link_or_copy(log, beside);
     if (!why && rename(beside, path) != 0)
         why = errno;

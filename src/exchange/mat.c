@@ -310,7 +310,7 @@ static int open_scratch(const char *path, char *name, size_t size)
     if (stat(path, &info) == 0 && !S_ISREG(info.st_mode))
         snprintf(name, size, "%s/mechkit-XXXXXX.tmp", folder && *folder ? folder : "/tmp");
     else
-        snprintf(name, size, "%s.XXXXXX.tmp", path);
+        snprintf(name, size, "%s.%ld-XXXXXX.tmp", path, (long)getpid());
     return mkstemps(name, 4);
 }
 
