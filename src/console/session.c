@@ -11,6 +11,8 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "console/log_origin.h"
+
 #include "mechkit/number.h"
 
 #define TICK_S 0.05 /* how often options.tick is called during waits */
@@ -113,6 +115,8 @@ enum mk_status session_load_model(struct session *s, const char *path, bool beli
     enum mk_status st = mk_model_read(path, &model, err);
     if (st != MK_OK)
         return st;
+    char *named = believed ? s->believed_path : s->model_path;
+    snprintf(named, SESSION_PATH, "%s", path);
     if (believed) {
         s->believed = model;
         s->have_believed = true;
@@ -360,7 +364,9 @@ enum mk_status session_start(struct session *s, struct mk_error *err)
         st = name_log(s, err);
     if (st != MK_OK)
         return st;
-    st = mk_loop_start(s->loop, s->log_on ? s->log_path : NULL, NULL, 0, err);
+    struct log_origin origin;
+    log_origin_of(&origin, s);
+    st = mk_loop_start(s->loop, s->log_on ? s->log_path : NULL, origin.row, origin.count, err);
     s->running = st == MK_OK;
     if (st != MK_OK)
         give_log_back(s);
