@@ -543,6 +543,10 @@ START_TEST(the_reports_say_what_was_found)
     mk_explanation e = explained(h);
     mk_error err = MK_ERROR_INIT;
     const char *path = scratch("report.json"), *files[] = {"held.csv"};
+    const char *learned[] = {"a.csv", "b<i>.csv"};
+    const mk_origin origin = {"2026-01-02T03:04:05Z", "mechkit explain --model 'my m.ini'",
+                              "my m.ini", learned, 2};
+    e.origin = &origin;
     ck_assert_int_eq(mk_explanation_write_json(&e, path, files, 1, &err), MK_OK);
     cJSON *o = nullptr;
     ck_assert_int_eq(mk_json_read(path, &o, &err), MK_OK);
@@ -550,6 +554,11 @@ START_TEST(the_reports_say_what_was_found)
     cJSON *cause = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "causes"), 0);
     ck_assert_str_eq(cJSON_GetObjectItem(cause, "name")->valuestring, "quadratic-drag");
     ck_assert_int_eq(cJSON_GetObjectItem(cause, "joint")->valueint, 1);
+    const cJSON *from = cJSON_GetObjectItem(o, "origin");
+    ck_assert_str_eq(cJSON_GetObjectItem(from, "date")->valuestring, origin.date);
+    ck_assert_str_eq(cJSON_GetObjectItem(from, "command")->valuestring, origin.command);
+    ck_assert_int_eq(strncmp(cJSON_GetObjectItem(from, "program")->valuestring, "mechkit ", 8), 0);
+    ck_assert_int_eq(cJSON_GetArraySize(cJSON_GetObjectItem(from, "logs")), 2);
     for (const char *key : {"rivals", "parameters", "holdout", "next_experiment", "seconds"})
         ck_assert_msg(cJSON_GetObjectItem(o, key) != nullptr, "%s", key);
     cJSON_Delete(o);
@@ -560,6 +569,7 @@ START_TEST(the_reports_say_what_was_found)
     // A phone is narrower than a table: it scrolls by itself, not the page.
     char *html = slurp_file(path);
     ck_assert_ptr_nonnull(strstr(html, "div{overflow-x:auto}"));
+    ck_assert(strstr(html, origin.date) && strstr(html, "b&lt;i&gt;.csv"));
     for (const char *at = html; (at = strstr(at, "<table>")) != nullptr; at++)
         ck_assert_int_eq(strncmp(at - 5, "<div>", 5), 0);
     free(html);

@@ -1,5 +1,6 @@
 #include "exchange/symbolic.hpp"
 
+#include "mechkit/ident.h"
 #include "model/state.hpp"
 
 namespace mk
@@ -30,7 +31,7 @@ Expr parameter(SymbolicModel &s, const mk_parameter_info &info, const std::strin
 {
     if (info.fit == MK_FIT_FIXED) // says which law, not how much of it
         return Expr(value);
-    s.parameters.push_back({name, info.unit, info.help, value});
+    s.parameters.push_back({name, mk_model_unit(&s.model, info.unit), info.help, value});
     return Expr::variable(s.graph, name, value);
 }
 
