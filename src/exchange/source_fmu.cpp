@@ -431,7 +431,7 @@ void add_variables(const SymbolicModel &s, Variables &all)
     const char *fixed = "causality=\"parameter\" variability=\"fixed\" initial=\"exact\"";
     const char *output = "causality=\"output\" variability=\"continuous\" initial=\"calculated\"";
     const char *local = "causality=\"local\" variability=\"continuous\" initial=\"calculated\"";
-    const char *torque = mk_model_unit(&s.model, "N m");
+    const char *torque = mk_model_unit(&s.model, -1, "N m");
     std::string input = "causality=\"input\" variability=\"continuous\"";
     all.add("u", 0, input, real(0.0),
             "command of the motor, in units of " + literal(s.model.u_to_torque) + " N m", torque);
@@ -439,14 +439,15 @@ void add_variables(const SymbolicModel &s, Variables &all)
         all.add("u2", 1, input, real(0.0), "torque on joint 2, in the same units", torque);
     for (int j = 0; j < s.joints; j++)
         all.add("q" + std::to_string(j + 1), 100 + j, output, "<Real/>",
-                "what the encoder of joint " + std::to_string(j + 1) + " reads", "rad");
+                "what the encoder of joint " + std::to_string(j + 1) + " reads",
+                mk_model_unit(&s.model, j, "rad"));
     for (int i = 0; i < s.states; i++) {
         const std::string &name = s.state_names[static_cast<size_t>(i)];
         bool speed = i >= s.joints && i < 2 * s.joints;
         all.add(speed ? name : name + "_true", 100 + s.joints + i, speed ? output : local,
                 "<Real/>", "state of the model",
-                i < s.joints ? "rad"
-                : speed      ? "rad/s"
+                i < s.joints ? mk_model_unit(&s.model, i, "rad")
+                : speed      ? mk_model_unit(&s.model, i - s.joints, "rad/s")
                              : "");
     }
     for (size_t i = 0; i < s.parameters.size(); i++) {

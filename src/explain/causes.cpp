@@ -148,6 +148,8 @@ bool CauseSearch::take_over(const CauseSearch &other)
     most_tried = other.most_tried;
     std::copy(std::begin(other.best.point.noise), std::end(other.best.point.noise), known_noise);
     forget_lacks();
+    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
+        face_rivals(i); // the other search's fits have other states
     drop_what_vanished();
     drop_what_does_not_carry_over();
     return true;
@@ -270,7 +272,8 @@ void CauseSearch::drop_what_does_not_carry_over()
         }
         if (weakest == rounds.size()) {
             carried = std::move(each);
-            face_rivals();
+            for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++)
+                face_rivals(i);
             for (size_t i = 0; i < rounds.size(); i++)
                 rounds[i].lack = lack_of(less[i]);
             return;
@@ -284,29 +287,27 @@ void CauseSearch::drop_what_does_not_carry_over()
     }
 }
 
-// The runners-up of each cause in its place, beside all others.
-void CauseSearch::face_rivals()
+// The runners-up of a cause in its place, beside all others.
+void CauseSearch::face_rivals(size_t cause)
 {
-    constexpr size_t RIVALS = 2; // of a cause
-    for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++) {
-        std::vector<Hypothesis> &field = rounds[i].field;
-        std::vector<Hypothesis> faced = {best};
-        faced[0].added = field[0].added;
-        for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
-            const Candidate &rival = field[k].added;
-            if (is_library(rival.effect) || has_cause(rival))
-                continue;
-            mk_model m = best.point.model;
-            mk_effect_use &use = m.effect[model.effect_count + (int)i];
-            use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
-            Hypothesis h;
-            if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
-                continue;
-            h.added = rival;
-            faced.push_back(std::move(h));
-        }
-        field = std::move(faced);
+    constexpr size_t RIVALS = 2;
+    std::vector<Hypothesis> &field = rounds[cause].field;
+    std::vector<Hypothesis> faced = {best};
+    faced[0].added = field[0].added;
+    for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+        const Candidate &rival = field[k].added;
+        if (is_library(rival.effect) || has_cause(rival))
+            continue;
+        mk_model m = best.point.model;
+        mk_effect_use &use = m.effect[model.effect_count + (int)cause];
+        use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
+        Hypothesis h;
+        if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
+            continue;
+        h.added = rival;
+        faced.push_back(std::move(h));
     }
+    field = std::move(faced);
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const

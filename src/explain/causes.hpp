@@ -93,7 +93,7 @@ class CauseSearch
     bool ask_carry_over(std::vector<Hypothesis> &field, double needed);
     void drop_what_does_not_carry_over();
     void drop_what_vanished();
-    void face_rivals();
+    void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
     bool several_logs() const;
     bool choose(std::vector<Hypothesis> &field, double needed);
