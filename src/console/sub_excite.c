@@ -154,7 +154,8 @@ static void print_result(const struct mk_excitation *e)
     print_row("largest command", f->u_max, g->u_max, "");
     for (int j = 0; j < plant->joints; j++)
         printf("  joint %d: %.3g .. %.3g %s, up to %.3g %s\n", j + 1, f->q_min[j], f->q_max[j],
-               mk_model_unit(&e->model, j, "rad"), f->v_max[j], mk_model_unit(&e->model, j, "rad/s"));
+               mk_model_unit(&e->model, j, "rad"), f->v_max[j],
+               mk_model_unit(&e->model, j, "rad/s"));
     if (!isnan(e->worst_of_rigs))
         printf("  with parameters off by up to the spread: up to %.4g %%\n",
                100.0 * e->worst_of_rigs);

@@ -413,8 +413,8 @@ class Explainer
         search = std::move(nearer);
     }
 
-    // Where what carries over decides, likelihood only says in which order causes are asked: half of
-    // the windows of each log will do for that.
+    // Where what carries over decides, likelihood only says in which order causes are asked: half
+    // of the windows of each log will do for that.
     std::vector<const FitLog *> enough_to_rank() const
     {
         if (!carry_over)
