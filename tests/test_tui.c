@@ -235,7 +235,8 @@ START_TEST(after_a_run_its_summary_is_shown)
     status.snap.state = MK_LOOP_IDLE;
     snprintf(status.log_path, sizeof status.log_path, "runs/run-001.csv");
     status.have_summary = true;
-    status.summary = (struct run_summary){.setup = "pendubot-mid",
+    status.summary = (struct run_summary){.unit = {"rad", "rad"},
+                                          .setup = "pendubot-mid",
                                           .rig = "pendubot",
                                           .seconds = 3.998,
                                           .caught_t = 2.0,

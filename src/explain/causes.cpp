@@ -52,6 +52,7 @@ void CauseSearch::run()
 {
     search.polish(refit, true);
     best = refit;
+    rounds.clear();
     add_causes();
     try_runners_up();
     drop_idle();
@@ -106,7 +107,9 @@ void CauseSearch::add_causes()
         consider_bristles(round.field);
         consider_own_places(round.field);
         // Another search in shorter stretches ranks them better, and it is asked then.
-        if (give_up_early && carry_over && round.field[0].drift >= LOST)
+        gave_up = give_up_early && carry_over && round.field[0].drift >= LOST &&
+                  !mk_model_hides_joint(&round.field[0].point.model);
+        if (gave_up)
             return;
         if (!follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
             !ask_carry_over(round.field, needed))

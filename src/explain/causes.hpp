@@ -64,6 +64,7 @@ class CauseSearch
     // Noise by joint that a search in shorter stretches knew, 0: unknown.
     double known_noise[MK_MAX_JOINTS] = {0.0, 0.0};
     bool give_up_early = false; // where even with a cause the model is far from its data
+    bool gave_up = false;       // and what is there was not asked whether it carries over
     Hypothesis refit;           // the given model, without a cause
     Hypothesis best;            // with all of them
     std::vector<Round> rounds;  // one a cause of `best`, in its order

@@ -299,7 +299,10 @@ class Explainer
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit);
-        look_closer(so);
+        if (!look_closer(so) && causes->gave_up) {
+            causes->give_up_early = false;
+            causes->run();
+        }
         causes->polish_rivals();
         data.second_half = !own_parameters(causes->best.point.model).empty();
         ask_held_out();
@@ -375,23 +378,24 @@ class Explainer
     // taken for noise of the readings, of which there seem to be thousands: nearly anything can
     // earn a place that way. With stretches so short that the drift between them makes up for it,
     // evidence counts again. Done only where needed: it takes longer.
-    void look_closer(SearchOptions so)
+    // False where there is nothing to be had of that.
+    bool look_closer(SearchOptions so)
     {
         constexpr double SHORTEST = 0.03, SHORT = 0.12; // s
         const Hypothesis &left = causes->best;
         if (lost.joint > 0 || causes->follows(left) || mk_model_hides_joint(&left.point.model))
-            return;
+            return false;
         double noise = HUGE_VAL;
         for (int j = 0; j < mk_model_joints(&model); j++)
             noise = std::min(noise, left.point.noise[j]);
         so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
         if (so.stretch > SHORT)
-            return;
+            return false;
         auto nearer = std::make_unique<Search>(enough_to_rank(), so);
         Hypothesis refit, same;
         if (!nearer->refit(causes->refit.point.model, nullptr, refit) ||
             !nearer->refit(left.point.model, nullptr, same))
-            return;
+            return false;
         auto again = std::make_unique<CauseSearch>(values.model, *nearer, refit);
         again->carry_over = carry_over.get();
         again->run();
@@ -400,17 +404,18 @@ class Explainer
         // The first causes may come to the same once they are fitted closer.
         constexpr double EVEN = 10.0;
         if (again->best.score > same.score + EVEN)
-            return;
+            return false;
         // What follows the data is what it is. Of all else only what is seen in stretches of the
         // usual length as well matters to free runs.
         auto usual = std::make_unique<CauseSearch>(values.model, *search, causes->refit);
         usual->carry_over = carry_over.get();
         if (carry_over && !again->explained() && usual->take_over(*again)) {
             causes = std::move(usual);
-            return;
+            return true;
         }
         causes = std::move(again);
         search = std::move(nearer);
+        return true;
     }
 
     // Where what carries over decides, likelihood only says in which order causes are asked: half

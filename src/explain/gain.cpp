@@ -70,20 +70,27 @@ struct Gain {
         const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * out.noise[j];
+            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
+    }
+    // What a fit took for noise of the readings; where a search in short stretches knew better,
+    // what that says.
+    double noise(int j) const
+    {
+        return causes.known_noise[j] > 0.0 ? out.noise[j] : causes.best.point.noise[j];
     }
     double noise_share(const HeldOut &held, int j) const
     {
         const double sd = held.deviation(model, j);
-        return sd > 0.0 ? out.noise[j] / sd : 0.0;
+        return sd > 0.0 ? noise(j) / sd : 0.0;
     }
     // What the readings' own noise leaves of the error. No model is below it: a joint that comes
     // out so moved little, and the noise that the fits saw was not all its own there.
     double floor_of(const HeldOut &held, int j, const HeldOutFigures &refitted,
                     const HeldOutFigures &after) const
     {
-        return std::min({noise_share(held, j), refitted.nrmse(j), after.nrmse(j)});
+        const double sd = held.deviation(model, j);
+        return std::min({sd > 0.0 ? out.noise[j] / sd : 0.0, refitted.nrmse(j), after.nrmse(j)});
     }
     // Where there is something to close, an extension that widens it is not what is missing,
     // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
