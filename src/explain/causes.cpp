@@ -53,6 +53,7 @@ void CauseSearch::run()
     search.polish(refit, true);
     best = refit;
     rounds.clear();
+    gave_up = false;
     add_causes();
     try_runners_up();
     drop_idle();
@@ -109,9 +110,7 @@ void CauseSearch::add_causes()
         // Another search in shorter stretches ranks them better, and it is asked then.
         gave_up = give_up_early && carry_over && round.field[0].drift >= LOST &&
                   !mk_model_hides_joint(&round.field[0].point.model);
-        if (gave_up)
-            return;
-        if (!follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
+        if (!gave_up && !follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
             !ask_carry_over(round.field, needed))
             return;
         if (rounds.empty())
@@ -127,7 +126,7 @@ void CauseSearch::add_causes()
             freed = true;
             continue;
         }
-        if (give_up_early && best.drift >= LOST)
+        if (gave_up || (give_up_early && best.drift >= LOST))
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
@@ -254,7 +253,7 @@ bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
 void CauseSearch::drop_what_does_not_carry_over()
 {
     carried.clear();
-    while (carry_over && !explained() && !rounds.empty() && !search.cancelled) {
+    while (carry_over && !explained() && !gave_up && !rounds.empty() && !search.cancelled) {
         std::vector<Carried> each;
         std::vector<Hypothesis> less(rounds.size());
         size_t weakest = rounds.size();

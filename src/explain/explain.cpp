@@ -403,7 +403,7 @@ class Explainer
             search->cancelled = true;
         // The first causes may come to the same once they are fitted closer.
         constexpr double EVEN = 10.0;
-        if (again->best.score > same.score + EVEN)
+        if (!causes->gave_up && again->best.score > same.score + EVEN)
             return false;
         // What follows the data is what it is. Of all else only what is seen in stretches of the
         // usual length as well matters to free runs.
