@@ -42,6 +42,13 @@ OPT_asan    := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fn
 OPT_tsan    := -O1 -g -fsanitize=thread
 OPT_cov     := -O0 -g --coverage
 OPT := $(OPT_$(VARIANT))
+
+# The hardening that Debian's packages have; _FORTIFY_SOURCE needs optimisation, and a package sets its own.
+ifeq ($(VARIANT),release)
+HARDEN     := -fstack-protector-strong
+HARDEN_CPP := $(if $(findstring _FORTIFY_SOURCE,$(CPPFLAGS) $(CFLAGS)),,-U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=2)
+HARDEN_LD  := -Wl,-z,relro -Wl,-z,now
+endif
 ifeq ($(OPT),)
 $(error unknown VARIANT '$(VARIANT)': release, debug, asan, tsan or cov)
 endif
@@ -65,11 +72,11 @@ endif
 SUN_LIBS   := -lsundials_cvode -lsundials_arkode -lsundials_nvecserial \
               -lsundials_sunmatrixdense -lsundials_sunlinsoldense $(SUN_CORE)
 
-CPPFLAGS_ALL := -Iinclude -Isrc -D_GNU_SOURCE -DMK_VERSION='"$(VERSION)"' $(PKG_CFLAGS) $(CPPFLAGS)
+CPPFLAGS_ALL := $(HARDEN_CPP) -Iinclude -Isrc -D_GNU_SOURCE -DMK_VERSION='"$(VERSION)"' $(PKG_CFLAGS) $(CPPFLAGS)
 # The public headers make their functions visible; calls between them stay direct all the same.
 PIC          := -fPIC -fvisibility=hidden -fno-semantic-interposition
-CFLAGS_ALL   := -std=c11 $(OPT) $(PIC) -pthread $(WARN) $(CWARN) $(CFLAGS)
-CXXFLAGS_ALL := -std=c++17 $(OPT) $(PIC) -pthread $(WARN) $(CXXFLAGS)
+CFLAGS_ALL   := -std=c11 $(OPT) $(HARDEN) $(PIC) -pthread $(WARN) $(CWARN) $(CFLAGS)
+CXXFLAGS_ALL := -std=c++17 $(OPT) $(HARDEN) $(PIC) -pthread $(WARN) $(CXXFLAGS)
 LDLIBS_ALL   := $(SUN_LIBS) $(PKG_LIBS) -lm $(LDLIBS)
 
 # `make V=1` shows whole commands.
@@ -139,7 +146,7 @@ $(LIB): $(LIB_OBJ)
 
 $(SO): $(LIB_OBJ) $(SO_MAP)
 	$(call say,LD)$(CXX) -shared $(OPT) -pthread -Wl,-soname,libmechkit.so.$(SO_VERSION) \
-		-Wl,--version-script=$(SO_MAP) -Wl,-z,defs $(LDFLAGS) -o $@ $(LIB_OBJ) $(LDLIBS_ALL)
+		-Wl,--version-script=$(SO_MAP) -Wl,-z,defs $(HARDEN_LD) $(LDFLAGS) -o $@ $(LIB_OBJ) $(LDLIBS_ALL)
 
 .PHONY: libraries
 libraries: $(LIB) $(SO) ## build the static and the shared library
@@ -152,7 +159,7 @@ MPI_LIBS := $(shell $(PKGCONFIG) --libs ompi-c)
 $(B)/src/console/sweep_mpi.o: CPPFLAGS_ALL += -DMK_HAVE_MPI $(shell $(PKGCONFIG) --cflags ompi-c | sed 's/-I/-isystem /g')
 endif
 $(APP): $(APP_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 
 CHECK_CFLAGS = $(shell $(PKGCONFIG) --cflags check 2>/dev/null)
 CHECK_LIBS   = -Wl,--wrap=_mark_point $(shell $(PKGCONFIG) --libs check 2>/dev/null)
@@ -161,7 +168,15 @@ CHECK_LIBS   = -Wl,--wrap=_mark_point $(shell $(PKGCONFIG) --libs check 2>/dev/n
 # Programs cannot link a library with a sanitizer in it as users do; its tests are skipped there.
 tests: $(TESTS) $(APP) $(if $(filter release debug,$(VARIANT)),$(SO))
 $(TESTS): $(TEST_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
+
+# What is missing is said once, before the compiler says it in its own way.
+.PHONY: have-libraries
+have-libraries:
+	@{ $(PKGCONFIG) --exists $(PKGS) && printf '#include <sundials/sundials_config.h>\n' | $(CC) -E - ; } \
+		>/dev/null 2>&1 || { echo "mechkit: libraries that it is built with are missing: 'make deps' installs them" \
+		"(Debian, Ubuntu) or names them" >&2; exit 1; }
+$(LIB_OBJ) $(APP_OBJ) $(TEST_OBJ): | have-libraries
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)
@@ -218,7 +233,7 @@ challenge: $(B)/mechkit-challenge $(APP) ## hide effects in made-up logs and sco
 	@$< --cases $(or $(CASES),200) --seed $(or $(SEED),1) $(CHALLENGE_ARGS)
 	@tools/challenge.py $(APP)
 $(B)/mechkit-challenge: $(CHALLENGE_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 # Not part of check: what it measures is the machine.
 SECONDS ?= 60
@@ -230,21 +245,21 @@ robustness: all ## catch and hold 200 rigs a setup that are off the model (SEEDS
 excitation: $(B)/excitation ## searched inputs beside a sine, by fits of many noisy logs each (takes minutes)
 	@$<
 $(B)/excitation: $(B)/tools/excitation.o $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 .PHONY: latency
 latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECONDS=60)
 	@$(B)/latency $(SECONDS)
 $(B)/latency: $(B)/tools/latency.o $(LIB)
-	$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 # The program with a board plugged in that is not there: libusb's and the kernel's places are taken by
 # stand-ins in tests/emu.
 PLUGGED_OBJ := $(EMU_C:%.c=$(B)/%.o) $(B)/tests/emu/plugged.o
 $(B)/mechkit-emulated: $(APP_OBJ) $(PLUGGED_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 $(B)/roundtrip: $(B)/tools/roundtrip.o $(PLUGGED_OBJ) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 $(B)/tests/emu/plugged.o: CPPFLAGS_ALL += -Itests
 
 .PHONY: demo-usb roundtrip fault-campaign
@@ -261,7 +276,7 @@ VM_OBJ := $(filter-out %/emu/usb.o %/emu/udev.o,$(TEST_OBJ)) $(B)/tests/vm/vhci.
 check-vm: $(B)/mechkit-vm-tests ## the boards' tests on a real kernel, in a small virtual machine (needs qemu)
 	@tools/check-vm.sh $< $(BUILD)/vm $(SUITES)
 $(B)/mechkit-vm-tests: $(VM_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(CHECK_LIBS) $(APP_LIBS)
 $(B)/tests/vm/vhci.o: CFLAGS_ALL += -Wno-conversion -Wno-pedantic
 $(B)/tests/vm/vhci.o: CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS)
 
@@ -272,7 +287,7 @@ soak: $(B)/soak ## endurance: random faults, gains, kills, full disks, clock ste
 	@$< $(or $(MINUTES),60) $(or $(FIRST),1) $(BUILD)/soak-out
 -include $(SOAK_OBJ:.o=.d)
 $(B)/soak: $(SOAK_OBJ) $(filter-out %/main.o,$(APP_OBJ)) $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(APP_LIBS)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(APP_LIBS)
 
 # Not part of check: it is a matter of time. `make monkey SECONDS=600 VARIANT=asan`.
 .PHONY: monkey
@@ -287,15 +302,14 @@ pictures: $(B)/shots $(APP) $(B)/mechkit-challenge ## render the pictures in doc
 SHOTS_OBJ := $(B)/tools/shots.o $(B)/tests/support/pty.o $(B)/tests/support/vt.o
 $(B)/tools/shots.o: CPPFLAGS_ALL += -Itests
 $(B)/shots: $(SHOTS_OBJ)
-	$(call say,LD)$(CC) $(OPT) $(LDFLAGS) -o $@ $^
+	$(call say,LD)$(CC) $(OPT) $(HARDEN_LD) $(LDFLAGS) -o $@ $^
 
 .PHONY: demo
 demo: ## run every setup on the virtual board, with logs and plots in build/demo
 	@tools/deps.sh
-	@echo "building (first time: about a minute) ..."
 	@mkdir -p $(BUILD)
-	@$(MAKE) --no-print-directory $(JOBS) all >$(BUILD)/demo-build.log 2>&1 || \
-		{ cat $(BUILD)/demo-build.log; exit 1; }
+	@echo "building (the first time this takes minutes) ..."
+	@{ $(MAKE) --no-print-directory $(JOBS) all 2>&1; echo "exit $$?"; } | tools/build-progress.sh $(BUILD)/demo-build.log
 	@rm -rf $(BUILD)/demo
 	@tools/demo.sh $(BUILD)/demo $(BUILD)/mechkit
 
@@ -347,7 +361,7 @@ $(BUILD)/fuzz/%: $(BUILD)/fuzz/fuzz/fuzz_%.c.o $(FUZZ_OBJ) $(BUILD)/fuzz/console
 table31: $(B)/table31 ## the report's table 3.1 again, errors and coverage of every method (DRAWS=200)
 	@$(B)/table31 $(or $(DRAWS),200)
 $(B)/table31: $(B)/tools/table31.o $(LIB)
-	$(call say,LD)$(CXX) $(OPT) -pthread $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 # Logs in $$MECHKIT_SHARED or ../shared; skipped without.
 .PHONY: intervals measured
@@ -410,7 +424,7 @@ BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identif
 bench: $(B)/libmkbench.so $(B)/latency $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
 	$(PYTHON) -B tools/bench/bench.py $(BUILD) $(abspath $<) $(SECTIONS)
 $(B)/libmkbench.so: $(BENCH_SRC) $(LIB) tools/bench/bench_pendubot.hpp
-	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(LDFLAGS) -o $@ $(BENCH_SRC) $(LIB) $(LDLIBS_ALL)
+	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(HARDEN_LD) $(LDFLAGS) -o $@ $(BENCH_SRC) $(LIB) $(LDLIBS_ALL)
 
 .PHONY: cov
 cov: ## lines and branches that the tests reach, by folder (needs gcovr)

@@ -24,6 +24,7 @@
     X(predict)                                                                                     \
     X(inputs)                                                                                      \
     X(own_values)                                                                                  \
+    X(slides)                                                                                      \
     X(model_file)                                                                                  \
     X(console)                                                                                     \
     X(options)                                                                                     \
@@ -52,7 +53,6 @@
     X(replug)                                                                                      \
     X(bus_faults)                                                                                  \
     X(fault_script)                                                                                \
-    X(slide)                                                                                       \
     X(shoot)                                                                                       \
     X(contact)                                                                                     \
     X(signals)                                                                                     \

@@ -557,6 +557,73 @@ START_TEST(saving_never_overwrites)
 }
 END_TEST
 
+START_TEST(saving_over_a_file_replaces_files_only)
+{
+    const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                                  "save! over.csv\nsetup pi-speed\nstart\n"
+                                                  "wait 0.2\nhalt\nsave! over.csv\n");
+    char out[256], path[300], text[400], command[400];
+    snprintf(out, sizeof out, "%s", scratch("over"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/over.csv", out);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_double_gt(mk_log_get(log, "t")[log->rows - 1], 0.15); /* the second run */
+    mk_log_free(log);
+    /* Another spelling of the run's own name is no other file. */
+    snprintf(command, sizeof command, "%s",
+             scratch_text("own.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                     "save! ./run-001.csv\n"));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(access(path, R_OK), 0);
+    ck_assert_int_eq(unlink(path), 0);
+    /* A pipe, a device, a folder is no log: it stays, and so does the run. */
+    snprintf(path, sizeof path, "%s/pipe", out);
+    ck_assert_int_eq(mkfifo(path, 0600), 0);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave! %s\n", path);
+    snprintf(command, sizeof command, "%s", scratch_text("pipe.cmd", text));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "no regular file"), "%d %s", o.code, o.err);
+    struct stat info;
+    ck_assert(lstat(path, &info) == 0 && S_ISFIFO(info.st_mode));
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(programs_that_share_a_folder_lose_no_log)
+{
+    enum { PROGRAMS = 3, RUNS = 12 };
+    const char *script = scratch_text("shared.cmd", "setup pi-speed\nrepeat 12\nstart\nwait 0.05\n"
+                                                    "halt\nsetup pi-speed\nend\n");
+    char out[4096], folder[256];
+    snprintf(folder, sizeof folder, "%s", scratch("shared"));
+    /* A name that leads elsewhere is taken, too. */
+    int code = run_command(out, sizeof out,
+                           "mkdir -p %s && ln -s %s/elsewhere %s/run-002.csv; "
+                           "for i in 1 2 3; do %s run %s --fast --out %s & done; wait",
+                           folder, folder, folder, MK_TEST_APP, script, folder);
+    ck_assert_int_eq(code, 0);
+    int whole = 0;
+    for (int n = 1; n <= PROGRAMS * RUNS + 1; n++) {
+        char path[300];
+        struct mk_log *log;
+        snprintf(path, sizeof path, "%s/run-%03d.csv", folder, n);
+        if (mk_log_read(path, &log, NULL) != MK_OK)
+            continue;
+        const double *t = mk_log_get(log, "t");
+        whole += log->rows > 10 && t[0] < 1e-9 && t[log->rows - 1] > 0.045;
+        mk_log_free(log);
+    }
+    ck_assert_int_eq(whole, PROGRAMS * RUNS);
+    ck_assert_int_ne(access(strcat(folder, "/elsewhere"), F_OK), 0);
+}
+END_TEST
+
 START_TEST(a_command_file_looks_at_its_own_run)
 {
     const char *fitted = scratch("fitted.ini"), *done = scratch("done.cmd");
@@ -659,6 +726,85 @@ START_TEST(simulate_writes_the_log_s_own_time_base)
 }
 END_TEST
 
+START_TEST(commands_that_are_missing_are_not_made_up)
+{
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    static char text[200000];
+    for (int step = 6; step <= 501;
+         step += 495) { /* every sixth command is missing, or 4 of 2000 */
+        char *at = text + sprintf(text, "t,q1,u\n");
+        for (int i = 0; i < 2000; i++)
+            at += i % step == step - 1 ? sprintf(at, "%.3f,%.4f,\n", i * 0.002, sin(i * 0.01))
+                                       : sprintf(at, "%.3f,%.4f,1\n", i * 0.002, sin(i * 0.01));
+        const char *log = scratch_text("missing.csv", text);
+        struct outcome o = MECHKIT("simulate", "--model", model, "--input", log, "--out",
+                                   scratch("missing_p.csv"));
+        ck_assert_msg(o.code == (step == 6 ? 3 : 0), "%d %s", o.code, o.err);
+        ck_assert_msg(strstr(o.err, step == 6 ? "missing in 333 of 2000 rows: at most 1 %"
+                                              : "missing in 3 of 2000 rows: held from before"),
+                      "%s", o.err);
+    }
+}
+END_TEST
+
+START_TEST(names_that_are_too_long_are_refused_and_not_cut)
+{
+    char text[2000], name[600];
+    memset(name, 'n', sizeof name);
+    name[599] = '\0';
+    snprintf(text, sizeof text, "setup pi-speed\nmodel %s\n", name);
+    struct outcome o = MECHKIT("run", "--check", scratch_text("long.cmd", text));
+    ck_assert_msg(o.code == 3 && strstr(o.err, ":2: model nnn") && strstr(o.err, "599 characters"),
+                  "%d %s", o.code, o.err);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave %.500s\n", name);
+    o = MECHKIT("run", scratch_text("long.cmd", text), "--fast", "--out", scratch("long"));
+    ck_assert_msg(o.code == 1 && strstr(o.err, ":5: save: the name of the log and its folder"),
+                  "%d %s", o.code, o.err);
+}
+END_TEST
+
+START_TEST(faults_after_a_setup_say_when_they_begin)
+{
+    struct outcome o =
+        MECHKIT("run", scratch_text("late.cmd", "faults at 5 drop\nsetup pi-speed\n"), "--fast");
+    ck_assert_msg(o.code == 0 && !strstr(o.out, "next setup"), "%s%s", o.out, o.err);
+    o = MECHKIT("run", scratch_text("late.cmd", "setup pi-speed\nfaults at 5 drop\n"), "--fast");
+    ck_assert_msg(o.code == 0 && strstr(o.out, "at the next setup"), "%s%s", o.out, o.err);
+}
+END_TEST
+
+START_TEST(a_log_can_be_filed_by_what_it_says)
+{
+    const char *text = "setup furuta\nstart\nwait 0.05\nhalt\nsave f.csv\n";
+    char script[256], out[256], path[300];
+    struct mk_log *log;
+    snprintf(script, sizeof script, "%s", scratch_text("file.cmd", text));
+    for (int fast = 0; fast < 2; fast++) {
+        snprintf(out, sizeof out, "%s", scratch(fast ? "filed-fast" : "filed"));
+        snprintf(path, sizeof path, "%s/f.csv", out);
+        setenv("SOURCE_DATE_EPOCH", "86400", 1);
+        struct outcome o = MECHKIT("run", script, "--model", MK_SOURCE_DIR "/models/furuta.ini",
+                                   "--out", out, fast ? "--fast" : "--quiet");
+        /* Without real time a run may trip; its log says where it comes from all the same. */
+        if (!fast && o.code != 0)
+            continue;
+        ck_assert_msg(o.code == 0, "%s", o.err);
+        ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+        ck_assert_str_eq(mk_log_find_meta(log, "date"), "1970-01-02T00:00:00Z");
+        ck_assert_str_eq(mk_log_find_meta(log, "model"), MK_SOURCE_DIR "/models/furuta.ini");
+        ck_assert_int_eq(strncmp(mk_log_find_meta(log, "model_values"), "furuta p1=", 10), 0);
+        ck_assert_int_eq(mk_log_find_meta(log, "host") == NULL, fast);
+        mk_log_free(log);
+    }
+    unsetenv("SOURCE_DATE_EPOCH");
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    strcpy(strstr(path, "f.csv"), "f-2.csv");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_ptr_null(mk_log_find_meta(log, "date")); /* byte for byte the same, whenever */
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
 {
     const char *script = scratch_text("t.cmd", "setup pi-speed\nstart\nwait 60\n");
@@ -719,7 +865,13 @@ Suite *suite_console(void)
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
+    tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, a_log_can_be_filed_by_what_it_says);
+    tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
+    tcase_add_test(t, faults_after_a_setup_say_when_they_begin);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);

@@ -306,6 +306,20 @@ START_TEST(of_long_records_a_part_is_searched_and_said)
 END_TEST
 
 // The windows that are searched of logs of some lengths, in s, with another one to measure on.
+START_TEST(parameters_come_of_all_data_though_a_part_is_searched)
+{
+    Hidden h;
+    const mk_explanation all = explained(h), part = explained(h, false, 2.0);
+    ck_assert_double_lt(part.searched_s, 0.5 * part.given_s);
+    // Of a third of the data errors would be some 1.7 times as large.
+    for (int i = 0; i < 2; i++) {
+        ck_assert_double_eq_tol(part.std_error[i], all.std_error[i], 0.1 * all.std_error[i]);
+        ck_assert_double_eq_tol(part.refit.parameter[i], all.refit.parameter[i],
+                                0.3 * all.std_error[i]);
+    }
+}
+END_TEST
+
 static mk::TrainingData searched(const std::vector<double> &lengths, double most_s)
 {
     std::vector<mk::OwnedLog> logs;
@@ -529,6 +543,10 @@ START_TEST(the_reports_say_what_was_found)
     mk_explanation e = explained(h);
     mk_error err = MK_ERROR_INIT;
     const char *path = scratch("report.json"), *files[] = {"held.csv"};
+    const char *learned[] = {"a.csv", "b<i>.csv"};
+    const mk_origin origin = {"2026-01-02T03:04:05Z", "mechkit explain --model 'my m.ini'",
+                              "my m.ini", learned, 2};
+    e.origin = &origin;
     ck_assert_int_eq(mk_explanation_write_json(&e, path, files, 1, &err), MK_OK);
     cJSON *o = nullptr;
     ck_assert_int_eq(mk_json_read(path, &o, &err), MK_OK);
@@ -536,6 +554,11 @@ START_TEST(the_reports_say_what_was_found)
     cJSON *cause = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "causes"), 0);
     ck_assert_str_eq(cJSON_GetObjectItem(cause, "name")->valuestring, "quadratic-drag");
     ck_assert_int_eq(cJSON_GetObjectItem(cause, "joint")->valueint, 1);
+    const cJSON *from = cJSON_GetObjectItem(o, "origin");
+    ck_assert_str_eq(cJSON_GetObjectItem(from, "date")->valuestring, origin.date);
+    ck_assert_str_eq(cJSON_GetObjectItem(from, "command")->valuestring, origin.command);
+    ck_assert_int_eq(strncmp(cJSON_GetObjectItem(from, "program")->valuestring, "mechkit ", 8), 0);
+    ck_assert_int_eq(cJSON_GetArraySize(cJSON_GetObjectItem(from, "logs")), 2);
     for (const char *key : {"rivals", "parameters", "holdout", "next_experiment", "seconds"})
         ck_assert_msg(cJSON_GetObjectItem(o, key) != nullptr, "%s", key);
     cJSON_Delete(o);
@@ -546,6 +569,7 @@ START_TEST(the_reports_say_what_was_found)
     // A phone is narrower than a table: it scrolls by itself, not the page.
     char *html = slurp_file(path);
     ck_assert_ptr_nonnull(strstr(html, "div{overflow-x:auto}"));
+    ck_assert(strstr(html, origin.date) && strstr(html, "b&lt;i&gt;.csv"));
     for (const char *at = html; (at = strstr(at, "<table>")) != nullptr; at++)
         ck_assert_int_eq(strncmp(at - 5, "<div>", 5), 0);
     free(html);
@@ -1033,6 +1057,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, samples_by_the_boards_clock_are_not_moved);
     tcase_add_test(t, of_long_records_a_part_is_searched_and_said);
     tcase_add_loop_test(t, of_several_long_logs_a_part_of_each_is_searched, 0, 4);
+    tcase_add_test(t, parameters_come_of_all_data_though_a_part_is_searched);
     tcase_add_test(t, with_more_logs_than_windows_those_are_spread_over_them);
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, lost_pulses_are_found);

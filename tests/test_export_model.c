@@ -507,6 +507,48 @@ START_TEST(fmpy_validates_the_fmu_and_predicts_what_simulate_predicts)
 }
 END_TEST
 
+START_TEST(parameters_are_labelled_in_the_units_that_they_have)
+{
+    static const struct {
+        double u_to_torque;
+        const char *has, *has_not, *command;
+    } rows[] = {{0.00494, "u s^2/rad", "kg m^2", "unit=\"u\""},
+                {1.0, "kg m^2", "u s^2/rad", "unit=\"N m\""}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct mk_model m;
+        bool compiled;
+        struct mk_error err = MK_ERROR_INIT;
+        mk_model_default(MK_PLANT_PENDULUM, &m);
+        m.u_to_torque = rows[i].u_to_torque;
+        ck_assert_int_eq(mk_export_c(scratch("units.c"), &m, &err), MK_OK);
+        ck_assert_int_eq(mk_export_octave(scratch("units.m"), &m, &err), MK_OK);
+        ck_assert_int_eq(mk_export_fmu(scratch("units.fmu"), &m, &compiled, &err), MK_OK);
+        const char *files[] = {"units.c", "units.h", "units.m"};
+        bool found = false;
+        for (int k = 0; k < 3; k++) {
+            char *text = slurp_file(scratch(files[k]));
+            ck_assert_msg(!strstr(text, rows[i].has_not), "%s", files[k]);
+            found = found || strstr(text, rows[i].has);
+            free(text);
+        }
+        ck_assert(found);
+        if (!have_program("unzip", "the units of an FMU"))
+            continue;
+        static char xml[60000];
+        ck_assert_int_eq(
+            run_command(xml, sizeof xml, "unzip -p %s modelDescription.xml", scratch("units.fmu")),
+            0);
+        char unit[80];
+        snprintf(unit, sizeof unit, "<Real unit=\"%s\"", rows[i].has);
+        ck_assert_msg(strstr(xml, unit), "%s", xml);
+        snprintf(unit, sizeof unit, "<Unit name=\"%s\"/>", rows[i].has);
+        ck_assert_ptr_nonnull(strstr(xml, unit));
+        ck_assert_ptr_nonnull(strstr(xml, rows[i].command));
+        ck_assert_ptr_null(strstr(xml, rows[i].has_not));
+    }
+}
+END_TEST
+
 START_TEST(a_file_name_that_is_no_function_name_is_refused)
 {
     struct mk_model m;
@@ -532,6 +574,7 @@ Suite *suite_export_model(void)
     tcase_add_loop_test(c, exported_equations_are_the_library_s_with_every_effect, 0,
                         MK_PLANT_COUNT);
     tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, 5);
+    tcase_add_test(c, parameters_are_labelled_in_the_units_that_they_have);
     tcase_add_test(c, a_file_name_that_is_no_function_name_is_refused);
     suite_add_tcase(s, c);
     c = tcase_create("fmu");

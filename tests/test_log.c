@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "mechkit/log.h"
@@ -490,6 +491,36 @@ START_TEST(a_line_as_long_as_none_is_refused)
 }
 END_TEST
 
+START_TEST(a_log_of_comments_or_columns_without_end_is_refused_at_its_line)
+{
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("comments.csv");
+    FILE *f = fopen(path, "w");
+    for (int i = 0; i < 200000; i++)
+        fputs("#\n", f);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 100001 && strstr(err.message, "comments"), "%s", err.message);
+    path = scratch("long_comments.csv");
+    f = fopen(path, "w");
+    for (int i = 0; i < 20; i++)
+        fprintf(f, "# key: %0*d\n", 1000000, 1);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 17 && strstr(err.message, "16 MB"), "%s", err.message);
+    path = scratch("columns.csv");
+    f = fopen(path, "w");
+    fputs("t", f);
+    for (int i = 0; i < 100000; i++)
+        fprintf(f, ",c%d", i);
+    fputs("\n", f);
+    fclose(f);
+    ck_assert_int_eq(mk_log_read(path, &log, &err), MK_ERR_PARSE);
+    ck_assert_msg(err.line == 1 && strstr(err.message, "at most 4096"), "%s", err.message);
+}
+END_TEST
+
 START_TEST(a_wide_log_is_read_and_written)
 {
     enum { COLUMNS = 2000 };
@@ -527,6 +558,30 @@ START_TEST(a_full_disk_keeps_the_old_file)
     ck_assert_uint_eq(back->rows, 1);
     mk_log_free(back);
     mk_log_free(log);
+}
+END_TEST
+
+START_TEST(what_a_killed_program_left_is_removed_the_next_time)
+{
+    char left[300], alive[300];
+    pid_t gone = fork();
+    if (gone == 0)
+        _exit(0);
+    waitpid(gone, NULL, 0);
+    snprintf(left, sizeof left, "out.csv.%ld-0.tmp", (long)gone);
+    snprintf(alive, sizeof alive, "out.csv.%ld-7.tmp", (long)getppid());
+    scratch_text(left, "half a log");
+    scratch_text(alive, "another program is at it");
+    scratch_text("out.csv.mine.tmp", "not ours");
+    scratch_text("out.csv.12-tmp", "not ours");
+    struct mk_log *log = read_text("t,q1,u\n0,1,2\n1,2,3\n");
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_write(scratch("out.csv"), log, &err) == MK_OK, "%s", err.message);
+    mk_log_free(log);
+    ck_assert_int_ne(access(scratch(left), F_OK), 0);
+    ck_assert_int_eq(access(scratch(alive), F_OK), 0);
+    ck_assert_int_eq(access(scratch("out.csv.mine.tmp"), F_OK), 0);
+    ck_assert_int_eq(access(scratch("out.csv.12-tmp"), F_OK), 0);
 }
 END_TEST
 
@@ -578,8 +633,10 @@ Suite *suite_log(void)
     tcase_add_test(t, garbage_is_refused_and_never_read_past_its_end);
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_line_as_long_as_none_is_refused);
+    tcase_add_test(t, a_log_of_comments_or_columns_without_end_is_refused_at_its_line);
     tcase_add_test(t, a_wide_log_is_read_and_written);
     tcase_add_test(t, a_full_disk_keeps_the_old_file);
+    tcase_add_test(t, what_a_killed_program_left_is_removed_the_next_time);
     tcase_add_test(t, writing_replaces_files_alone_and_follows_links);
     suite_add_tcase(s, t);
     return s;

@@ -25,6 +25,45 @@ static bool have_shared_library(const char *test)
     return false;
 }
 
+START_TEST(the_program_is_hardened_as_packages_are)
+{
+    static char out[16384];
+    if (strcmp(variant(), "release") != 0 || !have_program("readelf", "hardening"))
+        return;
+    run_command(out, sizeof out,
+                "readelf -Wld %s | grep -E 'GNU_RELRO|BIND_NOW|NOW|Type: *DYN|DYN \\('",
+                MK_TEST_APP);
+    ck_assert_msg(strstr(out, "GNU_RELRO") && strstr(out, "NOW"), "%s", out);
+    run_command(out, sizeof out,
+                "readelf -W --dyn-syms %s | grep -oE '__(stack_chk_fail|[a-z]+_chk)'", MK_TEST_APP);
+    ck_assert_msg(strstr(out, "__stack_chk_fail") && strstr(out, "printf_chk"), "%s", out);
+}
+END_TEST
+
+START_TEST(make_without_the_libraries_says_what_to_do)
+{
+    char out[4096];
+    int code =
+        run_command(out, sizeof out, "make -C %s --no-print-directory BUILD=%s PKGCONFIG=false all",
+                    MK_SOURCE_DIR, scratch("bare"));
+    ck_assert_msg(code != 0 && strstr(out, "'make deps' installs them"), "%d %s", code, out);
+    ck_assert_ptr_null(strstr(out, "compilation terminated"));
+}
+END_TEST
+
+START_TEST(skipped_tests_are_totalled_and_a_failure_stays_one)
+{
+    char out[1024], script[300];
+    snprintf(
+        script, sizeof script, "%s",
+        scratch_text("tests.sh", "#!/bin/sh\necho a: skipped, no b >&2\necho 3 checks\nexit 7\n"));
+    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s release", script,
+                           MK_SOURCE_DIR, script);
+    ck_assert_msg(code == 7 && strstr(out, "3 checks") && strstr(out, "1 skipped:\n  a: skipped"),
+                  "%d %s", code, out);
+}
+END_TEST
+
 /* --- symbols -------------------------------------------------------------------------------- */
 
 #define LIBRARY "$(ls \"$(dirname " MK_TEST_APP ")\"/libmechkit.so.*)"
@@ -136,6 +175,12 @@ Suite *suite_pack(void)
     tcase_set_timeout(symbols, 30);
     tcase_add_test(symbols, the_library_exports_what_the_headers_declare_and_nothing_else);
     tcase_add_test(symbols, a_function_that_is_not_exported_and_one_that_is_gone_are_found);
+    TCase *made = tcase_create("made");
+    tcase_set_timeout(made, 60);
+    tcase_add_test(made, the_program_is_hardened_as_packages_are);
+    tcase_add_test(made, make_without_the_libraries_says_what_to_do);
+    tcase_add_test(made, skipped_tests_are_totalled_and_a_failure_stays_one);
+    suite_add_tcase(s, made);
     suite_add_tcase(s, symbols);
     TCase *installed = tcase_create("installed");
     tcase_set_timeout(installed, 120);

@@ -171,6 +171,33 @@ START_TEST(the_line_of_the_catch_leaves_its_label_alone)
 }
 END_TEST
 
+/* Two logs, so that their names are in the legend. */
+START_TEST(logs_of_any_name_are_plotted_whatever_the_user_s_settings)
+{
+    static const char *const names[] = {"'quoted'.csv", "\"two\".csv", "`id`.csv", "@x\\n$y.csv",
+                                        "no\xff\xc3utf8.csv"};
+    char out[1024], home[256], picture[256], other[256];
+    if (!have_program("gnuplot", "logs_of_any_name_are_plotted_whatever_the_user_s_settings"))
+        return;
+    snprintf(home, sizeof home, "%s", scratch(".gnuplot"));
+    scratch_text(".gnuplot", "this is an error\n");
+    setenv("HOME", scratch("."), 1);
+    snprintf(picture, sizeof picture, "%s", scratch("names.svg"));
+    snprintf(other, sizeof other, "%s", scratch_text("o.csv", "t,q1,u\n0,1,2\n1,2,3\n2,0,1\n"));
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        setenv("ODD", scratch_text(names[i], "t,q1,u\n0,1,2\n1,2,3\n2,1,1\n"), 1);
+        int code = run_command(out, sizeof out, "%s plot \"$ODD\" %s --out %s", MK_TEST_APP, other,
+                               picture);
+        ck_assert_msg(code == 0, "%s: %d %s", names[i], code, out);
+        code = run_command(out, sizeof out, "iconv -f UTF-8 -t UTF-8 %s >/dev/null", picture);
+        ck_assert_msg(code == 0, "%s: %s", names[i], out);
+    }
+    char *text = slurp_file(picture);
+    ck_assert_ptr_nonnull(strstr(text, "no\\xff\\xc3utf8.csv"));
+    free(text);
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_written_says_so)
 {
     char out[1024];
@@ -229,6 +256,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, every_kind_of_plot_is_drawn);
     tcase_add_test(c, a_plot_without_a_file_is_drawn_in_the_terminal);
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
+    tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);

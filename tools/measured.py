@@ -162,9 +162,12 @@ def show(rig, result):
             for rms in models.values()))
     e = result["explain"]
     budget = e["budget"]
+    named = [cause_text(c) for c in e["causes"]]
+    if any(item.get("input") for item in budget["items"]):
+        named.append("the other column of the command")
     print(f"  explain: {e['verdict']}, closes {100 * budget['closed']:.0f} %, "
           f"{result['seconds']:.0f} s: "
-          + (", ".join(cause_text(c) for c in e["causes"]) or "nothing named")
+          + (", ".join(named) or "nothing named")
           + (f"; {e['structure']}" if e["structure"] else ""), flush=True)
 
 

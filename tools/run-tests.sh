@@ -23,5 +23,12 @@ tsan)
     export TSAN_OPTIONS=halt_on_error=1
     export CK_TIMEOUT_MULTIPLIER=12 ;;
 esac
+# What was skipped is said again at the end, where it is seen.
+notes=$(mktemp)
+trap 'rm -f "$notes" "$notes.code"' EXIT
 # shellcheck disable=SC2086 # suites are words
-exec "$tests" $suites
+{ { "$tests" $suites 3>&- || echo $? >"$notes.code"; } 2>&1 >&3 | tee "$notes" >&2; } 3>&1
+skipped=$(grep -c skipped "$notes" || true)
+echo "$skipped skipped$([ "$skipped" = 0 ] || echo ':')"
+grep skipped "$notes" | sed 's/^/  /' || true
+[ ! -s "$notes.code" ] || exit "$(cat "$notes.code")"

@@ -166,6 +166,15 @@ struct mk_explain_options {
     void *progress_context;
 };
 
+/* What a report was made of and how; texts are the caller's. */
+struct mk_origin {
+    const char *date;    /* ISO 8601, UTC */
+    const char *command; /* as it was typed */
+    const char *model;   /* file */
+    const char *const *logs;
+    size_t log_count;
+};
+
 struct mk_explanation {
     enum mk_verdict verdict;
     int cause_count;
@@ -241,6 +250,9 @@ struct mk_explanation {
     struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
     struct mk_data_check data_check; /* what is doubted of the logs */
     double seconds;
+    /* Filled in by who knows, for the reports; mk_explain leaves it at NULL. The caller's, and it
+     * must stay as long as reports are written. */
+    const struct mk_origin *origin;
 };
 
 /* Logs in which nothing moves are left out, and hold-out logs that are too short as well.

@@ -10,6 +10,11 @@
 #include "mechkit/number.h"
 
 #define SHOWN 40 /* characters of the file that a message repeats */
+/* What one log may have, far above any rig's. A small compressed file can claim millions of either:
+ * every line of metadata is kept, and every name is compared with all others. */
+#define META_MAX_LINES 100000
+#define META_MAX_BYTES (1u << 24)
+#define COLUMNS_MAX 4096
 
 struct reader {
     struct mk_line_source source;
@@ -18,9 +23,10 @@ struct reader {
     bool *textual; /* by column: text from the first row on */
     size_t time_column;
     size_t room_rows;
-    size_t taken;     /* fields of the current row that are stored */
-    bool ours;        /* says mechkit-log: its complete lines end in a newline */
-    bool start_again; /* a column turned out to be text after rows of numbers */
+    size_t taken;      /* fields of the current row that are stored */
+    size_t meta_bytes; /* of keys and values so far */
+    bool ours;         /* says mechkit-log: its complete lines end in a newline */
+    bool start_again;  /* a column turned out to be text after rows of numbers */
 };
 
 #define FAIL(r, field, ...)                                                                        \
@@ -81,6 +87,12 @@ static enum mk_status take_meta(struct reader *r, struct mk_span line)
     }
     size_t key_length = (size_t)(key.end - key.begin);
     size_t length = (size_t)(all.end - all.begin);
+    r->meta_bytes += key_length + length;
+    if (r->log->meta_count >= META_MAX_LINES || r->meta_bytes > META_MAX_BYTES)
+        return FAIL(r, 0,
+                    "more than %d lines or %u MB of comments and metadata: a log has rows of "
+                    "numbers",
+                    META_MAX_LINES, META_MAX_BYTES >> 20);
     if (mk_log_append_meta(r->log, key.begin, key_length, all.begin, length) != MK_OK)
         return no_memory(r);
     const struct mk_log_meta *m = &r->log->meta[r->log->meta_count - 1];
@@ -148,6 +160,8 @@ static enum mk_status take_header(struct reader *r, struct mk_span line)
     size_t count = count_fields(line);
     if (memchr(line.begin, '\0', (size_t)(line.end - line.begin)))
         return FAIL(r, 0, "a zero byte instead of column names: this is no text file");
+    if (count > COLUMNS_MAX)
+        return FAIL(r, 0, "%zu columns: a log has at most %d", count, COLUMNS_MAX);
     log->columns = calloc(count, sizeof *log->columns);
     if (!r->known)
         r->known = calloc(2 * count, sizeof *r->known);
@@ -438,6 +452,7 @@ static enum mk_status read_log(struct reader *r)
             return st;
         r->room_rows = 0;
         r->start_again = r->ours = false;
+        r->meta_bytes = 0;
     }
 }
 

@@ -38,6 +38,10 @@ MK_NODISCARD enum mk_status mk_out_file_finish(struct mk_out_file *file, enum mk
 MK_NODISCARD enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
                                              struct mk_error *err);
 
+/* Removes temporary files of this target that a killed program left: "TARGET.PID-WHATEVER.tmp"
+ * whose process is gone and that nobody has locked. Opening does it. */
+void mk_out_file_clean(const char *target);
+
 /* The same for text that is printed: into memory first, so that a full disk fails in one place. */
 struct mk_out_text {
     FILE *stream;

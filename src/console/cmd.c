@@ -56,6 +56,8 @@ static enum mk_status do_faults(struct session *s, int argc, char **argv, struct
 {
     (void)argc, (void)err;
     snprintf(s->faults, sizeof s->faults, "%s", argv[0]);
+    if (s->board)
+        session_say(s, "faults take effect at the next setup: this one goes on without a change");
     return MK_OK;
 }
 

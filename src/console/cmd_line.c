@@ -54,6 +54,17 @@ static enum mk_status wrong_count(const struct cmd *c, struct mk_error *err)
     return mk_error_set(err, MK_ERR_PARSE, "usage: %s %s", c->name, c->usage);
 }
 
+/* Longer than any name of a file may be: it would be cut somewhere. Raw text is no name. */
+static enum mk_status check_lengths(const struct cmd *c, const struct cmd_line *out,
+                                    struct mk_error *err)
+{
+    for (int i = 0; i < out->argc && !c->raw; i++)
+        if (strlen(out->argv[i]) >= SESSION_PATH)
+            return mk_error_set(err, MK_ERR_RANGE, "%s %.40s...: %zu characters, at most %d",
+                                c->name, out->argv[i], strlen(out->argv[i]), SESSION_PATH - 1);
+    return MK_OK;
+}
+
 enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *out,
                          struct mk_error *err)
 {
@@ -83,7 +94,9 @@ enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *o
         return mk_error_set(err, MK_ERR_PARSE, "a quote is not closed");
     if (out->argc < c->min_args || out->argc > c->max_args)
         return wrong_count(c, err);
-    enum mk_status st = c->check ? c->check(known, out->argc, out->argv, err) : MK_OK;
+    enum mk_status st = check_lengths(c, out, err);
+    if (st == MK_OK && c->check)
+        st = c->check(known, out->argc, out->argv, err);
     if (st == MK_OK)
         out->cmd = c;
     return st;

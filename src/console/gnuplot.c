@@ -1,5 +1,6 @@
 #include "console/gnuplot.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -9,16 +10,19 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "base/text.h"
 
 void gnuplot_quote(FILE *f, const char *text)
 {
-    fputc('\'', f);
-    for (; *text; text++) {
-        if (*text == '\'')
-            fputc('\'', f);
-        fputc((unsigned char)*text < ' ' ? ' ' : *text, f);
-    }
-    fputc('\'', f);
+    char shown[1000];
+    mk_show_text(shown, sizeof shown, text);
+    fputc('"', f);
+    for (const char *at = shown; *at; at++)
+        if (isalnum((unsigned char)*at) || *at == ' ' || (unsigned char)*at >= 0x80)
+            fputc(*at, f);
+        else
+            fprintf(f, "\\%03o", (unsigned)(unsigned char)*at);
+    fputc('"', f);
 }
 
 void gnuplot_picture(FILE *f, const char *path, int width, int height)
@@ -30,17 +34,19 @@ void gnuplot_picture(FILE *f, const char *path, int width, int height)
             png ? "pngcairo" : "svg", width, height, png ? "" : "dynamic ", png ? 11 : 12);
 }
 
-/* Starts gnuplot with its standard output in `out` and its complaints in `complaints`. */
-static pid_t start(const char *script, int out, FILE *complaints)
+/* Starts gnuplot with the script as its standard input, its standard output in `out` and its
+ * complaints in `complaints`. */
+static pid_t start(FILE *script, int out, FILE *complaints)
 {
     fflush(stdout);
     pid_t child = fork();
     if (child != 0)
         return child;
     signal(SIGPIPE, SIG_DFL); /* so that it ends when nobody reads any more */
+    dup2(fileno(script), STDIN_FILENO);
     dup2(out, STDOUT_FILENO);
     dup2(fileno(complaints), STDERR_FILENO);
-    execlp("gnuplot", "gnuplot", script, (char *)NULL);
+    execlp("gnuplot", "gnuplot", "-d", "/dev/stdin", (char *)NULL);
     _exit(errno == ENOENT ? 127 : 126);
 }
 
@@ -89,7 +95,7 @@ static enum mk_status collect(int from, struct mk_out_file *file, struct mk_erro
     return st;
 }
 
-static enum mk_status draw_to_terminal(const char *script, FILE *complaints, struct mk_error *err)
+static enum mk_status draw_to_terminal(FILE *script, FILE *complaints, struct mk_error *err)
 {
     pid_t child = start(script, STDOUT_FILENO, complaints);
     return child < 0 ? mk_error_errno(err, errno, NULL, "cannot start gnuplot")
@@ -97,7 +103,7 @@ static enum mk_status draw_to_terminal(const char *script, FILE *complaints, str
 }
 
 /* Through a pipe: gnuplot itself does not tell when a disk is full. */
-static enum mk_status draw_to_file(const char *script, const char *path, FILE *complaints,
+static enum mk_status draw_to_file(FILE *script, const char *path, FILE *complaints,
                                    struct mk_error *err)
 {
     struct mk_out_file file;
@@ -120,7 +126,7 @@ static enum mk_status draw_to_file(const char *script, const char *path, FILE *c
     return mk_out_file_finish(&file, st, err);
 }
 
-static enum mk_status run(const char *script, const char *path, struct mk_error *err)
+static enum mk_status run(FILE *script, const char *path, struct mk_error *err)
 {
     FILE *complaints = tmpfile();
     if (!complaints)
@@ -135,16 +141,14 @@ enum mk_status gnuplot_run(const char *path,
                            enum mk_status (*write)(FILE *f, const void *user, struct mk_error *err),
                            const void *user, struct mk_error *err)
 {
-    char script[] = "/tmp/mechkit-plot-XXXXXX";
-    int fd = mkstemp(script);
-    FILE *f = fd < 0 ? NULL : fdopen(fd, "w");
-    if (!f)
-        return mk_error_errno(err, errno, script, "cannot make a temporary file");
-    enum mk_status st = write(f, user, err);
-    if (fclose(f) != 0 && st == MK_OK)
-        st = mk_error_errno(err, errno, script, "cannot write");
+    FILE *script = tmpfile(); /* without a name: nothing is left of it, whatever happens */
+    if (!script)
+        return mk_error_errno(err, errno, NULL, "cannot make a temporary file");
+    enum mk_status st = write(script, user, err);
+    if (st == MK_OK && (fflush(script) != 0 || fseek(script, 0, SEEK_SET) != 0))
+        st = mk_error_errno(err, errno, NULL, "cannot write a temporary file");
     if (st == MK_OK)
         st = run(script, path, err);
-    unlink(script);
+    fclose(script);
     return st;
 }

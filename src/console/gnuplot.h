@@ -14,7 +14,8 @@ MK_NODISCARD enum mk_status gnuplot_run(const char *path,
                                         enum mk_status (*write)(FILE *f, const void *user,
                                                                 struct mk_error *err),
                                         const void *user, struct mk_error *err);
-/* Text in a single-quoted string: quotes doubled, control characters gone. */
+/* Text in a double-quoted string that stands for itself: nothing in it is substituted, and what is
+ * no UTF-8 is written \\x1b. Cut at 1000 bytes. */
 void gnuplot_quote(FILE *f, const char *text);
 /* The terminal for FILE.svg or FILE.png. */
 void gnuplot_picture(FILE *f, const char *path, int width, int height);

@@ -1,6 +1,7 @@
 #include "console/session.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -8,6 +9,9 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "base/out_file.h"
+#include "console/log_origin.h"
 
 #include "mechkit/number.h"
 
@@ -111,6 +115,8 @@ enum mk_status session_load_model(struct session *s, const char *path, bool beli
     enum mk_status st = mk_model_read(path, &model, err);
     if (st != MK_OK)
         return st;
+    char *named = believed ? s->believed_path : s->model_path;
+    snprintf(named, SESSION_PATH, "%s", path);
     if (believed) {
         s->believed = model;
         s->have_believed = true;
@@ -280,23 +286,46 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
 
 /* --- running ----------------------------------------------------------------------------- */
 
-static void path_in_out(const struct session *s, const char *name, char *path, size_t size)
+static enum mk_status path_in_out(const struct session *s, const char *name,
+                                  char path[SESSION_PATH], struct mk_error *err)
 {
-    if (s->options.out && name[0] != '/')
-        snprintf(path, size, "%s/%s", s->options.out, name);
-    else
-        snprintf(path, size, "%s", name);
+    const bool inside = s->options.out && name[0] != '/';
+    int n = snprintf(path, SESSION_PATH, "%s%s%s", inside ? s->options.out : "", inside ? "/" : "",
+                     name);
+    if (n < SESSION_PATH)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_RANGE,
+                        "the name of the log and its folder have %d characters, "
+                        "at most %d",
+                        n, SESSION_PATH - 1);
 }
 
-/* The next free run-NNN.csv. */
-static void name_log(struct session *s)
+/* The next free run-NNN.csv, made empty so that no other program takes it for free as well. */
+static enum mk_status name_log(struct session *s, struct mk_error *err)
 {
     char name[64];
+    int fd;
     do {
         snprintf(name, sizeof name, "run-%03d.csv", ++s->runs);
-        path_in_out(s, name, s->log_path, sizeof s->log_path);
-    } while (access(s->log_path, F_OK) == 0);
+        enum mk_status st = path_in_out(s, name, s->log_path, err);
+        if (st != MK_OK)
+            return st;
+        fd = open(s->log_path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    } while (fd < 0 && errno == EEXIST);
+    if (fd < 0)
+        return mk_error_errno(err, errno, s->log_path, "cannot write the log");
+    close(fd);
     s->saved = false;
+    return MK_OK;
+}
+
+/* No run was written to the name that was taken for it. */
+static void give_log_back(struct session *s)
+{
+    struct stat info;
+    if (s->log_path[0] && stat(s->log_path, &info) == 0 && info.st_size == 0)
+        unlink(s->log_path);
+    s->log_path[0] = '\0';
 }
 
 static enum mk_status create_loop(struct session *s, struct mk_error *err)
@@ -330,12 +359,17 @@ enum mk_status session_start(struct session *s, struct mk_error *err)
     enum mk_status st = create_loop(s, err);
     if (st != MK_OK)
         return st;
+    s->log_path[0] = '\0';
     if (s->log_on)
-        name_log(s);
-    st = mk_loop_start(s->loop, s->log_on ? s->log_path : NULL, NULL, 0, err);
+        st = name_log(s, err);
+    if (st != MK_OK)
+        return st;
+    struct log_origin origin;
+    log_origin_of(&origin, s);
+    st = mk_loop_start(s->loop, s->log_on ? s->log_path : NULL, origin.row, origin.count, err);
     s->running = st == MK_OK;
     if (st != MK_OK)
-        s->log_path[0] = '\0';
+        give_log_back(s);
     return st;
 }
 
@@ -439,10 +473,39 @@ static int link_or_copy(const char *from, const char *to)
             why = errno ? errno : EIO;
     if (in)
         fclose(in);
+    if (out && !why && (fflush(out) != 0 || (why = mk_sync(fileno(out))) != 0))
+        why = why ? why : errno;
     if (out && fclose(out) != 0 && !why)
         why = errno;
     if (out && why)
         unlink(to);
+    return why;
+}
+
+/* Whether two names lead to one file, as "a.csv" and "./a.csv" do. */
+static bool is_same_file(const char *one, const char *other)
+{
+    struct stat a, b;
+    return stat(one, &a) == 0 && stat(other, &b) == 0 && a.st_dev == b.st_dev &&
+           a.st_ino == b.st_ino;
+}
+
+/* Puts the log under a name that may exist: the old file stays until the new one is safe. */
+static int replace(const char *log, const char *path)
+{
+    struct stat old;
+    if (lstat(path, &old) != 0)
+        return errno == ENOENT ? link_or_copy(log, path) : errno;
+    if (!S_ISREG(old.st_mode))
+        return EINVAL;
+    char beside[SESSION_PATH + 32];
+    snprintf(beside, sizeof beside, "%s.%ld-0.tmp", path, (long)getpid());
+    mk_out_file_clean(path);
+    int why = link_or_copy(log, beside);
+    if (!why && rename(beside, path) != 0)
+        why = errno;
+    if (why && why != EEXIST)
+        unlink(beside);
     return why;
 }
 
@@ -454,18 +517,27 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     if (!s->log_path[0])
         return mk_error_set(err, MK_ERR_STATE, "there is no run to save");
     char path[SESSION_PATH];
-    path_in_out(s, name, path, sizeof path);
-    if (overwrite && strcmp(path, s->log_path) != 0)
-        unlink(path);
-    int why = EEXIST;
-    for (int n = 1; why == EEXIST && n < 10000; n++) {
-        numbered(path, n, saved, size);
-        why = link_or_copy(s->log_path, saved);
-    }
+    enum mk_status st = path_in_out(s, name, path, err);
+    if (st != MK_OK)
+        return st;
+    bool there = overwrite && is_same_file(s->log_path, path);
+    int why = overwrite ? 0 : EEXIST;
+    if (overwrite && !there)
+        why = replace(s->log_path, path);
+    if (overwrite)
+        numbered(path, 1, saved, size);
+    else
+        for (int n = 1; why == EEXIST && n < 10000; n++) {
+            numbered(path, n, saved, size);
+            why = link_or_copy(s->log_path, saved);
+        }
+    if (overwrite && why == EINVAL)
+        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                           "this is no regular file and is not replaced: choose another name");
     if (why)
         return mk_error_errno(err, why, path, "cannot save the log");
     /* The first name replaces run-NNN.csv; later ones are added. */
-    if (!s->saved)
+    if (!s->saved && !there)
         unlink(s->log_path);
     snprintf(s->log_path, sizeof s->log_path, "%s", saved);
     s->saved = true;

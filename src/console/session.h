@@ -65,8 +65,9 @@ struct session {
     double value[MK_CTRL_MAX_PARAMS];
     int runs;
     bool running;
-    char log_path[SESSION_PATH]; /* of the newest run; "": none */
-    bool saved;                  /* log_path has been given a name by `save` */
+    char model_path[SESSION_PATH], believed_path[SESSION_PATH]; /* "": none was read */
+    char log_path[SESSION_PATH];                                /* of the newest run; "": none */
+    bool saved; /* log_path has been given a name by `save` */
     char record_path[SESSION_PATH];
     FILE *record;              /* commands are written down here; NULL: nowhere */
     double record_t;           /* of the run, when the last one was */

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/origin.h"
 #include "console/control_gain.h"
 #include "console/data_checks.h"
 #include "console/explanation.h"
@@ -175,6 +176,8 @@ struct job {
     struct mk_log *logs[MAX_FILES], *holdouts[MAX_FILES];
     struct mk_data_check data_check;
     struct mk_explanation e;
+    struct mk_origin origin;
+    char date[MK_DATE_TEXT], command[4096];
 };
 
 static enum mk_status read_input(struct job *j, struct mk_error *err)
@@ -259,6 +262,12 @@ static int explain(struct job *j)
         remove_folder();
         return report_error(&err);
     }
+    j->origin.date = mk_date_text(j->date);
+    j->origin.command = j->command;
+    j->origin.model = j->o.model;
+    j->origin.logs = (const char *const *)j->o.input.text;
+    j->origin.log_count = (size_t)j->o.input.count;
+    j->e.origin = &j->origin;
     left_out_warn(j->e.left_out, j->e.left_out_count);
     const size_t count = (size_t)j->o.input.count;
     if (left_out_apply(j->logs, count, 0, j->e.left_out, j->e.left_out_count, &err) != MK_OK ||
@@ -280,6 +289,9 @@ static int explain(struct job *j)
 static int run(int argc, char **argv)
 {
     static struct job j;
+    /* Before options are taken out of their order. */
+    int n = snprintf(j.command, sizeof j.command, "mechkit ");
+    mk_command_text(j.command + n, sizeof j.command - (size_t)n, argc, (const char *const *)argv);
     int rc = options_parse(&sub_explain, argc, argv, &j.o, &j.o.input);
     if (rc == EXIT_OK)
         rc = explain(&j);

@@ -1,4 +1,5 @@
 /* mechkit simulate: free-run prediction of a log. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -157,6 +158,38 @@ static enum mk_status say_extremes(const struct mk_model *model, const struct mk
     return st;
 }
 
+/* A few commands that are missing are held from before; of more, the prediction would be made up.
+ */
+#define MAX_MISSING_COMMANDS 0.01 /* share of the rows that are not left out */
+
+static enum mk_status check_commands(const struct mk_model *model, const struct mk_log *log,
+                                     struct mk_error *err)
+{
+    struct mk_record rec;
+    enum mk_status st = mk_record_from_log(log, model, &rec, err);
+    for (int i = 0; st == MK_OK && i < MK_MAX_INPUTS && rec.u[i]; i++) {
+        size_t rows = 0, missing = 0;
+        for (size_t k = 0; k < rec.rows; k++) {
+            if (rec.left_out && rec.left_out[k] != 0.0)
+                continue;
+            rows++;
+            missing += isnan(rec.u[i][k]) != 0;
+        }
+        if ((double)missing > MAX_MISSING_COMMANDS * (double)rows)
+            st = mk_error_at(
+                err, MK_ERR_PARSE, log->path, 0, 0,
+                "the command is missing in %zu of %zu rows: at most %g %% may be; "
+                "leave these rows out (--from, --to, a column left_out) or fill them in",
+                missing, rows, 100.0 * MAX_MISSING_COMMANDS);
+        else if (missing)
+            fprintf(stderr,
+                    "mechkit: %s: the command is missing in %zu of %zu rows: held from "
+                    "before\n",
+                    log->path, missing, rows);
+    }
+    return st;
+}
+
 /* Takes what is left out from the log. */
 static enum mk_status leave_out(const struct options *o, const struct mk_model *model,
                                 struct mk_log **log, struct left_out *left, struct mk_error *err)
@@ -194,6 +227,8 @@ static int run(int argc, char **argv)
         st = say_extremes(&model, log, &err);
     if (st == MK_OK)
         st = leave_out(&o, &model, &log, &left, &err);
+    if (st == MK_OK)
+        st = check_commands(&model, log, &err);
     double start = now();
     if (st == MK_OK)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,

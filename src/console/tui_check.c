@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "console/tui.h"
 
@@ -80,13 +81,14 @@ static void check_limits(struct list *l, const struct host_status *st)
 {
     const struct mk_safety_limits *s = &st->config.limits;
     const struct mk_model *m = &st->model;
-    const char *fast = mk_model_unit(m, 0, "rad/s");
+    const char *fast = mk_model_unit(m, 0, "rad/s"), *other = mk_model_unit(m, 1, "rad/s");
+    const bool same = strcmp(fast, other) == 0;
     char travel[2][48];
     for (int j = 0; j < 2; j++)
         range(travel[j], sizeof travel[j], mk_model_unit(m, j, "rad"), s->q_min[j], s->q_max[j]);
     if (mk_plant(st->model.plant)->joints == 2)
-        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g and %.3g %s", travel[0], travel[1],
-             s->v_max[0], s->v_max[1], fast);
+        line(l, WELL, "limits", "q1 %s, q2 %s, speeds %.3g%s%s and %.3g %s", travel[0], travel[1],
+             s->v_max[0], same ? "" : " ", same ? "" : fast, s->v_max[1], other);
     else
         line(l, WELL, "limits", "q1 %s, speed %.3g %s", travel[0], s->v_max[0], fast);
 }

@@ -6,10 +6,14 @@
  */
 #include <ctype.h>
 #include <errno.h>
+#include <limits.h>
 #include <matio.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "base/out_file.h"
@@ -290,36 +294,63 @@ static enum mk_status copy_out(const char *from, const char *path, struct mk_err
     return mk_out_file_finish(&file, st, err);
 }
 
-/* A file in memory where there is such a place: matio does not notice a full disk, and HDF5 does
- * not survive one. */
-static int open_scratch(char name[64])
+/* matio does not notice a full disk, and HDF5 does not survive one: there has to be room for all of
+ * it, as if nothing were compressed, before they begin. */
+static enum mk_status check_room(int fd, size_t size, const char *path, struct mk_error *err)
 {
-    snprintf(name, 64, "/dev/shm/mechkit-XXXXXX");
-    int fd = mkstemp(name);
-    if (fd < 0) {
-        snprintf(name, 64, "/tmp/mechkit-XXXXXX");
-        fd = mkstemp(name);
-    }
-    return fd;
+    struct statvfs disk;
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur < size)
+        return mk_error_errno(err, EFBIG, path, "cannot write");
+    if (fstatvfs(fd, &disk) == 0 && (double)disk.f_bavail * (double)disk.f_frsize < (double)size)
+        return mk_error_at(err, MK_ERR_IO, path, 0, 0,
+                           "cannot write: this takes up to %zu kB where it is put together, and "
+                           "%.0f kB are free there",
+                           size / 1024, (double)disk.f_bavail * (double)disk.f_frsize / 1024.0);
+    return MK_OK;
+}
+
+/* A file beside the target; where that is no regular file, in a folder for such things. */
+static int open_scratch(const char *path, char *name, size_t size)
+{
+    struct stat info;
+    const char *folder = getenv("TMPDIR");
+    if (stat(path, &info) == 0 && !S_ISREG(info.st_mode))
+        snprintf(name, size, "%s/mechkit-XXXXXX.tmp", folder && *folder ? folder : "/tmp");
+    else
+        snprintf(name, size, "%s.%ld-XXXXXX.tmp", path, (long)getpid());
+    return mkstemps(name, 4);
+}
+
+static enum mk_status write_scratch(const char *name, enum mk_mat_version version, matvar_t *all,
+                                    struct mk_error *err)
+{
+    mat_t *mat = Mat_CreateVer(name, "MATLAB MAT-file, written by mechkit " MK_VERSION,
+                               version == MK_MAT_73 ? MAT_FT_MAT73 : MAT_FT_MAT5);
+    if (!mat)
+        return mk_error_set(err, MK_ERR_NOTSUP, "this matio cannot write that version of MAT file");
+    enum mk_status st = MK_OK;
+    if (Mat_VarWrite(mat, all, MAT_COMPRESSION_ZLIB) != 0)
+        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
+    if (Mat_Close(mat) != 0 && st == MK_OK)
+        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
+    return st;
 }
 
 static enum mk_status write_variable(const char *path, enum mk_mat_version version, matvar_t *all,
                                      struct mk_error *err)
 {
-    char name[64];
-    int fd = open_scratch(name);
+    enum { OVERHEAD = 1 << 17 }; /* bytes of a file beyond its numbers; HDF5's groups are large */
+    char name[PATH_MAX];
+    if (strlen(path) > sizeof name - 64)
+        return mk_error_errno(err, ENAMETOOLONG, path, "cannot write");
+    int fd = open_scratch(path, name, sizeof name);
     if (fd < 0)
-        return mk_error_errno(err, errno, name, "cannot make a temporary file");
-    mat_t *mat = Mat_CreateVer(name, "MATLAB MAT-file, written by mechkit " MK_VERSION,
-                               version == MK_MAT_73 ? MAT_FT_MAT73 : MAT_FT_MAT5);
+        return mk_error_errno(err, errno, path, "cannot write");
+    enum mk_status st = check_room(fd, 2 * Mat_VarGetSize(all) + OVERHEAD, path, err);
     close(fd);
-    enum mk_status st = MK_OK;
-    if (!mat)
-        st = mk_error_set(err, MK_ERR_NOTSUP, "this matio cannot write that version of MAT file");
-    if (mat && Mat_VarWrite(mat, all, MAT_COMPRESSION_ZLIB) != 0)
-        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
-    if (mat && Mat_Close(mat) != 0 && st == MK_OK)
-        st = mk_error_set(err, MK_ERR_IO, "matio cannot write %s", name);
+    if (st == MK_OK)
+        st = write_scratch(name, version, all, err);
     if (st == MK_OK)
         st = copy_out(name, path, err);
     unlink(name);

@@ -1,6 +1,9 @@
 // A model as an FMI 2.0 co-simulation unit: the C of source_c.cpp behind the standard's functions,
 // and its description. Functional Mock-up Interface for Model Exchange and Co-Simulation 2.0.
+#include <set>
+
 #include "exchange/source_text.hpp"
+#include "mechkit/ident.h"
 
 namespace mk
 {
@@ -341,6 +344,8 @@ const char *const description_text = R"(<?xml version="1.0" encoding="UTF-8"?>
       <File name="@NAME@_fmu.c"/>
     </SourceFiles>
   </CoSimulation>
+  <UnitDefinitions>
+@UNITS@  </UnitDefinitions>
   <LogCategories>
     <Category name="logStatusError"/>
   </LogCategories>
@@ -386,14 +391,20 @@ class Variables
 {
   public:
     std::string xml, outputs;
+    std::set<std::string> units; // those that variables have
     void add(const std::string &name, int reference, const std::string &attributes,
              const std::string &type, const std::string &description, const std::string &unit = "")
     {
         count_++;
-        std::string what = description + (unit.empty() ? "" : " [" + unit + "]");
+        std::string typed = type;
+        const size_t real = typed.find("<Real");
+        if (!unit.empty() && real != std::string::npos) {
+            typed.insert(real + 5, " unit=\"" + escape(unit) + "\"");
+            units.insert(unit);
+        }
         xml += "    <ScalarVariable name=\"" + name + "\" valueReference=\"" +
-               std::to_string(reference) + "\" " + attributes + " description=\"" + escape(what) +
-               "\">" + type + "</ScalarVariable>\n";
+               std::to_string(reference) + "\" " + attributes + " description=\"" +
+               escape(description) + "\">" + typed + "</ScalarVariable>\n";
         if (attributes.find("output") != std::string::npos)
             outputs += "      <Unknown index=\"" + std::to_string(count_) + "\"/>\n";
     }
@@ -420,12 +431,14 @@ void add_variables(const SymbolicModel &s, Variables &all)
     const char *fixed = "causality=\"parameter\" variability=\"fixed\" initial=\"exact\"";
     const char *output = "causality=\"output\" variability=\"continuous\" initial=\"calculated\"";
     const char *local = "causality=\"local\" variability=\"continuous\" initial=\"calculated\"";
+    const char *torque = mk_model_unit(&s.model, -1, "N m");
     std::string input = "causality=\"input\" variability=\"continuous\"";
     all.add("u", 0, input, real(0.0),
-            "command of the motor, in units of " + literal(s.model.u_to_torque) + " " +
-                (s.model.joint_linear[s.plant->motor_joint] ? "N" : "N m"));
+            "command of the motor, in units of " + literal(s.model.u_to_torque) +
+                (s.model.joint_linear[s.plant->motor_joint] ? " N" : " N m"),
+            torque);
     if (s.two_inputs)
-        all.add("u2", 1, input, real(0.0), "torque on joint 2, in the same units");
+        all.add("u2", 1, input, real(0.0), "torque on joint 2, in the same units", torque);
     for (int j = 0; j < s.joints; j++)
         all.add("q" + std::to_string(j + 1), 100 + j, output, "<Real/>",
                 "what the encoder of joint " + std::to_string(j + 1) + " reads",
@@ -434,7 +447,10 @@ void add_variables(const SymbolicModel &s, Variables &all)
         const std::string &name = s.state_names[static_cast<size_t>(i)];
         bool speed = i >= s.joints && i < 2 * s.joints;
         all.add(speed ? name : name + "_true", 100 + s.joints + i, speed ? output : local,
-                "<Real/>", "state of the model");
+                "<Real/>", "state of the model",
+                i < s.joints ? mk_model_unit(&s.model, i, "rad")
+                : speed      ? mk_model_unit(&s.model, i - s.joints, "rad/s")
+                             : "");
     }
     for (size_t i = 0; i < s.parameters.size(); i++) {
         const ExportedParameter &p = s.parameters[i];
@@ -443,7 +459,10 @@ void add_variables(const SymbolicModel &s, Variables &all)
     std::vector<double> start = start_state(s);
     for (size_t i = 0; i < start.size(); i++)
         all.add(s.state_names[i] + "_start", 300 + static_cast<int>(i), fixed, real(start[i]),
-                "state at the start");
+                "state at the start",
+                i < static_cast<size_t>(s.joints)       ? "rad"
+                : i < 2 * static_cast<size_t>(s.joints) ? "rad/s"
+                                                        : "");
     all.add("effects_start_at_rest", 0, fixed, "<Boolean start=\"true\"/>",
             "states of effects start at rest, whatever their _start values");
 }
@@ -477,6 +496,10 @@ std::string fmu_description(const SymbolicModel &s, const std::string &name)
     auto with = words(s, name);
     with.push_back({"VARIABLES", all.xml});
     with.push_back({"OUTPUTS", all.outputs});
+    std::string units;
+    for (const std::string &unit : all.units)
+        units += "    <Unit name=\"" + escape(unit) + "\"/>\n";
+    with.push_back({"UNITS", units});
     return fill(description_text, with);
 }
 

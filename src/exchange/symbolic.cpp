@@ -1,5 +1,6 @@
 #include "exchange/symbolic.hpp"
 
+#include "mechkit/ident.h"
 #include "model/state.hpp"
 
 namespace mk
@@ -25,12 +26,13 @@ std::string effect_name(const mk_model &model, int index)
     return nth == 1 ? name : name + "_" + std::to_string(nth);
 }
 
-Expr parameter(SymbolicModel &s, const mk_parameter_info &info, const std::string &name,
+// `joint`: at which it acts, 0-based; -1: the rig.
+Expr parameter(SymbolicModel &s, int joint, const mk_parameter_info &info, const std::string &name,
                double value)
 {
     if (info.fit == MK_FIT_FIXED) // says which law, not how much of it
         return Expr(value);
-    s.parameters.push_back({name, info.unit, info.help, value});
+    s.parameters.push_back({name, mk_model_unit(&s.model, joint, info.unit), info.help, value});
     return Expr::variable(s.graph, name, value);
 }
 
@@ -38,8 +40,8 @@ Compiled<Expr> compile_symbols(SymbolicModel &s)
 {
     Compiled<Expr> c = compile<Expr>(s.model);
     for (int i = 0; i < c.parameter_count; i++)
-        c.p[i] =
-            parameter(s, s.plant->parameter[i], s.plant->parameter[i].name, s.model.parameter[i]);
+        c.p[i] = parameter(s, -1, s.plant->parameter[i], s.plant->parameter[i].name,
+                           s.model.parameter[i]);
     for (int i = 0; i < c.effect_count; i++) {
         const mk_effect_info *info = mk_effect(s.model.effect[i].index);
         std::string owner = effect_name(s.model, i) + "_";
@@ -48,8 +50,8 @@ Compiled<Expr> compile_symbols(SymbolicModel &s)
             continue;
         for (int k = 0; k < info->parameter_count; k++)
             c.effect[i].p[k] =
-                parameter(s, info->parameter[k], owner + identifier(info->parameter[k].name),
-                          s.model.effect[i].value[k]);
+                parameter(s, s.model.effect[i].joint - 1, info->parameter[k],
+                          owner + identifier(info->parameter[k].name), s.model.effect[i].value[k]);
     }
     return c;
 }

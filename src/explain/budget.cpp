@@ -26,11 +26,10 @@ using Set = unsigned; // of items, one bit each
 class Shares
 {
   public:
-    Shares(const TrainingData &data_in, const CauseSearch &causes_in, Search &search_in,
-           const mk_explanation &out_in)
-        : data(data_in),
-          held(data.held, out_in.window_s, data.second_half, search_in.usual_options().threads),
-          causes(causes_in), search(search_in), out(out_in), joints(mk_model_joints(&out_in.given))
+    Shares(const TrainingData &data_in, const FinalFit &last_in, const mk_explanation &out_in)
+        : data(data_in), held(data.held, out_in.window_s, data.second_half,
+                              last_in.search().usual_options().threads),
+          last(last_in), out(out_in), joints(mk_model_joints(&out_in.given))
     {
         find_items();
     }
@@ -92,8 +91,7 @@ class Shares
     static constexpr double CLOSE = 0.2; // of the noise: no gap, in squares
     const TrainingData &data;
     const HeldOut held;
-    const CauseSearch &causes;
-    Search &search;
+    const FinalFit &last;
     const mk_explanation &out;
     int joints;
     std::map<Set, HeldOutFigures> figures;
@@ -145,9 +143,9 @@ class Shares
         }
         if (given_column)
             m.input = out.given.input;
-        Search &fits = given_column ? search_with_given_column() : search;
+        Search &fits = given_column ? search_with_given_column() : last.search();
         Hypothesis fitted;
-        return fits.refit_at(m, causes.best, causes.refit.drift, fitted) ? fitted.point.model : m;
+        return fits.refit_at(m, last.best, last.refit.drift, fitted) ? fitted.point.model : m;
     }
     // The training data as the given model's column of the command drives them.
     Search &search_with_given_column()
@@ -155,17 +153,19 @@ class Shares
         if (other)
             return *other;
         std::vector<const FitLog *> views;
-        other_logs.reserve(data.rows.size());
-        for (size_t i = 0; i < data.rows.size(); i++) {
+        const std::vector<const mk_log *> &rows = last.rows();
+        other_logs.reserve(rows.size());
+        for (size_t i = 0; i < rows.size(); i++) {
             mk_record record;
-            if (mk_record_from_log(data.rows[i], &out.given, &record, nullptr) != MK_OK)
-                return search;
-            other_logs.push_back(fit_log(record, out.given, 0, record.rows, data.logs[i].source));
+            if (mk_record_from_log(rows[i], &out.given, &record, nullptr) != MK_OK)
+                return last.search();
+            other_logs.push_back(
+                fit_log(record, out.given, 0, record.rows, last.logs()[i]->source));
             views.push_back(&other_logs.back());
         }
         SearchOptions so;
         so.given = &out.given;
-        so.threads = search.usual_options().threads;
+        so.threads = last.search().usual_options().threads;
         other = std::make_unique<Search>(views, so);
         return *other;
     }
@@ -279,12 +279,12 @@ void tell_rest(const mk_explanation &e, mk_budget &b)
 
 } // namespace
 
-void make_budget(const TrainingData &data, const CauseSearch &causes, Search &search,
+void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
                  mk_explanation &out)
 {
     mk_budget &b = out.budget;
     b = {};
-    Shares shares(data, causes, search, out);
+    Shares shares(data, last, out);
     const int joints = mk_model_joints(&out.given);
     double deviation[MK_MAX_JOINTS] = {};
     for (int j = 0; j < joints; j++) {

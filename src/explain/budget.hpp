@@ -3,7 +3,7 @@
 #ifndef MECHKIT_EXPLAIN_BUDGET_HPP
 #define MECHKIT_EXPLAIN_BUDGET_HPP
 
-#include "explain/causes.hpp"
+#include "explain/final_fit.hpp"
 #include "explain/training.hpp"
 
 namespace mk
@@ -11,7 +11,7 @@ namespace mk
 
 // Fills out.budget from what was found. Shares are order-free: what a cause closes when it is
 // added, averaged over all orders of adding the causes (Shapley 1953), with all else fitted again.
-void make_budget(const TrainingData &data, const CauseSearch &causes, Search &search,
+void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
                  mk_explanation &out);
 
 } // namespace mk

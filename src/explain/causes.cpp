@@ -52,6 +52,8 @@ void CauseSearch::run()
 {
     search.polish(refit, true);
     best = refit;
+    rounds.clear();
+    gave_up = false;
     add_causes();
     try_runners_up();
     drop_idle();
@@ -105,7 +107,10 @@ void CauseSearch::add_causes()
         consider_other_joint(round.field);
         consider_bristles(round.field);
         consider_own_places(round.field);
-        if (!follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
+        // Another search in shorter stretches ranks them better, and it is asked then.
+        gave_up = give_up_early && carry_over && round.field[0].drift >= LOST &&
+                  !mk_model_hides_joint(&round.field[0].point.model);
+        if (!gave_up && !follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
             !ask_carry_over(round.field, needed))
             return;
         if (rounds.empty())
@@ -121,10 +126,56 @@ void CauseSearch::add_causes()
             freed = true;
             continue;
         }
-        if (give_up_early && best.drift >= LOST)
+        if (gave_up || (give_up_early && best.drift >= LOST))
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
+    }
+}
+
+double CauseSearch::noise(int joint) const
+{
+    const double fitted = best.point.noise[joint], known = known_noise[joint];
+    if (follows(best))
+        return fitted;
+    const double scatter = scatter_of(search.training(), joint);
+    return std::min(fitted, known > 0.0 ? std::min(known, scatter) : scatter);
+}
+
+bool CauseSearch::take_over(const CauseSearch &other)
+{
+    if (!search.refit(other.best.point.model, nullptr, best))
+        return false;
+    rounds = other.rounds;
+    most_tried = other.most_tried;
+    std::copy(std::begin(other.best.point.noise), std::end(other.best.point.noise), known_noise);
+    forget_lacks();
+    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
+        face_rivals(i); // the other search's fits have other states
+    drop_what_vanished();
+    drop_what_does_not_carry_over();
+    return true;
+}
+
+// Causes that a fit has switched off, or made larger than they can be.
+void CauseSearch::drop_what_vanished()
+{
+    for (size_t i = rounds.size(); i-- > 0;) {
+        Hypothesis alone = best;
+        alone.added = rounds[i].field[0].added;
+        const int last = alone.point.model.effect_count - 1;
+        std::swap(alone.point.model.effect[model.effect_count + (int)i],
+                  alone.point.model.effect[last]);
+        if (!Search::discredited(alone))
+            continue;
+        Hypothesis less;
+        if (rounds.size() > 1 && fit_without(i, less)) {
+            shed(i, std::move(less));
+            continue;
+        }
+        best = refit;
+        rounds.clear();
+        return;
     }
 }
 
@@ -157,33 +208,44 @@ std::optional<Carried> CauseSearch::compare(const Hypothesis &with, const Hypoth
     if (!base || !lacking || !after)
         return std::nullopt;
     double floor[MK_MAX_JOINTS];
-    carry_over->floor_of(model, best.point.noise, floor);
+    double noises[MK_MAX_JOINTS];
+    for (int j = 0; j < mk_model_joints(&model); j++)
+        noises[j] = noise(j);
+    carry_over->floor_of(model, noises, floor);
     return CarryOver::compare(*after, *lacking, *base, floor, mk_model_joints(&model));
 }
 
-// Brings to the front of the field the likeliest cause that carries over; false if none does. Where
-// the data cannot tell, likelihood alone decides.
+// Brings to the front of the field the cause that carries over best; false if none does. Where the
+// data cannot tell, likelihood alone decides.
 bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
 {
-    constexpr size_t MOST_ASKED = 5; // of a field
+    constexpr size_t MOST_ASKED = 6; // of a field
     if (!carry_over)
         return true;
     if (rounds.empty())
         of_refit = {};
     LeftOut of_best;
-    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()); i++) {
+    size_t chosen = field.size();
+    double least = 0.0; // mean log ratio: a few bad windows do not decide
+    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()) && !search.cancelled; i++) {
         if (i > 0)
             search.polish(field[i], true);
         if (Search::discredited(field[i]) || field[i].score > best.score - needed)
             continue;
         const std::optional<Carried> c = compare(field[i], best, of_best);
-        if (c && c->judged && !CarryOver::promising(*c))
+        const bool asked = c && c->judged;
+        if (asked && (!CarryOver::promising(*c) || c->mean >= least))
             continue;
-        std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)i,
-                    field.begin() + (std::ptrdiff_t)i + 1);
-        return true;
+        chosen = i;
+        if (!asked)
+            break;
+        least = c->mean;
     }
-    return false;
+    if (chosen == field.size())
+        return false;
+    std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)chosen,
+                field.begin() + (std::ptrdiff_t)chosen + 1);
+    return true;
 }
 
 // Causes that no longer carry over beside those found after them: the weakest goes, and the others
@@ -191,7 +253,7 @@ bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
 void CauseSearch::drop_what_does_not_carry_over()
 {
     carried.clear();
-    while (carry_over && !explained() && !rounds.empty() && !search.cancelled) {
+    while (carry_over && !explained() && !gave_up && !rounds.empty() && !search.cancelled) {
         std::vector<Carried> each;
         std::vector<Hypothesis> less(rounds.size());
         size_t weakest = rounds.size();
@@ -212,7 +274,8 @@ void CauseSearch::drop_what_does_not_carry_over()
         }
         if (weakest == rounds.size()) {
             carried = std::move(each);
-            face_rivals();
+            for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++)
+                face_rivals(i);
             for (size_t i = 0; i < rounds.size(); i++)
                 rounds[i].lack = lack_of(less[i]);
             return;
@@ -226,29 +289,27 @@ void CauseSearch::drop_what_does_not_carry_over()
     }
 }
 
-// The runners-up of each cause in its place, beside all others.
-void CauseSearch::face_rivals()
+// The runners-up of a cause in its place, beside all others.
+void CauseSearch::face_rivals(size_t cause)
 {
-    constexpr size_t RIVALS = 2; // of a cause
-    for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++) {
-        std::vector<Hypothesis> &field = rounds[i].field;
-        std::vector<Hypothesis> faced = {best};
-        faced[0].added = field[0].added;
-        for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
-            const Candidate &rival = field[k].added;
-            if (is_library(rival.effect) || has_cause(rival))
-                continue;
-            mk_model m = best.point.model;
-            mk_effect_use &use = m.effect[model.effect_count + (int)i];
-            use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
-            Hypothesis h;
-            if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
-                continue;
-            h.added = rival;
-            faced.push_back(std::move(h));
-        }
-        field = std::move(faced);
+    constexpr size_t RIVALS = 2;
+    std::vector<Hypothesis> &field = rounds[cause].field;
+    std::vector<Hypothesis> faced = {best};
+    faced[0].added = field[0].added;
+    for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+        const Candidate &rival = field[k].added;
+        if (is_library(rival.effect) || has_cause(rival))
+            continue;
+        mk_model m = best.point.model;
+        mk_effect_use &use = m.effect[model.effect_count + (int)cause];
+        use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
+        Hypothesis h;
+        if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
+            continue;
+        h.added = rival;
+        faced.push_back(std::move(h));
     }
+    field = std::move(faced);
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const
@@ -263,7 +324,9 @@ bool CauseSearch::has_cause(const Candidate &c) const
 void CauseSearch::try_runners_up()
 {
     constexpr size_t RUNNERS_UP = 2;
-    if (rounds.empty() || follows(best) || best.drift >= LOST ||
+    // What carries over best was asked of all of them.
+    const bool asked = carry_over && !likelihood_counts(best);
+    if (rounds.empty() || follows(best) || asked || best.drift >= LOST ||
         mk_model_hides_joint(&best.point.model))
         return;
     const std::vector<Hypothesis> field = first;

@@ -48,6 +48,12 @@ class CauseSearch
     // Whether no cause of `best` is a nameless term.
     bool all_named() const;
     bool explained() const { return follows(best) && all_named(); }
+    // Noise of a joint's readings. What a model that does not follow its data misses within a
+    // stretch is none.
+    double noise(int joint) const;
+    // Starts from what another search has found in stretches of another length: keeps of that what
+    // carries over.
+    bool take_over(const CauseSearch &other);
     int tried() const { return most_tried; }
 
     // Where causes do not lead to a model that follows its data, each must carry over to data that
@@ -55,7 +61,10 @@ class CauseSearch
     const CarryOver *carry_over = nullptr;
     // What was found of that for each cause of `best`; empty where it was not asked.
     std::vector<Carried> carried;
+    // Noise by joint that a search in shorter stretches knew, 0: unknown.
+    double known_noise[MK_MAX_JOINTS] = {0.0, 0.0};
     bool give_up_early = false; // where even with a cause the model is far from its data
+    bool gave_up = false;       // and what is there was not asked whether it carries over
     Hypothesis refit;           // the given model, without a cause
     Hypothesis best;            // with all of them
     std::vector<Round> rounds;  // one a cause of `best`, in its order
@@ -84,7 +93,8 @@ class CauseSearch
                                    LeftOut &of_less);
     bool ask_carry_over(std::vector<Hypothesis> &field, double needed);
     void drop_what_does_not_carry_over();
-    void face_rivals();
+    void drop_what_vanished();
+    void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
     bool several_logs() const;
     bool choose(std::vector<Hypothesis> &field, double needed);

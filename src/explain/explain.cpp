@@ -12,6 +12,7 @@
 
 #include "explain/budget.hpp"
 #include "explain/detection.hpp"
+#include "explain/final_fit.hpp"
 #include "explain/gain.hpp"
 #include "explain/innovations.hpp"
 #include "explain/log_values.hpp"
@@ -41,6 +42,12 @@ bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &lo
         if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
             return model.no_motor;
     return scale_is_free(model, records);
+}
+
+double seconds_of(const mk_log &log)
+{
+    const double *t = mk_log_get(&log, "t");
+    return t && log.rows > 1 ? t[log.rows - 1] - t[0] : 0.0;
 }
 
 // A model less its effects from `first` up to before `last`.
@@ -105,6 +112,30 @@ void describe_input(const Hypothesis &best, mk_input_comparison &input)
     }
 }
 
+// Of long logs the middles, so that all together are no longer than it takes to tell which column
+// of the command is right.
+LogList middles(const LogList &logs, std::vector<OwnedLog> &made)
+{
+    constexpr double ENOUGH_S = 60.0, FEWEST_S = 5.0; // together, of each
+    double all = 0.0;
+    for (const mk_log *log : logs)
+        all += seconds_of(*log);
+    LogList some;
+    for (const mk_log *log : logs) {
+        const double seconds = seconds_of(*log);
+        const double kept = std::max(FEWEST_S, seconds * ENOUGH_S / std::max(all, ENOUGH_S));
+        const size_t rows = log->rows, some_rows = (size_t)((double)rows * kept / seconds);
+        if (some_rows >= rows) {
+            some.push_back(log);
+            continue;
+        }
+        const size_t first = (rows - some_rows) / 2;
+        made.push_back(rows_of_log(*log, first, first + some_rows));
+        some.push_back(made.back().get());
+    }
+    return some;
+}
+
 class Explainer
 {
   public:
@@ -135,7 +166,9 @@ class Explainer
         if (st != MK_OK)
             return st;
         if (out.input.changed)
-            values = find_log_values(model, learn, out.window_s, *search, refit);
+            values = values.found.empty()
+                         ? find_log_values(model, learn, out.window_s, *search, refit)
+                         : with_log_values(model, values.found, *search, refit);
         const Hypothesis plain = refit;
         search_beside_values(so);
         if (drop_log_values(so, plain))
@@ -143,24 +176,27 @@ class Explainer
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
-        Verdict verdict(values.model, training, *causes, lost, out);
+        FinalFit last(data, training, *causes, *search);
+        if (lost.joint == 0 && !data.whole.empty())
+            last.fit_all(data, so, out.window_s);
+        Verdict verdict(values.model, *causes, last, lost, out);
         verdict.decide();
         out.given = given;
         if (!values.found.empty() || out.input.changed)
             out.refit = given_refit; // without any of it
-        describe_input(causes->best, out.input);
-        describe_log_values(values, causes->best, training, options.threads, out);
+        describe_input(last.best, out.input);
+        describe_log_values(values, last.best, last.logs(), options.threads, out);
         if (out.log_value_count + out.input.changed > 0)
             verdict.add_data_causes();
-        find_detection_limits(*search, causes->best, out);
-        find_pushes(training, model, causes->refit, causes->best, options.threads, out);
-        test_innovations(training, causes->refit, causes->best, out);
+        find_detection_limits(last.search(), last.best, out);
+        find_pushes(last.logs(), model, last.refit, last.best, options.threads, out);
+        test_innovations(last.logs(), last.refit, last.best, out);
         enum mk_status measured =
-            measure_gain(values.model, options, data, training, *causes, verdict, out, err);
+            measure_gain(values.model, options, data, *causes, last, verdict, out, err);
         if (measured == MK_OK)
-            make_budget(data, *causes, *search, out);
+            make_budget(data, *causes, last, out);
         if (measured == MK_OK && !model.no_motor)
-            propose_experiment(values.model, training, causes->best, verdict.rivals(), options.next,
+            propose_experiment(values.model, last.logs(), last.best, verdict.rivals(), options.next,
                                out);
         return measured;
     }
@@ -214,8 +250,10 @@ class Explainer
         o.threads = options.threads;
         o.progress = options.progress;
         o.progress_context = options.progress_context;
+        std::vector<OwnedLog> made;
+        const LogList some = middles(logs, made);
         const enum mk_status st =
-            mk_compare_inputs(&values.model, logs.data(), logs.size(), &o, &out.input, err);
+            mk_compare_inputs(&values.model, some.data(), some.size(), &o, &out.input, err);
         if (st == MK_OK && out.input.changed)
             start = model =
                 without_effects(out.input.model, model.effect_count, values.model.effect_count);
@@ -261,7 +299,10 @@ class Explainer
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit);
-        look_closer(so);
+        if (!look_closer(so) && causes->gave_up) {
+            causes->give_up_early = false;
+            causes->run();
+        }
         causes->polish_rivals();
         data.second_half = !own_parameters(causes->best.point.model).empty();
         ask_held_out();
@@ -337,34 +378,60 @@ class Explainer
     // taken for noise of the readings, of which there seem to be thousands: nearly anything can
     // earn a place that way. With stretches so short that the drift between them makes up for it,
     // evidence counts again. Done only where needed: it takes longer.
-    void look_closer(SearchOptions so)
+    // False where there is nothing to be had of that.
+    bool look_closer(SearchOptions so)
     {
         constexpr double SHORTEST = 0.03, SHORT = 0.12; // s
         const Hypothesis &left = causes->best;
         if (lost.joint > 0 || causes->follows(left) || mk_model_hides_joint(&left.point.model))
-            return;
+            return false;
         double noise = HUGE_VAL;
         for (int j = 0; j < mk_model_joints(&model); j++)
             noise = std::min(noise, left.point.noise[j]);
         so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
         if (so.stretch > SHORT)
-            return;
-        auto closer = std::make_unique<Search>(training, so);
+            return false;
+        auto nearer = std::make_unique<Search>(enough_to_rank(), so);
         Hypothesis refit, same;
-        if (!closer->refit(causes->refit.point.model, nullptr, refit) ||
-            !closer->refit(left.point.model, nullptr, same))
-            return;
-        auto again = std::make_unique<CauseSearch>(values.model, *closer, refit);
+        if (!nearer->refit(causes->refit.point.model, nullptr, refit) ||
+            !nearer->refit(left.point.model, nullptr, same))
+            return false;
+        auto again = std::make_unique<CauseSearch>(values.model, *nearer, refit);
         again->carry_over = carry_over.get();
         again->run();
-        if (closer->cancelled)
+        if (nearer->cancelled)
             search->cancelled = true;
         // The first causes may come to the same once they are fitted closer.
         constexpr double EVEN = 10.0;
-        if (again->best.score > same.score + EVEN)
-            return;
+        if (!causes->gave_up && again->best.score > same.score + EVEN)
+            return false;
+        // What follows the data is what it is. Of all else only what is seen in stretches of the
+        // usual length as well matters to free runs.
+        auto usual = std::make_unique<CauseSearch>(values.model, *search, causes->refit);
+        usual->carry_over = carry_over.get();
+        if (carry_over && !again->explained() && usual->take_over(*again)) {
+            causes = std::move(usual);
+            return true;
+        }
         causes = std::move(again);
-        search = std::move(closer);
+        search = std::move(nearer);
+        return true;
+    }
+
+    // Where what carries over decides, likelihood only says in which order causes are asked: half
+    // of the windows of each log will do for that.
+    std::vector<const FitLog *> enough_to_rank() const
+    {
+        if (!carry_over)
+            return training;
+        std::vector<const FitLog *> some;
+        size_t of_log = 0;
+        for (size_t i = 0; i < training.size(); i++) {
+            of_log = i > 0 && training[i]->source == training[i - 1]->source ? of_log + 1 : 0;
+            if (of_log % 2 == 0)
+                some.push_back(training[i]);
+        }
+        return some;
     }
 
     // Of rivals that the training data cannot tell apart, the one that predicts held-out data

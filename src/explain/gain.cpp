@@ -16,8 +16,8 @@ struct Gain {
     const mk_model &model;
     const mk_explain_options &options;
     const TrainingData &data;
-    const std::vector<const FitLog *> &training;
     const CauseSearch &causes;
+    const FinalFit &last;
     Verdict &verdict;
     mk_explanation &out;
 
@@ -28,8 +28,7 @@ struct Gain {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
         const bool named = !causes.rounds.empty() && causes.all_named();
-        bool touches =
-            mk_model_event_count(&causes.best.point.model) > mk_model_event_count(&model);
+        bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
@@ -67,25 +66,31 @@ struct Gain {
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
         constexpr double TRACE = 5e-3; // drift
-        const bool trace =
-            causes.refit.drift <= TRACE && leaves_white_noise(training, causes.refit);
+        const bool trace = last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
         const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * out.noise[j];
+            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
+    }
+    // What a fit took for noise of the readings; where a search in short stretches knew better,
+    // what that says.
+    double noise(int j) const
+    {
+        return causes.known_noise[j] > 0.0 ? out.noise[j] : causes.best.point.noise[j];
     }
     double noise_share(const HeldOut &held, int j) const
     {
         const double sd = held.deviation(model, j);
-        return sd > 0.0 ? out.noise[j] / sd : 0.0;
+        return sd > 0.0 ? noise(j) / sd : 0.0;
     }
     // What the readings' own noise leaves of the error. No model is below it: a joint that comes
     // out so moved little, and the noise that the fits saw was not all its own there.
     double floor_of(const HeldOut &held, int j, const HeldOutFigures &refitted,
                     const HeldOutFigures &after) const
     {
-        return std::min({noise_share(held, j), refitted.nrmse(j), after.nrmse(j)});
+        const double sd = held.deviation(model, j);
+        return std::min({sd > 0.0 ? out.noise[j] / sd : 0.0, refitted.nrmse(j), after.nrmse(j)});
     }
     // Where there is something to close, an extension that widens it is not what is missing,
     // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
@@ -184,11 +189,11 @@ struct Gain {
 } // namespace
 
 enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
-                            const TrainingData &data, const std::vector<const FitLog *> &training,
-                            const CauseSearch &causes, Verdict &verdict, mk_explanation &out,
+                            const TrainingData &data, const CauseSearch &causes,
+                            const FinalFit &last, Verdict &verdict, mk_explanation &out,
                             mk_error *err)
 {
-    Gain gain = {model, options, data, training, causes, verdict, out};
+    Gain gain = {model, options, data, causes, last, verdict, out};
     return gain.measure(err);
 }
 

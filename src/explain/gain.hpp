@@ -12,8 +12,8 @@ namespace mk
 // say of the verdict: an extension that predicts worse is withdrawn, one that predicts all is
 // confirmed. Fills the figures of `out`.
 enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
-                            const TrainingData &data, const std::vector<const FitLog *> &training,
-                            const CauseSearch &causes, Verdict &verdict, mk_explanation &out,
+                            const TrainingData &data, const CauseSearch &causes,
+                            const FinalFit &last, Verdict &verdict, mk_explanation &out,
                             mk_error *err);
 
 } // namespace mk

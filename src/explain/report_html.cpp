@@ -622,6 +622,22 @@ const char style[] =
     "@media(max-width:30em){table{font-size:.75em}td,th{padding:.25em .3em}.tick{font-size:16px}}"
     "@media print{body{max-width:none}}";
 
+// What it takes to file a report, and to make it again.
+std::string origin_text(const mk_explanation &e)
+{
+    if (!e.origin)
+        return "";
+    std::string s = "<h2>Where this comes from</h2><div><table><tr><th>date</th><td>" +
+                    escaped(e.origin->date) +
+                    "</td></tr><tr><th>program</th><td>mechkit " MK_VERSION
+                    "</td></tr><tr><th>command</th><td><code>" +
+                    escaped(e.origin->command) + "</code></td></tr><tr><th>model</th><td>" +
+                    escaped(e.origin->model) + "</td></tr><tr><th>logs</th><td>";
+    for (size_t i = 0; i < e.origin->log_count; i++)
+        s += (i ? "<br>" : "") + escaped(e.origin->logs[i]);
+    return s + "</td></tr></table></div>";
+}
+
 } // namespace
 
 enum mk_status mk_explanation_write_html(const mk_explanation *e, const char *path,
@@ -661,7 +677,8 @@ try {
         s += "<h2>In control, on a virtual rig that is the extended model</h2>" + control_table(*e);
     s += "<h2>Parameters</h2>" + parameter_table(*e);
     s += "<h2>What to do next</h2><p>" + advice(*e) + "</p>";
-    add(s, "<p>%d candidate causes, %.1f s.</p></body></html>\n", e->tried, e->seconds);
+    add(s, "<p>%d candidate causes, %.1f s.</p>", e->tried, e->seconds);
+    s += origin_text(*e) + "</body></html>\n";
     return mk_out_file_save(path, s.data(), s.size(), err);
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");

@@ -260,6 +260,19 @@ cJSON *control_json(const mk_explanation &e)
     return all;
 }
 
+cJSON *origin_json(const mk_origin &origin)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddStringToObject(o, "date", origin.date);
+    cJSON_AddStringToObject(o, "program", "mechkit " MK_VERSION);
+    cJSON_AddStringToObject(o, "command", origin.command);
+    cJSON_AddStringToObject(o, "model", origin.model);
+    cJSON *logs = cJSON_AddArrayToObject(o, "logs");
+    for (size_t i = 0; i < origin.log_count; i++)
+        cJSON_AddItemToArray(logs, cJSON_CreateString(origin.logs[i]));
+    return o;
+}
+
 } // namespace
 
 enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *path,
@@ -270,6 +283,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON *o = root.get();
     if (!o)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the report");
+    if (e->origin)
+        cJSON_AddItemToObject(o, "origin", origin_json(*e->origin));
     cJSON_AddItemToObject(o, "data_checks", data_check_json(&e->data_check));
     bool unknown = e->verdict == MK_VERDICT_UNKNOWN;
     cJSON_AddStringToObject(o, "verdict", mk_verdict_name(e->verdict));

@@ -87,6 +87,17 @@ std::vector<Part> windows_over(const std::vector<Part> &parts, double all_s, dou
     return windows;
 }
 
+// All parts, or windows of them where the last fit would take too long.
+std::vector<Part> no_more_rows(const std::vector<Part> &parts, double all_s)
+{
+    constexpr size_t MOST_ROWS = 300000;
+    size_t rows = 0;
+    for (const Part &part : parts)
+        rows += part.rows.last - part.rows.first;
+    return rows <= MOST_ROWS ? parts
+                             : windows_over(parts, all_s, all_s * (double)MOST_ROWS / (double)rows);
+}
+
 enum mk_status check_log(const mk_log &log, const mk_model &model, mk_record &record, mk_error *err)
 {
     enum mk_status st = mk_record_from_log(&log, &model, &record, err);
@@ -211,8 +222,14 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
             out.given_s += parts.back().seconds();
         }
     }
-    if (out.given_s > options.most_s)
+    if (out.given_s > options.most_s) {
+        for (const Part &p : no_more_rows(parts, out.given_s)) {
+            whole.push_back(fit_log(p.record, model, p.rows.first, p.rows.last, p.log));
+            made.push_back(rows_of_log(*given[p.log], p.rows.first, p.rows.last));
+            whole_rows.push_back(made.back().get());
+        }
         parts = windows_over(parts, out.given_s, options.most_s);
+    }
     for (const Part &p : parts) {
         logs.push_back(fit_log(p.record, model, p.rows.first, p.rows.last, p.log));
         out.searched_s += logs.back().duration();

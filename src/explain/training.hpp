@@ -17,6 +17,9 @@ OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last);
 struct TrainingData {
     std::vector<FitLog> logs;         // to search in
     std::vector<const mk_log *> rows; // the same rows, one a FitLog
+    // For the last fit, where `logs` are windows of long ones; else empty.
+    std::vector<FitLog> whole;
+    std::vector<const mk_log *> whole_rows;
     std::vector<const mk_log *> held; // to measure on
     std::vector<OwnedLog> made;       // those of `rows` and `held` that were cut off
     bool second_half = false; // figures are those of second halves: logs have values of their own

@@ -27,14 +27,14 @@ double confidence_of(double ahead)
 void Verdict::decide()
 {
     out.given = model;
-    out.refit = causes.refit.point.model;
-    out.extended = causes.best.point.model;
-    out.drift_refit = causes.refit.drift;
-    out.drift_extended = causes.best.drift;
+    out.refit = last.refit.point.model;
+    out.extended = last.best.point.model;
+    out.drift_refit = last.refit.drift;
+    out.drift_extended = last.best.drift;
     out.gain_refit = 0.5 * distance_of_given();
     out.gain_extended = causes.refit.picture.evidence - causes.best.picture.evidence;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
-        out.noise[j] = causes.best.point.noise[j];
+        out.noise[j] = j < mk_model_joints(&model) ? causes.noise(j) : UNKNOWN;
     if (causes.rounds.empty() && causes.explained() && lost.joint == 0)
         out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
     else if ((lost.joint > 0 || !causes.rounds.empty()) && causes.explained() && established())
@@ -86,18 +86,18 @@ bool Verdict::carries_over() const
 // if they are right.
 double Verdict::distance_of_given() const
 {
-    std::vector<int> free = fitted_parameters(causes.refit.point.model);
+    std::vector<int> free = fitted_parameters(last.refit.point.model);
     Eigen::VectorXd off((long)free.size());
     for (long i = 0; i < off.size(); i++)
         off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
-                  mk_model_parameter(&causes.refit.point.model, free[(size_t)i])) /
-                 Fit::scale_of(causes.refit.point.model, free[(size_t)i]);
-    return off.dot(causes.refit.picture.information * off);
+                  mk_model_parameter(&last.refit.point.model, free[(size_t)i])) /
+                 Fit::scale_of(last.refit.point.model, free[(size_t)i]);
+    return off.dot(last.refit.picture.information * off);
 }
 
 bool Verdict::values_off() const
 {
-    return chi2_tail(distance_of_given(), causes.refit.free_count) < 1e-4;
+    return chi2_tail(distance_of_given(), last.refit.free_count) < 1e-4;
 }
 
 void Verdict::set_structure()
@@ -123,7 +123,7 @@ std::vector<double> Verdict::standard_errors(const Hypothesis &h)
 bool Verdict::established() const
 {
     constexpr double SURE = 4.0; // standard errors
-    const mk_model &m = causes.best.point.model;
+    const mk_model &m = last.best.point.model;
     int first = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info &info = *mk_effect(m.effect[e].index);
@@ -143,7 +143,7 @@ bool Verdict::established() const
 // linear in them and the size. NaN where it was not fitted.
 double Verdict::error_of_size(int first, const mk_effect_info &info, int size) const
 {
-    const Hypothesis &h = causes.best;
+    const Hypothesis &h = last.best;
     const std::vector<int> free = fitted_parameters(h.point.model);
     std::vector<int> kept, place;
     long at = -1;
@@ -172,12 +172,12 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size) c
 
 void Verdict::describe_causes()
 {
-    const std::vector<double> error = standard_errors(causes.best);
+    const std::vector<double> error = standard_errors(last.best);
     int base = mk_plant(model.plant)->parameter_count, first = base;
     for (int i = 0; i < base; i++)
         out.std_error[i] = error[(size_t)i];
-    for (int e = 0; e < causes.best.point.model.effect_count; e++) {
-        const mk_effect_use &use = causes.best.point.model.effect[e];
+    for (int e = 0; e < last.best.point.model.effect_count; e++) {
+        const mk_effect_use &use = last.best.point.model.effect[e];
         const mk_effect_info *info = mk_effect(use.index);
         int cause = e - model.effect_count;
         if (cause >= 0 && cause < MK_MAX_CAUSES && cause < (int)causes.rounds.size()) {
@@ -231,7 +231,7 @@ void Verdict::add_lost_counts()
     if (lost.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
         return;
     double seconds = 0.0;
-    for (const FitLog *log : training)
+    for (const FitLog *log : last.logs())
         seconds += log->duration();
     const mk_effect_info *effect = mk_effect_by_name("missed-counts");
     mk_cause &c = out.cause[out.cause_count++];
@@ -317,10 +317,10 @@ void Verdict::add_data_causes()
 
 void Verdict::withdraw()
 {
-    out.extended = causes.refit.point.model;
-    std::vector<double> error = standard_errors(causes.refit);
+    out.extended = last.refit.point.model;
+    std::vector<double> error = standard_errors(last.refit);
     std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count, out.std_error);
-    out.drift_extended = causes.refit.drift;
+    out.drift_extended = last.refit.drift;
     if (out.verdict == MK_VERDICT_PARTIAL) {
         out.verdict = MK_VERDICT_UNKNOWN;
         set_structure();

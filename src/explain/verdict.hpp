@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "explain/causes.hpp"
+#include "explain/final_fit.hpp"
 #include "explain/mending.hpp"
 #include "mechkit/explain.h"
 
@@ -15,9 +15,9 @@ class Verdict
 {
   public:
     // All must outlive it.
-    Verdict(const mk_model &given, const std::vector<const FitLog *> &logs, CauseSearch &found,
+    Verdict(const mk_model &given, CauseSearch &found, const FinalFit &last_fit,
             const LostCounts &lost_counts, mk_explanation &out_in)
-        : model(given), training(logs), causes(found), lost(lost_counts), out(out_in)
+        : model(given), causes(found), last(last_fit), lost(lost_counts), out(out_in)
     {
     }
     void decide();
@@ -38,8 +38,8 @@ class Verdict
 
   private:
     const mk_model &model;
-    const std::vector<const FitLog *> &training;
-    CauseSearch &causes;
+    CauseSearch &causes;  // evidence
+    const FinalFit &last; // and values
     const LostCounts &lost;
     mk_explanation &out;
     const Hypothesis *rival_fit[MK_MAX_RIVALS] = {};

@@ -379,15 +379,20 @@ double fit_log_noise(const FitLog &log, int j)
     return std::max(fast, 1e-9);
 }
 
+double scatter_of(const std::vector<const FitLog *> &logs, int joint)
+{
+    double scatter = 0.0;
+    for (const FitLog *log : logs)
+        scatter =
+            std::max({scatter, fit_log_noise(*log, joint), log->count[joint] / std::sqrt(12.0)});
+    return scatter;
+}
+
 double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise)
 {
     double most = 0.0;
-    for (int j = 0; !logs.empty() && j < logs[0]->joints; j++) {
-        double scatter = 0.0;
-        for (const FitLog *log : logs)
-            scatter = std::max({scatter, fit_log_noise(*log, j), log->count[j] / std::sqrt(12.0)});
-        most = std::max(most, noise[j] / scatter);
-    }
+    for (int j = 0; !logs.empty() && j < logs[0]->joints; j++)
+        most = std::max(most, noise[j] / scatter_of(logs, j));
     return most;
 }
 

@@ -271,7 +271,7 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
 {
     int joint = joints_of(rig.kind) == 2 ? 1 + (int)draw.below(2) : 1;
     bool pivot = is(rig.kind, "pendubot") || is(rig.kind, "furuta");
-    if (name == "position-friction" && pivot)
+    if (name == "normal-load-friction" || (name == "position-friction" && pivot))
         joint = pivot ? 2 : 1;
     if (name == "bent-gain" || name == "speed-gain")
         joint = motor_joint(rig.kind);
@@ -282,6 +282,8 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
         v = {{"coefficient", size / std::pow(s.speed, 3)}};
     else if (name == "position-friction")
         v = {{"level", size}, {"centre", angle}};
+    else if (name == "normal-load-friction")
+        v = {{"mu", draw.between(0.01, 0.04)}};
     else if (name == "magnet")
         v = {{"strength", size},
              {"centre", is(rig.kind, "pendubot") && joint == 1 ? -0.5 * PI + 0.4 : 0.4},
@@ -299,6 +301,8 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
         v = {{"coefficient", k * draw.between(0.05, 0.15) / 9.0}}; // commands reach 3 to 5
     else if (name == "speed-gain")
         v = {{"coefficient", k * draw.between(0.1, 0.3) / s.speed}};
+    else if (name == "one-way-drag")
+        v = {{"coefficient", size / s.speed}};
     else if (name == "wind")
         v = {{"coefficient", size / (s.speed * s.speed)},
              {"speed", draw.sign() * draw.between(0.2, 0.6) * s.speed}};
@@ -314,6 +318,8 @@ Effect foreign_effect(const std::string &name, const Rig &rig, Draw &draw, doubl
 bool foreign_possible(const std::string &name, const std::string &rig)
 {
     bool two = joints_of(rig) == 2, wheel = is(rig, "inertia-wheel");
+    if (name == "normal-load-friction")
+        return is(rig, "pendubot") || is(rig, "furuta");
     if (name == "relative-drag")
         return two && !is(rig, "reaction-wheel");
     if (name == "magnet" || name == "hardening-cable")
@@ -400,7 +406,8 @@ std::vector<std::string> hideable(const std::string &rig)
 {
     std::vector<std::string> names;
     for (const Row &row : rows)
-        if (!places(row, rig).empty())
+        if (!places(row, rig).empty() && !is(row.name, "viscous-asymmetry") &&
+            !is(row.name, "torque-offset")) // came later: drawn on request, so that seeds stay
             names.push_back(row.name);
     return names;
 }

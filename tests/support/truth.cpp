@@ -9,9 +9,10 @@ namespace truth
 {
 
 const std::vector<std::string> foreign_effects = {
-    "cubic-drag",    "position-friction", "magnet",    "hardening-cable", "floor-shake",
-    "relative-drag", "square-root-drag",  "bent-gain", "speed-gain",      "wind",
-    "warming-drag",  "creeping-pull"};
+    "cubic-drag",      "position-friction", "normal-load-friction", "magnet",
+    "hardening-cable", "floor-shake",       "relative-drag",        "square-root-drag",
+    "bent-gain",       "speed-gain",        "one-way-drag",         "wind",
+    "warming-drag",    "creeping-pull"};
 
 namespace
 {
@@ -274,6 +275,8 @@ double Machine::foreign(const Effect &e, const State &s, double t, double drive)
         return -at_(e, "coefficient") * v * v * v;
     if (e.name == "position-friction")
         return -0.5 * at_(e, "level") * (1.0 + std::cos(q - at_(e, "centre"))) * soft_sign(v);
+    if (e.name == "normal-load-friction")
+        return -at_(e, "mu") * normal_force(s) * soft_sign(v);
     if (e.name == "magnet") {
         double off = std::remainder(q - at_(e, "centre"), 2.0 * PI) / at_(e, "reach");
         return -at_(e, "strength") * off * std::exp(-0.5 * off * off);
@@ -292,6 +295,8 @@ double Machine::foreign(const Effect &e, const State &s, double t, double drive)
         return -at_(e, "coefficient") * drive * drive * drive;
     if (e.name == "speed-gain") // a motor that is weaker while it turns
         return -at_(e, "coefficient") * drive * std::fabs(v);
+    if (e.name == "one-way-drag")
+        return -at_(e, "coefficient") * std::max(v, 0.0);
     if (e.name == "wind") {
         double past = v - at_(e, "speed");
         return -at_(e, "coefficient") * past * std::fabs(past);

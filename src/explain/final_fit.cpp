@@ -1,0 +1,42 @@
+#include "explain/final_fit.hpp"
+
+#include "ident/held_out.hpp"
+
+namespace mk
+{
+
+FinalFit::FinalFit(const TrainingData &data, const std::vector<const FitLog *> &training,
+                   const CauseSearch &causes, Search &searched)
+    : refit(causes.refit), best(causes.best), views(training), sources(data.rows), used(&searched)
+{
+}
+
+void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, double window_s)
+{
+    const std::vector<FitLog> &all = data.whole.empty() ? data.logs : data.whole;
+    std::vector<const FitLog *> whole;
+    for (const FitLog &log : all)
+        whole.push_back(&log);
+    auto search = std::make_unique<Search>(whole, usual);
+    const bool extended = best.point.model.effect_count > refit.point.model.effect_count;
+    Hypothesis refit_again, best_again;
+    if (!search->refit(refit.point.model, nullptr, refit_again) ||
+        (extended && !search->refit(best.point.model, nullptr, best_again)))
+        return;
+    // The same data for both, so the same fit: else what one was spared would seem to be a gain.
+    const std::vector<const mk_log *> &rows = data.whole.empty() ? data.rows : data.whole_rows;
+    const HeldOut runs(rows, window_s, data.second_half, usual.threads);
+    HeldOutFigures before, after;
+    Hypothesis &last = extended ? best_again : refit_again;
+    if (runs.figures(last.point.model, after, nullptr) != MK_OK ||
+        (runs.figures(best.point.model, before, nullptr) == MK_OK &&
+         before.total() < after.total()))
+        return;
+    refit = std::move(refit_again);
+    best = extended ? std::move(best_again) : refit;
+    views = std::move(whole);
+    sources = rows;
+    own = std::move(search);
+}
+
+} // namespace mk
