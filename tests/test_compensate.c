@@ -183,7 +183,7 @@ START_TEST(what_takes_more_than_the_limit_gets_the_limit)
     struct mk_model plant, full;
     mk_model_default(MK_PLANT_PENDUBOT, &plant);
     full = plant;
-    static const double level[] = {30.0};
+    static const double level[MK_MAX_EFFECT_PARAMETERS] = {30.0};
     add(&full, "coulomb", 1, level);
     double x[MK_MAX_STATES] = {0.1, 0.2, 2.0, 0.0};
     ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), plant.u_max);
@@ -197,7 +197,7 @@ START_TEST(a_command_that_does_nothing_stays_as_wished)
     struct mk_model plant, full;
     mk_model_default(MK_PLANT_PENDUBOT, &plant);
     full = plant;
-    static const double width[] = {50.0};
+    static const double width[MK_MAX_EFFECT_PARAMETERS] = {50.0};
     add(&full, "deadband", 0, width);
     double x[MK_MAX_STATES] = {0.1, 0.2, 0.3, 0.0};
     ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), 3.0);

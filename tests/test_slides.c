@@ -307,7 +307,6 @@ Suite *suite_slides(void)
     TCase *t = tcase_create("metres");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, a_carriage_is_identified_in_kilograms_and_newtons);
-    tcase_add_test(t, what_a_carriage_s_model_lacks_is_told_in_its_units);
     tcase_add_test(t, a_log_in_metres_is_not_taken_for_radians);
     tcase_add_test(t, an_answer_does_not_depend_on_the_unit);
     tcase_add_test(t, metres_and_millimetres_make_the_same_log);
@@ -315,6 +314,11 @@ Suite *suite_slides(void)
     tcase_add_test(t, limits_of_a_carriage_are_a_hundredth_of_a_wheel_s);
     tcase_add_test(t, a_virtual_carriage_is_driven_in_metres);
     tcase_add_test(t, simple_experiments_of_a_carriage_are_in_its_units);
+    suite_add_tcase(s, t);
+    t = tcase_create("searches in metres");
+    tcase_set_timeout(t, 120);
+    tcase_set_tags(t, "long");
+    tcase_add_test(t, what_a_carriage_s_model_lacks_is_told_in_its_units);
     suite_add_tcase(s, t);
     return s;
 }
