@@ -149,6 +149,13 @@ struct mk_budget {
     const char *goes_with[3]; /* what the rest is correlated with: "sign(dq1)", ... Static. */
 };
 
+/* How long a stage of the search took. */
+struct mk_stage_time {
+    const char *name; /* "refit", "search", ... Static. */
+    double seconds;
+};
+#define MK_MAX_STAGES 16
+
 struct mk_explain_options {
     /* Parameters of which the model's value says nothing (mk_model_read_open). */
     bool unknown[MK_MAX_FIT_PARAMETERS];
@@ -250,6 +257,8 @@ struct mk_explanation {
     struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
     struct mk_data_check data_check; /* what is doubted of the logs */
     double seconds;
+    int stage_count; /* in the order in which they were first entered */
+    struct mk_stage_time stage[MK_MAX_STAGES];
     /* Filled in by who knows, for the reports; mk_explain leaves it at NULL. The caller's, and it
      * must stay as long as reports are written. */
     const struct mk_origin *origin;

@@ -24,6 +24,7 @@ struct options {
     struct option_texts holdout;
     struct arguments input;
     struct mk_explain_options explain;
+    bool timing;
 };
 
 static bool take_seconds(const char *value, void *target)
@@ -49,6 +50,7 @@ static const struct option_row option_rows[] = {
     {"force", OPTION_FLAG(explain.force), NULL,
      "go on in spite of a fatal finding of the data check"},
     LEFT_OUT_OPTIONS(explain.rows),
+    {"timing", OPTION_FLAG(timing), NULL, "print how long each stage took"},
     {"threads", OPTION_COUNT(explain.threads), "N", "default: all processors", 1, 256},
     {0}};
 
@@ -244,6 +246,13 @@ static enum mk_status search(struct job *j, struct mk_error *err)
     return st;
 }
 
+static void print_timing(const struct mk_explanation *e)
+{
+    printf("Of that, by stage:\n");
+    for (int i = 0; i < e->stage_count; i++)
+        printf("  %7.2f s  %s\n", e->stage[i].seconds, e->stage[i].name);
+}
+
 /* Returns an exit code. */
 static int explain(struct job *j)
 {
@@ -283,6 +292,8 @@ static int explain(struct job *j)
         return report_output_error(&err);
     }
     explanation_print(stdout, &j->e);
+    if (j->o.timing)
+        print_timing(&j->e);
     return EXIT_OK;
 }
 

@@ -18,6 +18,7 @@
 #include "explain/log_values.hpp"
 #include "explain/next_experiment.hpp"
 #include "explain/pushes.hpp"
+#include "explain/stage_clock.hpp"
 #include "ident/first_values.hpp"
 #include "ident/held_out.hpp"
 #include "ident/left_out.hpp"
@@ -141,7 +142,7 @@ class Explainer
   public:
     Explainer(const mk_model &model_in, mk_explanation &out_in,
               const mk_explain_options &options_in)
-        : model(model_in), start(model_in), out(out_in), options(options_in)
+        : model(model_in), start(model_in), out(out_in), options(options_in), clock(out_in)
     {
     }
 
@@ -155,16 +156,21 @@ class Explainer
         so.progress_context = options.progress_context;
         const LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
         Hypothesis refit;
+        clock.enter("refit");
         enum mk_status st = load_and_fit(learn, held, so, refit, err);
         const mk_model given = model, given_refit = refit.point.model;
         if (st != MK_OK)
             return st;
+        clock.enter("values per log");
         values = find_log_values(model, learn, out.window_s, *search, refit);
+        clock.enter("column of the command");
         st = choose_input(learn, held, err);
+        clock.enter("refit");
         if (st == MK_OK && out.input.changed)
             st = load_and_fit(learn, held, so, refit, err);
         if (st != MK_OK)
             return st;
+        clock.enter("values per log");
         if (out.input.changed)
             values = values.found.empty()
                          ? find_log_values(model, learn, out.window_s, *search, refit)
@@ -176,6 +182,7 @@ class Explainer
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
+        clock.enter("last fit");
         FinalFit last(data, training, *causes, *search);
         if (lost.joint == 0 && !data.whole.empty())
             last.fit_all(data, so, out.window_s);
@@ -188,16 +195,22 @@ class Explainer
         describe_log_values(values, last.best, last.logs(), options.threads, out);
         if (out.log_value_count + out.input.changed > 0)
             verdict.add_data_causes();
+        clock.enter("detection limits");
         find_detection_limits(last.search(), last.best, out);
+        clock.enter("residuals");
         find_pushes(last.logs(), model, last.refit, last.best, options.threads, out);
         test_innovations(last.logs(), last.refit, last.best, out);
+        clock.enter("held-out data");
         enum mk_status measured =
             measure_gain(values.model, options, data, *causes, last, verdict, out, err);
+        clock.enter("budget");
         if (measured == MK_OK)
             make_budget(data, *causes, last, out);
+        clock.enter("next experiment");
         if (measured == MK_OK && !model.no_motor)
             propose_experiment(values.model, last.logs(), last.best, verdict.rivals(), options.next,
                                out);
+        clock.stop();
         return measured;
     }
 
@@ -206,6 +219,7 @@ class Explainer
     mk_model start; // base parameters right to within a factor of some three
     mk_explanation &out;
     mk_explain_options options;
+    StageClock clock;
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
@@ -290,19 +304,23 @@ class Explainer
     void search_beside_values(SearchOptions &so)
     {
         Hypothesis refit = values.fit;
+        clock.enter("missed counts");
         data.second_half = !values.found.empty();
         carry_over =
             std::make_unique<CarryOver>(model, data, out.window_s, search->usual_options());
         if (!carry_over->possible())
             carry_over.reset();
         put_back_lost_counts(so, refit);
+        clock.enter("search");
         search_causes(refit);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit);
+        clock.enter("closer look");
         if (!look_closer(so) && causes->gave_up) {
             causes->give_up_early = false;
             causes->run();
         }
+        clock.enter("rivals");
         causes->polish_rivals();
         data.second_half = !own_parameters(causes->best.point.model).empty();
         ask_held_out();

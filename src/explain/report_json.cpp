@@ -331,5 +331,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->drift_refit * size));
     cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->drift_extended * size));
     cJSON_AddItemToObject(o, "seconds", mk_json_number(e->seconds));
+    cJSON *stages = cJSON_AddObjectToObject(o, "stage_seconds");
+    for (int i = 0; i < e->stage_count; i++)
+        cJSON_AddItemToObject(stages, e->stage[i].name, mk_json_number(e->stage[i].seconds));
     return mk_json_write(path, o, err);
 }
