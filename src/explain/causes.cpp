@@ -18,7 +18,6 @@ constexpr double CATALOGUE = 10.0;    // by how much a library term must beat th
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
 constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
 constexpr double SLIGHT = 1.0e-2;     // drift at which what is missing may be too rare to show
-constexpr double LOST = 1.0;          // drift at which a stretch says nothing
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 

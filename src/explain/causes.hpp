@@ -42,6 +42,8 @@ class CauseSearch
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
     static bool matters(double drift);
+    // Process noise at which a stretch of the usual length says nothing, rad/s per sqrt(s).
+    static constexpr double LOST = 1.0;
     // With next to no drift every reading speaks for itself, and the likelihood is what it says.
     // With more of it a model bends to its data, and whatever bends gains.
     static bool likelihood_counts(const Hypothesis &h);

@@ -30,7 +30,8 @@ namespace mk
 namespace
 {
 
-constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
+constexpr double MOST_DATA = 30.0;       // s to search in, if not said otherwise
+constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked
 
 using LogList = std::vector<const mk_log *>;
 
@@ -221,6 +222,7 @@ class Explainer
     mk_explain_options options;
     StageClock clock;
     TrainingData data;
+    std::vector<FitLog> ranking;          // a part of `data`, where that is asked for
     std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
     LogValues values;
@@ -234,6 +236,7 @@ class Explainer
     {
         search.reset();
         training.clear();
+        ranking.clear();
         data = {};
         out.given_s = out.searched_s = 0.0;
         enum mk_status st = data.load(model, options, logs.data(), logs.size(), holdouts.data(),
@@ -351,11 +354,43 @@ class Explainer
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         causes->give_up_early = lost.joint == 0; // look_closer() goes on
         causes->carry_over = carry_over.get();
-        causes->run();
+        causes->gave_up = quick_look_gives_up(refit);
+        if (!causes->gave_up)
+            causes->run();
+    }
+    // Where the model is so far from its data that a search in stretches of the usual length may
+    // well give up, and what carries over decides then, a part of the data shows whether it will.
+    bool quick_look_gives_up(const Hypothesis &refit)
+    {
+        if (!carry_over || lost.joint > 0 || refit.drift < CauseSearch::LOST ||
+            out.searched_s < 2.0 * ENOUGH_TO_RANK_S)
+            return false;
+        Search quick(to_rank(), search->settings());
+        Hypothesis from;
+        if (!quick.refit(values.model, nullptr, from))
+            return false;
+        CauseSearch look(values.model, quick, from);
+        look.give_up_early = true;
+        look.carry_over = carry_over.get();
+        look.run();
+        if (quick.cancelled)
+            search->cancelled = true;
+        return look.gave_up;
+    }
+    // Where what carries over decides, likelihood only says in which order causes are asked.
+    std::vector<const FitLog *> to_rank()
+    {
+        if (ranking.empty())
+            ranking = data.thinned(model, ENOUGH_TO_RANK_S);
+        std::vector<const FitLog *> views;
+        for (const FitLog &log : ranking)
+            views.push_back(&log);
+        return views;
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
-        lost = find_lost_counts(values.model, training, so, refit, ENOUGH);
+        constexpr double FAR_FROM_DATA = 0.1; // drift that no fraction of a count makes up for
+        lost = find_lost_counts(values.model, training, so, refit, ENOUGH, FAR_FROM_DATA);
         // Where the model still misses its data, steps in the readings make up for that.
         if (lost.joint > 0 && !CauseSearch::likelihood_counts(lost.fit))
             lost = {};
@@ -371,7 +406,7 @@ class Explainer
         for (const FitLog &log : data.logs)
             raw.push_back(&log);
         const mk_model extended = causes->best.point.model;
-        LostCounts again = find_lost_counts(extended, raw, so, causes->refit, -HUGE_VAL);
+        LostCounts again = find_lost_counts(extended, raw, so, causes->refit, -HUGE_VAL, HUGE_VAL);
         double moved = std::fabs(again.step - lost.step);
         if (again.joint != lost.joint || moved < SAME * training[0]->count[lost.joint - 1])
             return false;
@@ -409,10 +444,10 @@ class Explainer
         so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
         if (so.stretch > SHORT)
             return false;
-        auto nearer = std::make_unique<Search>(enough_to_rank(), so);
+        auto nearer = std::make_unique<Search>(carry_over ? to_rank() : training, so);
         Hypothesis refit, same;
         if (!nearer->refit(causes->refit.point.model, nullptr, refit) ||
-            !nearer->refit(left.point.model, nullptr, same))
+            (!causes->gave_up && !nearer->refit(left.point.model, nullptr, same)))
             return false;
         auto again = std::make_unique<CauseSearch>(values.model, *nearer, refit);
         again->carry_over = carry_over.get();
@@ -434,22 +469,6 @@ class Explainer
         causes = std::move(again);
         search = std::move(nearer);
         return true;
-    }
-
-    // Where what carries over decides, likelihood only says in which order causes are asked: half
-    // of the windows of each log will do for that.
-    std::vector<const FitLog *> enough_to_rank() const
-    {
-        if (!carry_over)
-            return training;
-        std::vector<const FitLog *> some;
-        size_t of_log = 0;
-        for (size_t i = 0; i < training.size(); i++) {
-            of_log = i > 0 && training[i]->source == training[i - 1]->source ? of_log + 1 : 0;
-            if (of_log % 2 == 0)
-                some.push_back(training[i]);
-        }
-        return some;
     }
 
     // Of rivals that the training data cannot tell apart, the one that predicts held-out data

@@ -28,11 +28,12 @@ class Mender
         : model(model_in), logs(logs_in), options(options_in), joint(joint_in), slips(slips_in)
     {
     }
+    // The step as the jumps show it.
+    Mended first() const { return mend(std::fabs(slips[0].step)); }
     // The jumps alone do not tell the step to a fraction of a count; the fit does: a parabola
     // through three of them, twice, the second one about the best.
-    Mended tune(double &std_error) const
+    Mended tune(Mended best, double &std_error) const
     {
-        Mended best = mend(std::fabs(slips[0].step));
         std_error = std::numeric_limits<double>::quiet_NaN();
         for (double part : {0.6, 0.2}) {
             double side = part * logs[0]->count[joint];
@@ -78,7 +79,8 @@ class Mender
 } // namespace
 
 LostCounts find_lost_counts(const mk_model &model, const std::vector<const FitLog *> &training,
-                            const SearchOptions &options, const Hypothesis &refit, double enough)
+                            const SearchOptions &options, const Hypothesis &refit, double enough,
+                            double most_drift)
 {
     LostCounts found;
     for (int j = 0; j < mk_model_joints(&model); j++) {
@@ -86,7 +88,13 @@ LostCounts find_lost_counts(const mk_model &model, const std::vector<const FitLo
         if (slips.empty())
             continue;
         double std_error = 0.0;
-        Mended mended = Mender(model, training, options, j, slips).tune(std_error);
+        const Mender mender(model, training, options, j, slips);
+        Mended mended = mender.first();
+        // A step that is off by a part of a count leaves errors of that size. Where the model needs
+        // far more than that, what looks like steps is what it lacks.
+        if (mended.fitted && mended.fit.drift > most_drift)
+            continue;
+        mended = mender.tune(std::move(mended), std_error);
         double penalty = 0.5 * std::log(mended.readings) * (double)(slips.size() + 1);
         double gain = refit.score - mended.score() - penalty;
         if (!(gain > enough))

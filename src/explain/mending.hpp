@@ -17,9 +17,11 @@ struct LostCounts {
 };
 
 // To every model lost pulses look like kicks: they are taken for what they are if putting them back
-// explains the data better than `refit` by more than `enough`.
+// explains the data better than `refit` by more than `enough`. Not where the model then still needs
+// more than `most_drift` of process noise with the steps as the readings show them.
 LostCounts find_lost_counts(const mk_model &model, const std::vector<const FitLog *> &training,
-                            const SearchOptions &options, const Hypothesis &refit, double enough);
+                            const SearchOptions &options, const Hypothesis &refit, double enough,
+                            double most_drift);
 
 } // namespace mk
 #endif

@@ -84,6 +84,7 @@ class Search
     double readings() const { return reading_count; }
     const std::vector<const FitLog *> &training() const { return logs; }
     FitOptions usual_options() const { return fit_options(); }
+    const SearchOptions &settings() const { return options; }
     std::atomic<bool> cancelled{false};
 
   private:

@@ -30,6 +30,10 @@ struct TrainingData {
                         const mk_log *const *given, size_t count, const mk_log *const *holdouts,
                         size_t holdout_count, mk_explanation &out, mk_error *err);
 
+    // Of every part to search in its middle, so that all together last no longer than this: what it
+    // takes to say in which order causes are to be asked.
+    std::vector<FitLog> thinned(const mk_model &model, double most_s) const;
+
   private:
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
                              size_t &last, mk_explanation &out, mk_error *err);

@@ -118,9 +118,9 @@ class Comparison
     enum mk_status run(mk_input_comparison &out, mk_error *err)
     {
         auto measured = std::make_unique<Column>(), commanded = std::make_unique<Column>();
-        enum mk_status st = fit(with_input(MK_INPUT_MEASURED), *measured, err);
+        enum mk_status st = fit(with_input(MK_INPUT_MEASURED), nullptr, *measured, err);
         if (st == MK_OK)
-            st = fit_commanded(commanded, err);
+            st = fit_commanded(*measured, commanded, err);
         if (st == MK_OK)
             st = leave_out(*measured, err);
         if (st == MK_OK)
@@ -184,7 +184,8 @@ class Comparison
         o.threads = options.threads;
         return first_values(problem, view, o, BETTER_START).front();
     }
-    enum mk_status fit(const mk_model &m, Column &out, mk_error *err) const
+    // `like`: a column whose fit has values to start from.
+    enum mk_status fit(const mk_model &m, const Column *like, Column &out, mk_error *err) const
     {
         std::vector<mk_record> records(logs.size());
         for (size_t i = 0; i < logs.size(); i++) {
@@ -194,7 +195,11 @@ class Comparison
         }
         out.logs = fit_logs(records, m);
         const std::vector<const FitLog *> view = without(out.logs, 1, 1);
-        out.start = first_model(m, records, view);
+        out.start = m;
+        if (like)
+            std::copy_n(like->start.parameter, MK_MAX_PARAMETERS, out.start.parameter);
+        else
+            out.start = first_model(m, records, view);
         for (int number : fitted_parameters(m))
             if (!options.fixed[number])
                 out.free.push_back(number);
@@ -212,19 +217,20 @@ class Comparison
                                      mk_input_name(m.input));
     }
     // Late, and with a lag as well where that predicts logs left out surely better.
-    enum mk_status fit_commanded(std::unique_ptr<Column> &out, mk_error *err) const
+    enum mk_status fit_commanded(const Column &measured, std::unique_ptr<Column> &out,
+                                 mk_error *err) const
     {
         mk_model late = with_input(MK_INPUT_COMMANDED);
         add(late, "input-delay", mk_effect_by_name("input-delay")->parameter[0].initial);
-        enum mk_status st = fit(late, *out, err);
+        enum mk_status st = fit(late, &measured, *out, err);
         if (st == MK_OK)
             st = leave_out(*out, err);
-        if (st != MK_OK || place_of(model, "actuator-lag") >= 0)
+        if (st != MK_OK || place_of(model, "actuator-lag") >= 0 || !gains_by_a_lag(*out))
             return st;
         auto slow = std::make_unique<Column>();
         mk_model lagging = late;
         add(lagging, "actuator-lag", FIRST_LAG);
-        st = fit(lagging, *slow, err);
+        st = fit(lagging, &measured, *slow, err);
         const bool lags = st == MK_OK && slow->is_late("actuator-lag") &&
                           slow->value("actuator-lag") > LEAST_LAG * slow->logs[0].period &&
                           slow->picture.evidence < out->picture.evidence - ENOUGH;
@@ -233,6 +239,21 @@ class Comparison
         if (lags && st == MK_OK && predicts_better(*slow, *out))
             out = std::move(slow);
         return st == MK_ERR_NUMERIC ? MK_OK : st;
+    }
+    // Whether a lag gains enough beside the delay, from where the fit without one is.
+    bool gains_by_a_lag(const Column &late) const
+    {
+        const std::vector<const FitLog *> view = without(late.logs, 1, 1);
+        mk_model lagging = late.point.model;
+        add(lagging, "actuator-lag", FIRST_LAG);
+        std::vector<int> free = late.free;
+        free.push_back(number_of(lagging, "actuator-lag"));
+        std::sort(free.begin(), free.end());
+        Fit fit(view, fit_options(late));
+        FitPoint point = fit.adopt(late.point, lagging);
+        FitPicture picture;
+        return fit.settle(point, free, late.drift, picture) &&
+               picture.evidence < late.picture.evidence - ENOUGH;
     }
     // Fits without a part of the logs start from that of all.
     enum mk_status leave_out(Column &column, mk_error *err) const

@@ -141,15 +141,30 @@ class Estimate
     // Start states of all windows at the values as they are.
     void solve_windows()
     {
-        for (Window &w : window) {
-            mk::WindowFit fit(f, w.first, w.last);
+        std::vector<mk::WindowFit> fits;
+        std::vector<VectorXd> states;
+        std::vector<size_t> of;
+        fits.reserve(window.size());
+        for (size_t i = 0; i < window.size(); i++) {
+            Window &w = window[i];
             if (w.x.size() == 0)
                 w.x = VectorXd::Zero(mk_model_state_count(&now));
             w.error = HUGE_VAL;
-            if ((w.runs || mk::first_guess(f, w.last, w.first, w.x)) && fit.solve(w.x))
-                w.error = fit.cost(w.x) / (double)(w.last - w.first);
-            w.runs = std::isfinite(w.error);
+            if (!w.runs && !mk::first_guess(f, w.last, w.first, w.x))
+                continue;
+            fits.emplace_back(f, w.first, w.last);
+            states.push_back(w.x);
+            of.push_back(i);
         }
+        const std::vector<char> solved = mk::WindowFit::solve(fits, states);
+        for (size_t k = 0; k < of.size(); k++) {
+            Window &w = window[of[k]];
+            w.x = states[k];
+            if (solved[k])
+                w.error = fits[k].cost(w.x) / (double)(w.last - w.first);
+        }
+        for (Window &w : window)
+            w.runs = std::isfinite(w.error);
     }
     // The median window sets the scale of errors that are usual; false if none runs.
     bool take_typical()

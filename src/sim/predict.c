@@ -89,17 +89,14 @@ static size_t fitted_to(const struct prediction *p, size_t first, size_t last)
     return end;
 }
 
-/* One window [first, last). */
-static enum mk_status run_window(struct prediction *p, size_t first, size_t last,
+/* One window [first, last), from state x. */
+static enum mk_status run_window(struct prediction *p, size_t first, size_t last, const double *x,
                                  struct mk_error *err)
 {
     const struct mk_record *rec = &p->rec;
-    double x[MK_MAX_STATES], u[MK_MAX_INPUTS];
-    enum mk_status st = mk_start_state(p->finder, first, fitted_to(p, first, last), x, err);
-    if (st != MK_OK)
-        return st;
+    double u[MK_MAX_INPUTS];
     commands_before(rec, first, u);
-    st = start_at(p, first, x, err);
+    enum mk_status st = start_at(p, first, x, err);
     if (st == MK_OK)
         store(p, first);
     for (size_t k = first; st == MK_OK && k + 1 < last; k++) {
@@ -123,28 +120,64 @@ static size_t skip_left_out(const struct mk_record *rec, size_t row)
     return row;
 }
 
+/* The window that begins at a row, and its number. */
+static struct mk_row_range window_at(const struct prediction *p, size_t first, double window_s)
+{
+    const struct mk_record *rec = &p->rec;
+    double end = HUGE_VAL, index = 0.0;
+    if (window_s > 0.0) {
+        index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
+        end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
+    }
+    size_t last = first + 1;
+    while (last < rec->rows && rec->t[last] < end && !is_left_out(rec, last))
+        last++;
+    for (size_t k = first; p->window && k < last; k++)
+        p->window[k] = index;
+    return (struct mk_row_range){first, last};
+}
+
+/* Windows whose start states are found together. */
+#define TOGETHER 64
+
+/* Runs over these windows; returns how many failed, the last one's reason in *last. */
+static size_t run_together(struct prediction *p, const struct mk_row_range *window, size_t count,
+                           enum mk_status *last, struct mk_error *err)
+{
+    double x[TOGETHER][MK_MAX_STATES];
+    enum mk_status status[TOGETHER];
+    struct mk_row_range fitted[TOGETHER];
+    size_t failed = 0;
+    for (size_t i = 0; i < count; i++)
+        fitted[i] =
+            (struct mk_row_range){window[i].first, fitted_to(p, window[i].first, window[i].last)};
+    const enum mk_status found = mk_start_states(p->finder, fitted, count, x[0], status, err);
+    for (size_t i = 0; i < count; i++) {
+        enum mk_status st = found == MK_OK ? status[i] : found;
+        if (st == MK_OK)
+            st = run_window(p, window[i].first, window[i].last, x[i], err);
+        failed += st != MK_OK;
+        *last = st;
+    }
+    return failed;
+}
+
 static enum mk_status run_windows(struct prediction *p, double window_s, size_t *windows,
                                   size_t *failed, struct mk_error *err)
 {
     const struct mk_record *rec = &p->rec;
+    struct mk_row_range window[TOGETHER];
     enum mk_status st = MK_OK;
     *windows = *failed = 0;
     size_t first = skip_left_out(rec, 0);
     while (first < rec->rows) {
-        double end = HUGE_VAL, index = 0.0;
-        if (window_s > 0.0) {
-            index = floor((rec->t[first] - rec->t[0]) / window_s + 1e-9);
-            end = rec->t[0] + (index + 1.0) * window_s - 1e-9 * window_s;
+        size_t count = 0;
+        while (first < rec->rows && count < TOGETHER) {
+            window[count] = window_at(p, first, window_s);
+            first = skip_left_out(rec, window[count++].last);
         }
-        size_t last = first + 1;
-        while (last < rec->rows && rec->t[last] < end && !is_left_out(rec, last))
-            last++;
-        for (size_t k = first; p->window && k < last; k++)
-            p->window[k] = index;
-        st = run_window(p, first, last, err);
-        *failed += st != MK_OK;
-        ++*windows;
-        first = skip_left_out(rec, last);
+        *failed += run_together(p, window, count, &st, err);
+        *windows += count;
     }
     if (*windows == 0)
         return mk_error_set(err, MK_ERR_RANGE,

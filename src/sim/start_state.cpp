@@ -74,18 +74,29 @@ static bool from_earlier(const mk_start_finder &f, size_t row, size_t last, doub
     return fit.solve(x) && fit.carry(x, row);
 }
 
+// Where the search for the start state of a window begins; MK_ERR_RANGE: too few readings.
+static enum mk_status begin_at(const mk_start_finder &f, const mk_row_range &window, VectorXd &x,
+                               mk_error *err)
+{
+    VectorXd guess(mk_model_state_count(f.model));
+    x = guess;
+    enum mk_status st =
+        mk_record_state_at(f.record, f.model, 0, window.last, window.first, 0, x.data(), err);
+    if (st == MK_OK && mk::first_guess(f, window.last, window.first, guess))
+        x = guess;
+    return st;
+}
+
 enum mk_status mk_start_state(mk_start_finder *f, size_t first, size_t last, double *x,
                               mk_error *err)
 try {
-    const int ns = mk_model_state_count(f->model);
-    enum mk_status st = mk_record_state_at(f->record, f->model, 0, last, first, 0, x, err);
+    VectorXd best;
+    enum mk_status st = begin_at(*f, {first, last}, best, err);
     if (st != MK_OK)
         return st;
-    VectorXd best = Eigen::Map<VectorXd>(x, ns), guess(ns);
-    if (mk::first_guess(*f, last, first, guess))
-        best = guess;
     mk::WindowFit window(*f, first, last);
     window.solve(best);
+    VectorXd guess(best.size());
     double least = window.cost(best);
     if (mk_model_hides_joint(f->model))
         for (double before : {0.5, 2.0, 8.0}) { // s
@@ -96,8 +107,39 @@ try {
             if (other < least)
                 least = other, best = guess;
         }
-    std::copy(best.data(), best.data() + ns, x);
+    std::copy(best.data(), best.data() + best.size(), x);
     return MK_OK;
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start state");
+}
+
+enum mk_status mk_start_states(mk_start_finder *f, const mk_row_range *windows, size_t count,
+                               double *x, enum mk_status *status, mk_error *err)
+try {
+    // The far side of a play is found in windows of its own.
+    const bool each = mk_model_hides_joint(f->model);
+    std::vector<mk::WindowFit> fits;
+    std::vector<VectorXd> states;
+    std::vector<size_t> of;
+    fits.reserve(count);
+    for (size_t i = 0; i < count; i++) {
+        const mk_row_range &w = windows[i];
+        if (each) {
+            status[i] = mk_start_state(f, w.first, w.last, x + i * MK_MAX_STATES, err);
+            continue;
+        }
+        VectorXd begin;
+        status[i] = begin_at(*f, w, begin, err);
+        if (status[i] != MK_OK)
+            continue;
+        fits.emplace_back(*f, w.first, w.last);
+        states.push_back(std::move(begin));
+        of.push_back(i);
+    }
+    mk::WindowFit::solve(fits, states);
+    for (size_t k = 0; k < of.size(); k++)
+        std::copy(states[k].data(), states[k].data() + states[k].size(), x + of[k] * MK_MAX_STATES);
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
 }

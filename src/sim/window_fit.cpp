@@ -25,6 +25,8 @@ constexpr size_t FEWEST_READINGS = 12;   // rows of a horizon
 constexpr double SETTLED_ROUGHLY = 1e-2; // relative decrease at which a horizon is done,
 constexpr double SETTLED = 1e-7;         // and the whole window
 constexpr int MOST_STEPS = 25;
+constexpr double FIRST_DAMPING = 1e-4, LEAST_DAMPING = 1e-9, MOST_DAMPING = 1e6;
+constexpr double EASIER = 0.1, HARDER = 10.0;
 
 } // namespace
 
@@ -49,23 +51,136 @@ void WindowFit::differentiate_by(const std::vector<int> &parameters,
 
 bool WindowFit::solve(VectorXd &x)
 {
-    const VectorXd known = x;
-    const double length = f.t[to - 1] - f.t[from];
-    bool any = false;
-    for (double horizon = FIRST_HORIZON;; horizon *= LONGER) {
-        const bool all = horizon >= length;
-        size_t last = to;
-        while (!all && last > from + FEWEST_READINGS && f.t[last - 1] - f.t[from] > horizon)
-            last--;
-        VectorXd longer = x;
-        if (!descend(longer, known, last, all ? SETTLED : SETTLED_ROUGHLY))
-            break;
-        x = longer;
-        any = true;
-        if (all)
-            break;
+    Progress p = begin(x);
+    while (p.running) {
+        ShootTask task = task_over(p.trial, p.last, ns);
+        shoot(task);
+        take(task, p);
     }
-    return any;
+    x = p.best;
+    return p.any;
+}
+
+std::vector<char> WindowFit::solve(std::vector<WindowFit> &fits, std::vector<VectorXd> &x)
+{
+    std::vector<Progress> all;
+    for (size_t i = 0; i < fits.size(); i++)
+        all.push_back(fits[i].begin(x[i]));
+    std::vector<ShootTask> tasks;
+    std::vector<size_t> of;
+    for (;;) {
+        tasks.clear();
+        of.clear();
+        for (size_t i = 0; i < fits.size(); i++)
+            if (all[i].running) {
+                tasks.push_back(fits[i].task_over(all[i].trial, all[i].last, fits[i].ns));
+                of.push_back(i);
+            }
+        if (tasks.empty())
+            break;
+        shoot(tasks.data(), (int)tasks.size());
+        for (size_t k = 0; k < tasks.size(); k++)
+            fits[of[k]].take(tasks[k], all[of[k]]);
+    }
+    std::vector<char> solved;
+    for (size_t i = 0; i < fits.size(); i++) {
+        x[i] = all[i].best;
+        solved.push_back(all[i].any);
+    }
+    return solved;
+}
+
+WindowFit::Progress WindowFit::begin(const VectorXd &x) const
+{
+    Progress p = {};
+    p.known = p.best = x;
+    p.horizon = FIRST_HORIZON;
+    p.running = true;
+    begin_horizon(p);
+    return p;
+}
+
+void WindowFit::begin_horizon(Progress &p) const
+{
+    p.whole = p.horizon >= f.t[to - 1] - f.t[from];
+    p.last = to;
+    while (!p.whole && p.last > from + FEWEST_READINGS && f.t[p.last - 1] - f.t[from] > p.horizon)
+        p.last--;
+    p.trial = p.best;
+    p.damping = FIRST_DAMPING;
+    p.steps = 0;
+    p.begun = false;
+}
+
+void WindowFit::end_horizon(Progress &p) const
+{
+    p.best = p.at;
+    p.any = true;
+    p.running = !p.whole;
+    p.horizon *= LONGER;
+    if (p.running)
+        begin_horizon(p);
+}
+
+// Levenberg and Marquardt: the next trial is x + d with (H + l diag H) d = g.
+void WindowFit::propose(Progress &p) const
+{
+    const long joints = mk_model_joints(f.model);
+    for (; p.steps < MOST_STEPS && p.damping < MOST_DAMPING; p.steps++) {
+        MatrixXd damped = p.now.H;
+        damped.diagonal() *= 1.0 + p.damping;
+        damped.diagonal().head(2 * joints).array() += 1e-9;
+        p.trial = p.at + damped.ldlt().solve(p.now.g);
+        if (p.trial.allFinite())
+            return;
+        p.damping *= HARDER;
+    }
+    end_horizon(p);
+}
+
+// What the trajectory from p.trial says.
+void WindowFit::take(const ShootTask &task, Progress &p) const
+{
+    WindowNormal there;
+    const bool fine = normal_of(task, there);
+    if (fine)
+        add_known(p, there);
+    if (!p.begun) {
+        p.running = fine;
+        p.begun = true;
+        p.at = p.trial;
+        p.now = std::move(there);
+        if (fine)
+            propose(p);
+        return;
+    }
+    p.steps++;
+    if (!fine || !(there.squares <= p.now.squares)) {
+        p.damping *= HARDER;
+        propose(p);
+        return;
+    }
+    const double settled = p.whole ? SETTLED : SETTLED_ROUGHLY;
+    const bool done = p.now.squares - there.squares <= settled * p.now.squares;
+    p.at = p.trial;
+    p.now = std::move(there);
+    p.damping = std::max(EASIER * p.damping, LEAST_DAMPING);
+    if (done)
+        end_horizon(p);
+    else
+        propose(p);
+}
+
+// What is known of hidden states: H += 1/s^2, g += (z - z0)/s^2.
+void WindowFit::add_known(const Progress &p, WindowNormal &out) const
+{
+    constexpr double PRECISION = 1.0 / (HIDDEN_STD * HIDDEN_STD);
+    for (long s = 2 * mk_model_joints(f.model); s < ns; s++) {
+        const double off = p.known(s) - p.trial(s);
+        out.H(s, s) += PRECISION;
+        out.g(s) += off * PRECISION;
+        out.squares += off * off * PRECISION;
+    }
 }
 
 double WindowFit::cost(const VectorXd &x)
@@ -94,63 +209,27 @@ bool WindowFit::carry(VectorXd &x, size_t row)
     return true;
 }
 
-// Levenberg and Marquardt over rows [from, last): (H + l diag H) d = g.
-bool WindowFit::descend(VectorXd &x, const VectorXd &known, size_t last, double settled)
-{
-    constexpr double LEAST = 1e-9, MOST = 1e6, EASIER = 0.1, HARDER = 10.0; // l
-    const long joints = mk_model_joints(f.model);
-    double damping = 1e-4;
-    WindowNormal now, there;
-    if (!normal_equations(x, known, last, now))
-        return false;
-    for (int i = 0; i < MOST_STEPS && damping < MOST; i++) {
-        MatrixXd damped = now.H;
-        damped.diagonal() *= 1.0 + damping;
-        damped.diagonal().head(2 * joints).array() += 1e-9;
-        const VectorXd trial = x + damped.ldlt().solve(now.g);
-        if (!trial.allFinite() || !normal_equations(trial, known, last, there) ||
-            !(there.squares <= now.squares)) {
-            damping *= HARDER;
-            continue;
-        }
-        const bool done = now.squares - there.squares <= settled * now.squares;
-        x = trial;
-        std::swap(now, there);
-        damping = std::max(EASIER * damping, LEAST);
-        if (done)
-            break;
-    }
-    return true;
-}
-
-// Readings and what is known of hidden states: H = J'J + 1/s^2, g = J'r + (z - z0)/s^2.
-bool WindowFit::normal_equations(const VectorXd &x, const VectorXd &known, size_t last,
-                                 WindowNormal &out)
-{
-    if (!linearise(x, last, false, out))
-        return false;
-    constexpr double PRECISION = 1.0 / (HIDDEN_STD * HIDDEN_STD);
-    for (long s = 2 * mk_model_joints(f.model); s < ns; s++) {
-        const double off = known(s) - x(s);
-        out.H(s, s) += PRECISION;
-        out.g(s) += off * PRECISION;
-        out.squares += off * off * PRECISION;
-    }
-    return true;
-}
-
 // J'J, J'r and r'r of the readings of rows [from, last) about the trajectory from x.
 bool WindowFit::linearise(const VectorXd &x, size_t last, bool parameters, WindowNormal &out)
 {
-    const int columns = ns + (parameters ? (int)free->size() : 0);
-    ShootTask task = task_from(x, std::max(f.t[last - 1] - f.oldest, f.t[from]), columns);
+    ShootTask task = task_over(x, last, ns + (parameters ? (int)free->size() : 0));
     shoot(task);
+    return normal_of(task, out);
+}
+
+ShootTask WindowFit::task_over(const VectorXd &x, size_t last, int columns)
+{
+    return task_from(x, std::max(f.t[last - 1] - f.oldest, f.t[from]), columns);
+}
+
+bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
+{
     if (!task.finite)
         return false;
     const long n = (long)task.row_count;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    Eigen::Map<const RowMajor> J(jac.data(), n, columns);
-    Eigen::Map<const VectorXd> r(residual.data(), n);
+    Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
+    Eigen::Map<const VectorXd> r(task.residual, n);
     out.H = J.transpose() * J;
     out.g = J.transpose() * r;
     out.squares = r.squaredNorm();

@@ -41,6 +41,9 @@ class WindowFit
     // From x to the least squares over the window; hidden states near those of x. False, and x as
     // it was, if the model runs away from there even over a short beginning.
     bool solve(Eigen::VectorXd &x);
+    // The same for several windows of one log, whose trajectories are integrated side by side.
+    // Which of them were solved.
+    static std::vector<char> solve(std::vector<WindowFit> &fits, std::vector<Eigen::VectorXd> &x);
     // Sum of squares over the window; infinite where the model runs away.
     double cost(const Eigen::VectorXd &x);
     // The normal equations about the trajectory from x, what is known of hidden states included.
@@ -56,9 +59,26 @@ class WindowFit
     const std::vector<double> *unit = nullptr;
     std::vector<double> residual, jac, x_end, jac_end;
 
-    bool descend(Eigen::VectorXd &x, const Eigen::VectorXd &known, size_t last, double settled);
-    bool normal_equations(const Eigen::VectorXd &x, const Eigen::VectorXd &known, size_t last,
-                          WindowNormal &out);
+    // Where the search for a window's start state is: which trajectory it wants next.
+    struct Progress {
+        Eigen::VectorXd known;     // where it began
+        Eigen::VectorXd best;      // of the horizons so far
+        Eigen::VectorXd at, trial; // of this horizon, and where it looks next
+        WindowNormal now;          // about `at`
+        double horizon, damping;   // s, Levenberg's
+        size_t last;               // row behind the horizon
+        int steps;                 // of this horizon
+        bool begun;                // `now` is known
+        bool whole, running, any;  // the horizon is the window; it goes on; one was solved
+    };
+    Progress begin(const Eigen::VectorXd &x) const;
+    void begin_horizon(Progress &p) const;
+    void end_horizon(Progress &p) const;
+    void propose(Progress &p) const;
+    void take(const ShootTask &task, Progress &p) const;
+    void add_known(const Progress &p, WindowNormal &out) const;
+    ShootTask task_over(const Eigen::VectorXd &x, size_t last, int columns);
+    bool normal_of(const ShootTask &task, WindowNormal &out) const;
     bool linearise(const Eigen::VectorXd &x, size_t last, bool parameters, WindowNormal &out);
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
 };
