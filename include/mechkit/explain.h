@@ -64,6 +64,17 @@ struct mk_rival {
     bool distinguishable;
 };
 
+/* A cause that was asked whether it improves the prediction of data left out, seemed to, and did
+ * not surely: no finding, but where to look. */
+struct mk_suspect {
+    const struct mk_effect_info *effect;
+    int joint;    /* 1-based; 0: no joint */
+    double share; /* of the gap of the training data that it closed when left out */
+    int parts,
+        better_in; /* logs (or blocks of them) that were left out; in how many it was better */
+};
+#define MK_MAX_SUSPECTS 5
+
 /* What pushed the rig beyond the refitted model during one stretch of the training data. */
 struct mk_push {
     double t;                                  /* s from the start of its log */
@@ -203,6 +214,9 @@ struct mk_explanation {
     struct mk_input_comparison input;
     int rival_count;
     struct mk_rival rival[MK_MAX_RIVALS]; /* nearest first */
+    int suspect_count;
+    struct mk_suspect
+        suspect[MK_MAX_SUSPECTS]; /* likeliest first; none of them is among the causes */
     bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain
                           a part */
     char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */

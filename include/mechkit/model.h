@@ -150,9 +150,17 @@ struct mk_effect_info {
 #endif
 };
 
+/* An effect in words, for people; NULL: it has none, as terms of the library have not. */
+struct mk_effect_words {
+    const char *title;  /* what the field calls it, without a verb: "Stribeck friction" */
+    const char *usual;  /* what usually causes it: a sentence, or what could be one */
+    const char *remedy; /* what to do about it, or how to be sure: a sentence */
+};
+
 int mk_effect_count(void);
 const struct mk_effect_info *mk_effect(int index); /* NULL out of range; static */
 const struct mk_effect_info *mk_effect_by_name(const char *name);
+const struct mk_effect_words *mk_effect_in_words(const struct mk_effect_info *effect); /* static */
 
 /* One effect in a model. */
 struct mk_effect_use {

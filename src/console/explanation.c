@@ -14,6 +14,15 @@
 
 #include "console/left_out.h"
 
+/* What the field calls it, where it usually comes from, what to do. */
+static void print_words(FILE *out, const struct mk_effect_info *effect)
+{
+    const struct mk_effect_words *words = mk_effect_in_words(effect);
+    if (words->title)
+        fprintf(out, "    That is %s. Usual cause: %s\n    What to do: %s\n", words->title,
+                words->usual, words->remedy);
+}
+
 static void print_cause(FILE *out, const struct mk_model *model, const struct mk_cause *c)
 {
     fprintf(out, "  %s", c->effect->name);
@@ -31,6 +40,7 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
     }
     fprintf(out, "\n    evidence: BIC %.0f better with it than without; confidence %.3f\n",
             c->delta_bic, c->confidence);
+    print_words(out, c->effect);
 }
 
 /* "encoder-offset at joint 1 differs from log to log by 0.038 rad: ..." */
@@ -56,6 +66,23 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
                     "    The counters are zeroed where the rig hangs; friction can hold this joint "
                     "%.2g %s from there.\n",
                     held, mk_model_unit(&e->given, c->joint - 1, "rad"));
+        print_words(out, c->effect);
+    }
+}
+
+/* Where to look for a rest without a name. */
+static void print_suspects(FILE *out, const struct mk_explanation *e)
+{
+    if (e->suspect_count > 0)
+        fprintf(out, "Suspects: they seem to help on parts of the data that were left out, but not "
+                     "surely.\n");
+    for (int i = 0; i < e->suspect_count; i++) {
+        const struct mk_suspect *s = &e->suspect[i];
+        fprintf(out, "  %s", s->effect->name);
+        if (s->joint > 0)
+            fprintf(out, " at joint %d", s->joint);
+        fprintf(out, ": closes %.0f %% of the gap, better in %d of %d parts\n", 100.0 * s->share,
+                s->better_in, s->parts);
     }
 }
 
@@ -223,6 +250,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     if (e->verdict == MK_VERDICT_PARAMETERS)
         print_values(out, e);
     print_rivals(out, e);
+    print_suspects(out, e);
     if (!e->input.changed)
         print_input(out, e);
     if (e->scale_free)

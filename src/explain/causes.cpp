@@ -147,6 +147,7 @@ bool CauseSearch::take_over(const CauseSearch &other)
         return false;
     rounds = other.rounds;
     most_tried = other.most_tried;
+    suspects = other.suspects;
     std::copy(std::begin(other.best.point.noise), std::end(other.best.point.noise), known_noise);
     forget_lacks();
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
@@ -224,6 +225,7 @@ bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
     if (rounds.empty())
         of_refit = {};
     LeftOut of_best;
+    suspects.clear();
     size_t chosen = field.size();
     double least = 0.0; // mean log ratio: a few bad windows do not decide
     for (size_t i = 0; i < std::min(MOST_ASKED, field.size()) && !search.cancelled; i++) {
@@ -233,6 +235,8 @@ bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
             continue;
         const std::optional<Carried> c = compare(field[i], best, of_best);
         const bool asked = c && c->judged;
+        if (asked)
+            suspect(field[i].added, *c);
         if (asked && (!CarryOver::promising(*c) || c->mean >= least))
             continue;
         chosen = i;
@@ -279,6 +283,7 @@ void CauseSearch::drop_what_does_not_carry_over()
                 rounds[i].lack = lack_of(less[i]);
             return;
         }
+        suspect(rounds[weakest].field[0].added, each[weakest]);
         if (rounds.size() == 1) {
             best = refit;
             rounds.clear();
@@ -286,6 +291,13 @@ void CauseSearch::drop_what_does_not_carry_over()
             shed(weakest, std::move(less[weakest]));
         }
     }
+}
+
+// Terms of the library have no name to look for.
+void CauseSearch::suspect(const Candidate &cause, const Carried &c)
+{
+    if (c.mean < 0.0 && c.share > 0.0 && !is_library(cause.effect))
+        suspects.push_back({cause, c});
 }
 
 // The runners-up of a cause in its place, beside all others.

@@ -18,6 +18,12 @@ struct Lack {
     double score, evidence; // as of Hypothesis and FitPicture
 };
 
+// What a cause made of data that are left out when it was asked.
+struct Asked {
+    Candidate cause;
+    Carried carried;
+};
+
 struct Round {
     std::vector<Hypothesis> field; // what competed for a place, the chosen one first
     std::optional<Lack> lack;      // if known
@@ -63,6 +69,8 @@ class CauseSearch
     const CarryOver *carry_over = nullptr;
     // What was found of that for each cause of `best`; empty where it was not asked.
     std::vector<Carried> carried;
+    // Causes that were asked beside those of `best` and do not carry over surely.
+    std::vector<Asked> suspects;
     // Noise by joint that a search in shorter stretches knew, 0: unknown.
     double known_noise[MK_MAX_JOINTS] = {0.0, 0.0};
     bool give_up_early = false; // where even with a cause the model is far from its data
@@ -95,6 +103,7 @@ class CauseSearch
                                    LeftOut &of_less);
     bool ask_carry_over(std::vector<Hypothesis> &field, double needed);
     void drop_what_does_not_carry_over();
+    void suspect(const Candidate &cause, const Carried &carried);
     void drop_what_vanished();
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;

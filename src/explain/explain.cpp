@@ -204,6 +204,7 @@ class Explainer
         clock.enter("held-out data");
         enum mk_status measured =
             measure_gain(values.model, options, data, *causes, last, verdict, out, err);
+        verdict.describe_suspects();
         clock.enter("budget");
         if (measured == MK_OK)
             make_budget(data, *causes, last, out);

@@ -407,6 +407,32 @@ std::string formula(const mk_explanation &e)
     return "<p>" + escaped(what + std::string(e.structure)) + "</p>";
 }
 
+// What the field calls a cause, where it usually comes from, what to do: a row of the table.
+std::string words_row(const mk_effect_info *effect)
+{
+    const mk_effect_words *words = mk_effect_in_words(effect);
+    if (!words->title)
+        return "";
+    return "<tr><td></td><td colspan='3'>That is " + escaped(words->title) +
+           ". Usual cause: " + escaped(words->usual) + " What to do: " + escaped(words->remedy) +
+           "</td></tr>";
+}
+
+std::string suspects_text(const mk_explanation &e)
+{
+    if (e.suspect_count == 0)
+        return "";
+    std::string s = "<p>Suspects, which seem to help on parts of the data that were left out, but "
+                    "not surely:</p><ul>";
+    for (int i = 0; i < e.suspect_count; i++) {
+        const mk_suspect &one = e.suspect[i];
+        s += "<li>" + cause_name(one.effect, one.joint);
+        add(s, ": closes %.0f %% of the gap, better in %d of %d parts</li>", 100.0 * one.share,
+            one.better_in, one.parts);
+    }
+    return s + "</ul>";
+}
+
 std::string log_value_row(const mk_explanation &e, const mk_cause &c)
 {
     std::string s = "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b>, log by log</td><td>";
@@ -452,9 +478,10 @@ std::string cause_table(const mk_explanation &e)
         }
         add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
             c.confidence);
+        s += words_row(c.effect);
     }
     for (int i = 0; i < e.log_value_count; i++)
-        s += log_value_row(e, e.log_value[i]);
+        s += log_value_row(e, e.log_value[i]) + words_row(e.log_value[i].effect);
     for (int i = 0; i < e.rival_count; i++) {
         const mk_rival &r = e.rival[i];
         s += "<tr><td>" + cause_name(r.effect, r.joint) + "</td><td></td>";
@@ -669,6 +696,7 @@ try {
         s += "<h2>Which column drives it</h2>" + input_text(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
+    s += suspects_text(*e);
     if (e->detection_limit_count > 0)
         s += "<h2>What would have been seen</h2>" + limits(*e);
     if (e->residual_test_count > 0)

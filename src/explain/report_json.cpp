@@ -69,7 +69,28 @@ cJSON *cause_json(const mk_explanation &e, const mk_cause &c)
     cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
     cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
     cJSON_AddItemToObject(o, "confidence", mk_json_number(c.confidence));
+    if (const mk_effect_words *words = mk_effect_in_words(c.effect); words->title) {
+        cJSON_AddStringToObject(o, "title", words->title);
+        cJSON_AddStringToObject(o, "usual_cause", words->usual);
+        cJSON_AddStringToObject(o, "what_to_do", words->remedy);
+    }
     return o;
+}
+
+cJSON *suspects_json(const mk_explanation &e)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (int i = 0; i < e.suspect_count; i++) {
+        const mk_suspect &s = e.suspect[i];
+        cJSON *o = cJSON_CreateObject();
+        cJSON_AddStringToObject(o, "name", s.effect->name);
+        cJSON_AddItemToObject(o, "joint", joint_of(s.joint));
+        cJSON_AddItemToObject(o, "share", mk_json_number(s.share));
+        cJSON_AddNumberToObject(o, "parts", s.parts);
+        cJSON_AddNumberToObject(o, "better_in", s.better_in);
+        cJSON_AddItemToArray(all, o);
+    }
+    return all;
 }
 
 // A cause that every log has a value of its own of.
@@ -303,6 +324,7 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     if (e->input.made)
         cJSON_AddItemToObject(o, "input", mk_input_json(&e->input));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
+    cJSON_AddItemToObject(o, "suspects", suspects_json(*e));
     cJSON_AddItemToObject(o, "budget", budget_json(*e));
     cJSON_AddStringToObject(o, "structure", e->structure);
     cJSON_AddItemToObject(o, "detection_limits", limits_json(*e));

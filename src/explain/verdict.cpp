@@ -303,6 +303,29 @@ void Verdict::describe_rivals()
     }
 }
 
+void Verdict::describe_suspects()
+{
+    out.suspect_count = 0;
+    if (out.verdict < MK_VERDICT_PARTIAL)
+        return;
+    std::vector<Asked> all = causes.suspects;
+    std::stable_sort(all.begin(), all.end(), [](const Asked &a, const Asked &b) {
+        return a.carried.mean / a.carried.error < b.carried.mean / b.carried.error;
+    });
+    for (const Asked &a : all) {
+        const auto is_it = [&](const auto &c) {
+            return c.effect == a.cause.effect && c.joint == a.cause.joint;
+        };
+        if (out.suspect_count == MK_MAX_SUSPECTS ||
+            std::any_of(out.cause, out.cause + out.cause_count, is_it) ||
+            std::any_of(out.log_value, out.log_value + out.log_value_count, is_it) ||
+            std::any_of(out.suspect, out.suspect + out.suspect_count, is_it))
+            continue;
+        out.suspect[out.suspect_count++] = {a.cause.effect, a.cause.joint, a.carried.share,
+                                            a.carried.folds, a.carried.better};
+    }
+}
+
 void Verdict::add_data_causes()
 {
     if (out.verdict < MK_VERDICT_EFFECT)

@@ -27,6 +27,8 @@ class Verdict
     // What predicts held-out data worse than the refitted model is not offered, and no cause is
     // claimed: the formula, if any, stays as an observation.
     void withdraw();
+    // What to look at where a rest has no name; once it is known what is claimed.
+    void describe_suspects();
     // Whether the given values are wrong beyond chance.
     bool values_off() const;
     // Whether each cause by itself is known to be there. Laws that nearly cancel make up a shape

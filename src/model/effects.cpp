@@ -11,6 +11,11 @@ const mk_effect_info *const effects[] = {
     MK_EFFECT_TABLE(MK_EFFECT_INFO)
 #undef MK_EFFECT_INFO
 };
+const mk_effect_words *const words[] = {
+#define MK_EFFECT_WORDS(E) &mk::E::words,
+    MK_EFFECT_TABLE(MK_EFFECT_WORDS)
+#undef MK_EFFECT_WORDS
+};
 constexpr int effect_count = sizeof effects / sizeof effects[0];
 
 } // namespace
@@ -37,6 +42,11 @@ const mk_effect_info *mk_effect_by_name(const char *name)
 {
     int i = name ? index_of(name) : -1;
     return i < 0 ? nullptr : effects[i];
+}
+
+const mk_effect_words *mk_effect_in_words(const mk_effect_info *effect)
+{
+    return words[index_of(effect->name)];
 }
 
 int mk_effect_parameter_index(const mk_effect_info *effect, const char *name)

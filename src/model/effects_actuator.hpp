@@ -21,6 +21,10 @@ struct InputDelay {
                                             0,
                                             1,
                                             {{"delay", "s", "delay", 0.0, 1.0, 0.005}}};
+    static constexpr mk_effect_words words = {
+        "a command that acts late",
+        "Computation and transmission between the controller and the amplifier.",
+        "Shorten the loop, or let the controller predict over the delay."};
 };
 
 // The current amplifier runs out of voltage: the torque it can make falls linearly with the speed
@@ -38,6 +42,9 @@ struct BackEmfLimit {
         2,
         {{"stall", "N m", "limit at rest", 0.0, INF, 10.0},
          {"no-load-speed", "rad/s", "speed w0 where nothing is left", 1e-6, INF, 100.0}}};
+    static constexpr mk_effect_words words = {
+        "a torque that fades with speed", "The supply's voltage: the motor's back-EMF uses it up.",
+        "Stay below that speed, or raise the supply."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -60,6 +67,9 @@ struct Deadband {
                                             1,
                                             {{"width", "N m", "half width b", 0.0, INF, 0.1}},
                                             true};
+    static constexpr mk_effect_words words = {
+        "a dead zone", "An amplifier or bridge that gives nothing at small commands.",
+        "Add the width of the dead zone to the command, by its sign."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -82,6 +92,10 @@ struct TorqueScale {
                                             1,
                                             {{"ratio", "", "a", -0.99, 100.0, 0.0}},
                                             true};
+    static constexpr mk_effect_words words = {
+        "another torque for each command",
+        "An amplifier's setting, the torque constant, or the scale of a reading.",
+        "Measure the torque constant (measure torque), or the current."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -102,6 +116,10 @@ struct GainAsymmetry {
                                             1,
                                             {{"ratio", "", "a", -1.0, 1.0, 0.02}},
                                             true};
+    static constexpr mk_effect_words words = {
+        "a gain that differs between the directions",
+        "The two halves of a bridge, or an offset before a saturating stage.",
+        "Measure the current at equal commands of either sign."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -123,6 +141,10 @@ struct GainDrift {
                                             {{"loss", "", "final loss a", -1.0, 1.0, 0.05},
                                              {"time-constant", "s", "T", 1e-3, INF, 4.0}},
                                             true};
+    static constexpr mk_effect_words words = {
+        "a gain that falls while the rig runs",
+        "A motor or amplifier that warms up, a battery that empties.",
+        "Run it warm before measuring; look at the supply."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -147,6 +169,9 @@ struct TorqueRipple {
           MK_FIT_INTEGER},
          {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
         true};
+    static constexpr mk_effect_words words = {
+        "a gain that varies with the angle", "Commutation of the motor.",
+        "Measure the current against the angle at a constant command."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -168,6 +193,10 @@ struct ActuatorLag {
                                             0,
                                             1,
                                             {{"time-constant", "s", "T", 1e-5, 10.0, 0.01}}};
+    static constexpr mk_effect_words words = {
+        "a motor that follows its command with a lag",
+        "The motor's inductance, or a filter in the amplifier.",
+        "Look at the amplifier's bandwidth; let the controller take the lag into account."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -207,6 +236,9 @@ struct Saturation {
                                             0,
                                             1,
                                             {{"limit", "N m", "limit", 0.0, INF, 8.0}}};
+    static constexpr mk_effect_words words = {"a torque that is cut off",
+                                              "A current limit of the amplifier.",
+                                              "Raise the limit, or tell the controller: u_max."};
     template <class S>
     static void command(Frame<S> &f, const EffectArgs<S> &e)
     {

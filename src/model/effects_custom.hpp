@@ -33,6 +33,7 @@ struct Custom {
         {{"coefficient", "", "c", -INF, INF, 0.0},
          {"term", "", "number of f", 1.0, TERMS, 1.0, MK_FIT_FIXED}},
         true};
+    static constexpr mk_effect_words words = {};
     static const CustomTerm &about(int number)
     {
         static const CustomTerm all[TERMS] = {{"v^3", 3},
@@ -140,6 +141,7 @@ struct CustomWave {
          {"term", "", "number of f and angle", 1.0, 8.0, 1.0, MK_FIT_FIXED},
          {"frequency", "Hz", "of a term in time", 0.0, 1000.0, 1.0, MK_FIT_FREE, true}},
         true};
+    static constexpr mk_effect_words words = {};
     static constexpr int IN_TIME = 8;
     // Up to the phase.
     static const char *text(int number)
@@ -197,6 +199,7 @@ struct CustomWell {
          {"centre", "rad", "c", -INF, INF, 0.0},
          {"width", "rad", "w, from the centre to the largest torque", 0.02, 2.0, 0.4}},
         true};
+    static constexpr mk_effect_words words = {};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {

@@ -23,6 +23,9 @@ struct Viscous {
         1,
         {{"coefficient", "N m s/rad", "viscous friction c", 0.0, INF, 0.005}},
         true};
+    static constexpr mk_effect_words words = {
+        "viscous friction", "Lubricant, bearings with grease, or the motor's back-EMF.",
+        "Keep it in the model; it is harmless for control."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -43,6 +46,9 @@ struct Coulomb {
         2,
         {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}, SHARPNESS},
         true};
+    static constexpr mk_effect_words words = {
+        "dry friction", "Seals, brushes, preloaded bearings or gears.",
+        "Let the controller make up for it, or relieve the preload."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -66,6 +72,12 @@ struct Stribeck {
          {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0},
          SHARPNESS},
         true};
+    static constexpr mk_effect_words words = {
+        "Stribeck friction",
+        "Grease that carries only above a certain speed: friction falls as the joint starts to "
+        "move.",
+        "Avoid slow reversals, or use a thinner lubricant; a controller should make up for it with "
+        "dither or a model."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -88,6 +100,9 @@ struct QuadraticDrag {
         1,
         {{"coefficient", "N m s^2/rad^2", "drag d", 0.0, INF, 1e-3}},
         true};
+    static constexpr mk_effect_words words = {
+        "drag that grows with the square of the speed", "Air on a link or a wheel.",
+        "Keep it in the model; a smaller face or a lower speed lessens it."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -110,6 +125,10 @@ struct CoulombAsymmetry {
         2,
         {{"difference", "N m", "forwards minus backwards dF", -INF, INF, 0.02}, SHARPNESS},
         true};
+    static constexpr mk_effect_words words = {
+        "dry friction that differs between the directions",
+        "A ball screw, a seal or a brush that is loaded to one side.",
+        "Turn the joint slowly both ways by hand or at constant speed and compare the torques."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -132,6 +151,10 @@ struct ViscousAsymmetry {
         1,
         {{"difference", "N m s/rad", "forwards minus backwards dc", -INF, INF, 0.001}},
         true};
+    static constexpr mk_effect_words words = {
+        "viscous friction that differs between the directions",
+        "A drive whose gain or a screw whose load differs by direction.",
+        "Run constant speeds both ways and compare the torques."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -155,6 +178,9 @@ struct Stiction {
          {"damping", "N m s/rad", "bristle damping sigma1", 0.0, INF, 0.05},
          {"level", "N m", "friction when sliding g", 1e-9, INF, 0.05}},
         true};
+    static constexpr mk_effect_words words = {
+        "stiction with presliding", "Contacts that give like bristles before they slide.",
+        "Small oscillations about rest show it; let controllers cross zero speed quickly."};
     template <class S>
     static S bend_rate(const Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -202,6 +228,10 @@ struct LoadFriction {
         2,
         {{"coefficient", "", "friction per load mu", 0.0, 1.0, 0.05}, SHARPNESS},
         true};
+    static constexpr mk_effect_words words = {
+        "friction that grows with the load",
+        "Gears or bearings that are pressed together by the torque that they carry.",
+        "Compare free swings with driven ones; a larger bearing or better alignment lessens it."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -233,6 +263,9 @@ struct FrictionDrift {
         {{"change", "", "final change, a fraction", -1.0, INF, 0.2},
          {"time-constant", "s", "T", 1e-3, INF, 4.0}},
         true};
+    static constexpr mk_effect_words words = {"friction that changes while the rig warms up",
+                                              "Cold lubricant.",
+                                              "Run the rig for some minutes before measuring."};
     template <class S>
     static void frame(Frame<S> &f, const EffectArgs<S> &e)
     {

@@ -24,6 +24,9 @@ struct ReflectedInertia {
         1,
         {{"inertia", "kg m^2", "reflected inertia J", 0.0, INF, 1e-3}},
         true};
+    static constexpr mk_effect_words words = {"inertia of a rotor behind a gear",
+                                              "The motor's rotor turns faster by the gear's ratio.",
+                                              "Keep it in the model."};
     template <class S>
     static void inertia(Frame<S> &f, const EffectArgs<S> &e)
     {

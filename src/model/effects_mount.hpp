@@ -22,6 +22,9 @@ struct BaseTilt {
                                             0,
                                             1,
                                             {{"angle", "rad", "angle", -1.6, 1.6, 0.01}}};
+    static constexpr mk_effect_words words = {"a base that is tilted",
+                                              "The table or the foot is not level.",
+                                              "Level it with a spirit level."};
     template <class S>
     static void frame(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -68,6 +71,8 @@ struct BaseCompliance {
         {{"frequency", "Hz", "natural frequency", 0.2, 1000.0, 8.0},
          {"damping-ratio", "", "damping ratio", 0.0, 2.0, 0.05},
          {"gain", "", "p1 over the inertia of the base", 0.0, INF, 0.05}}};
+    static constexpr mk_effect_words words = {"a base that rocks", "A table or stand that gives.",
+                                              "Clamp it to something heavy and measure again."};
     template <class S>
     static void frame(Frame<S> &f, const EffectArgs<S> &e)
     {

@@ -38,6 +38,9 @@ struct Backlash {
           MK_FIT_FREE, true},
          {"drag", "rad/s^2", "dry friction of the encoder's shaft over its inertia", 0.0, INF, 3.8,
           MK_FIT_FREE, true}}};
+    static constexpr mk_effect_words words = {
+        "backlash", "Clearance of a gear, coupling or key.",
+        "Hold the motor and move the link by hand; take up the clearance, or preload it."};
 
     template <class S>
     static bool drives(const Frame<S> &f, const EffectArgs<S> &e)

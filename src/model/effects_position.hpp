@@ -24,6 +24,10 @@ struct CableStiffness {
         {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.1},
          {"rest", "rad", "angle q0 where the cable is slack", -INF, INF, 0.0, MK_FIT_CENTRE}},
         true};
+    static constexpr mk_effect_words words = {
+        "a cable that pulls like a spring",
+        "The encoder's or motor's cable twists as the joint turns.",
+        "Lead the cable through the axis, or tie it with more slack."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -44,6 +48,9 @@ struct TorqueOffset {
                                             1,
                                             {{"level", "N m", "torque", -INF, INF, 0.01}},
                                             true};
+    static constexpr mk_effect_words words = {
+        "a constant torque", "A biased amplifier, or a weight that is not balanced.",
+        "Look at the amplifier's output at command 0; trim its offset."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -68,6 +75,9 @@ struct Cogging {
           MK_FIT_INTEGER},
          {"phase", "rad", "phase phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
         true};
+    static constexpr mk_effect_words words = {
+        "torque that repeats with the angle", "Magnets and slots of the motor, teeth of a gear.",
+        "Turn the joint slowly by hand with the motor unpowered: it snaps from place to place."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -90,6 +100,9 @@ struct CableHysteresis {
         {{"stiffness", "N m/rad", "stiffness s", 0.0, INF, 0.3},
          {"yield", "rad", "largest deflection zy", 1e-6, INF, 0.15}},
         true};
+    static constexpr mk_effect_words words = {
+        "a cable that pulls and creeps", "A stiff cable whose strands rub on each other.",
+        "Lead the cable through the axis, or use a more flexible one."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -129,6 +142,9 @@ struct Imbalance {
         {{"moment", "N m", "moment of the mass's weight m", 0.0, INF, 0.02},
          {"phase", "rad", "its direction phi", -INF, INF, 0.0, MK_FIT_ANGLE}},
         true};
+    static constexpr mk_effect_words words = {
+        "an eccentric mass", "A wheel or a link whose centre of mass is off its axis.",
+        "Let it hang freely: it comes to rest at one angle; balance it there."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
@@ -157,6 +173,9 @@ struct EndStop {
         {{"limit", "rad", "travel limit", -INF, INF, 1.0},
          {"stiffness", "N m/rad", "stiffness k", 0.0, INF, 50.0},
          {"damping", "N m s/rad", "damping c", 0.0, INF, 0.5}}};
+    static constexpr mk_effect_words words = {
+        "a stop", "A mechanical end of travel, or a cable that goes taut.",
+        "Look where the joint is held, and keep set points away from it."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {

@@ -22,6 +22,9 @@ struct EncoderOffset {
         0,
         1,
         {{"offset", "rad", "offset of the reading", -INF, INF, 0.0}}};
+    static constexpr mk_effect_words words = {
+        "a zero that is off", "The counters were zeroed where friction left the joint hanging.",
+        "Zero against a stop, or swing the joint through before it is zeroed."};
     template <class S>
     static void measure(Frame<S> &, const EffectArgs<S> &e, S *y)
     {
@@ -41,6 +44,10 @@ struct EncoderScale {
                                             0,
                                             1,
                                             {{"ratio", "", "a", -0.5, 0.5, 0.01}}};
+    static constexpr mk_effect_words words = {
+        "an encoder whose counts per turn are off",
+        "A wrong number of counts, or a slipping coupling.",
+        "Turn the joint by one whole turn and read the counts; correct encoder_cpr."};
     template <class S>
     static void measure(Frame<S> &, const EffectArgs<S> &e, S *y)
     {
@@ -62,6 +69,9 @@ struct EncoderEccentricity {
         2,
         {{"amplitude", "rad", "A", 0.0, 0.5, 0.01},
          {"phase", "rad", "phi", -INF, INF, 0.0, MK_FIT_ANGLE}}};
+    static constexpr mk_effect_words words = {"an encoder that sits off its axis",
+                                              "The disc's centre is not on the shaft's.",
+                                              "Mount the disc anew, or keep it in the model."};
     template <class S>
     static void measure(Frame<S> &f, const EffectArgs<S> &e, S *y)
     {
@@ -82,6 +92,9 @@ struct SensorDelay {
         0,
         1,
         {{"delay", "s", "age of the reading", 0.0, 1.0, 0.005}}};
+    static constexpr mk_effect_words words = {
+        "readings that are old", "Filters or transmission between the encoder and the log.",
+        "Time-stamp at the source; let the observer take the age into account."};
 };
 
 // Lost pulses: the reading slips by a step now and then, at instants nobody can predict. The
@@ -98,6 +111,11 @@ struct MissedCounts {
                                             2,
                                             {{"step", "rad", "size of a slip", -INF, INF, 0.01},
                                              {"rate", "1/s", "slips per second", 0.0, INF, 0.3}}};
+    static constexpr mk_effect_words words = {
+        "missed counts",
+        "An encoder that turns faster than its electronics count, a loose plug, noise on its "
+        "lines.",
+        "Look at plugs and shields; count up to an index mark."};
 };
 
 } // namespace MK_KERNEL_NS
