@@ -16,9 +16,7 @@ struct options {
 static const struct option_row option_rows[] = {
     {"map", OPTION_TEXT(map), "M.map", "what the columns mean (docs/formats.md)"},
     {"rig", OPTION_TEXT(rig), "KIND",
-     "instead of a mapping: inertia-wheel, pendulum, pendubot, reaction-wheel or furuta; the "
-     "columns "
-     "go by their names"},
+     "instead of a mapping: the kind of rig (docs/formats.md); the columns go by their names"},
     {"out", OPTION_TEXT(out), "LOG.csv", "the log"},
     {"write-map", OPTION_TEXT(fixed), "M.map", "the mapping, with what is proposed"},
     {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
@@ -50,10 +48,7 @@ static int check(const struct options *o)
     if (!o->map && !o->rig)
         return report_usage("import", "--map or --rig is missing");
     if (o->rig && !mk_plant_by_name(o->rig))
-        return report_usage("import",
-                            "--rig %s: expected inertia-wheel, pendulum, pendubot, reaction-wheel "
-                            "or furuta",
-                            o->rig);
+        return report_usage("import", "--rig %s: expected %s", o->rig, mk_plant_names());
     if (o->map && o->rig)
         return report_usage("import", "the rig stands in the map: --map or --rig, not both");
     if (!o->out && !o->fixed && !o->json)

@@ -97,6 +97,14 @@ enum mk_status mk_ctrl_check_rig(const struct mk_ctrl_ops *ops, enum mk_plant_ki
                         mk_plant(rig)->name);
 }
 
+enum mk_plant_kind mk_ctrl_first_rig(const struct mk_ctrl_ops *ops)
+{
+    int kind = 0;
+    while (!(ops->plants & (1u << kind)))
+        kind++;
+    return (enum mk_plant_kind)kind;
+}
+
 static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
                                 double dt, struct mk_error *err)
 {
