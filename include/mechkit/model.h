@@ -48,6 +48,8 @@ enum mk_plant_kind {
     MK_PLANT_PENDUBOT,
     MK_PLANT_REACTION_WHEEL,
     MK_PLANT_FURUTA,
+    MK_PLANT_CART_POLE,
+    MK_PLANT_ACROBOT,
     MK_PLANT_COUNT
 };
 
@@ -117,8 +119,10 @@ struct mk_plant_info {
     /* What is balanced leans from upright by the sum of lean[j] (q[j] - q_top[j]), q_top the last
      * equilibrium. All 0: nothing is balanced. */
     double lean[MK_MAX_JOINTS];
+    double u_max, u_to_torque; /* of a model that does not say; 0: those of struct mk_model */
     int parameter_count;
     struct mk_parameter_info parameter[MK_MAX_PARAMETERS];
+    int parameter_joint[MK_MAX_PARAMETERS]; /* 0-based joint in whose unit it is: mk_model_unit */
     const char *mass_rule; /* which parameters make a mass matrix, in words; NULL: all in range */
     int equilibrium_count;
     struct mk_equilibrium equilibrium[MK_MAX_EQUILIBRIA];
@@ -272,7 +276,8 @@ double mk_model_joint_scale(const struct mk_model *model, int joint);
 bool mk_model_turns_freely(const struct mk_model *model, int joint);
 /* A unit of the tables, written for a joint that turns in SI ("N m s/rad", "rad/s", "mrad"), for
  * `joint` (0-based; -1: the rig, i.e. its motor joint) of this model: "N s/m" where it slides; "u"
- * for torques where the model is in units of the command ("u s/rad"). Static text. RT-safe. */
+ * for torques where the model is in units of the command ("u s/rad"; "u m s/rad" at a joint that
+ * turns where the motor's slides). Static text. RT-safe. */
 const char *mk_model_unit(const struct mk_model *model, int joint, const char *unit);
 
 /* Index of parameter `name` of the plant / of an effect; -1 when there is none. */

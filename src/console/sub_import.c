@@ -148,6 +148,13 @@ static enum mk_status write_report(const struct options *o, const struct mk_impo
 
 /* --- the command ------------------------------------------------------------------------ */
 
+static void use_rig(struct mk_import_map *map, const struct mk_plant_info *plant)
+{
+    map->rig = plant->kind;
+    for (int j = 0; j < plant->joints; j++)
+        map->joint_linear[j] = plant->joint_motion[j] == MK_JOINT_SLIDES;
+}
+
 static enum mk_status find_map(const struct options *o, struct mk_import_map *map,
                                struct mk_table **table, struct mk_error *err)
 {
@@ -156,7 +163,7 @@ static enum mk_status find_map(const struct options *o, struct mk_import_map *ma
     if (o->map)
         st = mk_import_map_read(o->map, map, err);
     else
-        map->rig = mk_plant_by_name(o->rig)->kind;
+        use_rig(map, mk_plant_by_name(o->rig));
     if (st == MK_OK)
         st = mk_import_open(o->file, map, table, err);
     if (st == MK_OK && !o->map)

@@ -10,8 +10,8 @@
 
 /* One row a setup: the order is the one of lists shown to people. */
 static const struct mk_ctrl_ops *const setups[] = {
-    &mk_ctrl_pendubot_mid, &mk_ctrl_pendubot_top, &mk_ctrl_reaction_wheel,
-    &mk_ctrl_furuta,       &mk_ctrl_pi_speed,     &mk_ctrl_open_loop,
+    &mk_ctrl_pendubot_mid, &mk_ctrl_pendubot_top, &mk_ctrl_reaction_wheel, &mk_ctrl_furuta,
+    &mk_ctrl_cart_pole,    &mk_ctrl_acrobot,      &mk_ctrl_pi_speed,       &mk_ctrl_open_loop,
 };
 
 const struct mk_ctrl_ops *mk_ctrl_setup(int index)

@@ -18,9 +18,12 @@ double mk_link_energy(const struct mk_model *model, const double *x)
 double mk_pfl_command(const struct mk_model *model, const double *x, double v1)
 {
     double d[4], h[2];
+    int m = mk_plant(model->plant)->motor_joint, o = 1 - m; /* driven and free */
     mk_plant_mass(model, x, x + 2, d, h);
-    /* Row 2 gives a2 = -(d21 v1 + h2) / d22; put into row 1: report (2.15), (2.16). */
-    return (d[0] - d[1] * d[2] / d[3]) * v1 + h[0] - d[1] / d[3] * h[1];
+    /* The free row gives a_o = -(d_om v1 + h_o) / d_oo; put into the other: report (2.15), (2.16).
+     */
+    double ratio = d[1] / d[3 * o];
+    return (d[3 * m] - ratio * d[2]) * v1 + h[m] - ratio * h[o];
 }
 
 /* At rest below there is nothing to pump on: the first push. */

@@ -176,6 +176,8 @@ static int on_rig(struct reader *r, const char *key, const char *value)
         if (!plant)
             return refuse_kind(r, key);
         r->map.rig = plant->kind;
+        for (int j = 0; j < plant->joints; j++)
+            r->map.joint_linear[j] |= plant->joint_motion[j] == MK_JOINT_SLIDES;
         r->has_rig = true;
         return 1;
     }

@@ -21,8 +21,8 @@ void mk_model_default(enum mk_plant_kind kind, mk_model *out)
     *out = {};
     out->plant = plant->kind;
     out->g = 9.81;
-    out->u_max = 10.0;
-    out->u_to_torque = 0.00494;
+    out->u_max = plant->u_max > 0.0 ? plant->u_max : 10.0;
+    out->u_to_torque = plant->u_to_torque > 0.0 ? plant->u_to_torque : 0.00494;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         mk_model_set_linear(out, j, plant->joint_motion[j] == MK_JOINT_SLIDES, nullptr);
     for (int i = 0; i < plant->parameter_count; i++)

@@ -2,6 +2,8 @@
 #ifndef MECHKIT_MODEL_PLANTS_HPP
 #define MECHKIT_MODEL_PLANTS_HPP
 
+#include "model/plant_acrobot.hpp"
+#include "model/plant_cart_pole.hpp"
 #include "model/plant_furuta.hpp"
 #include "model/plant_inertia_wheel.hpp"
 #include "model/plant_pendubot.hpp"
@@ -14,7 +16,9 @@
     X(Pendulum)                                                                                    \
     X(Pendubot)                                                                                    \
     X(ReactionWheel)                                                                               \
-    X(Furuta)
+    X(Furuta)                                                                                      \
+    X(CartPole)                                                                                    \
+    X(Acrobot)
 
 namespace mk
 {
