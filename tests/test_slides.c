@@ -424,6 +424,39 @@ START_TEST(a_cart_pole_slides_at_joint_1_whether_its_file_says_so_or_not)
 }
 END_TEST
 
+START_TEST(a_cart_that_runs_away_is_stopped_on_its_track)
+{
+    char out[4096];
+    const char *script = scratch_text("away.cmd", "setup open-loop\nref 6\nstart\nwait 3\n");
+    int code =
+        run_mechkit(out, sizeof out, "run %s --fast --model %s/models/cart-pole.ini --out %s",
+                    script, MK_SOURCE_DIR, scratch(""));
+    ck_assert_msg(code == 1 && strstr(out, "fault travel (joint 1)"), "%d %s", code, out);
+}
+END_TEST
+
+START_TEST(a_cart_pole_s_logs_and_gains_say_metres_and_radians)
+{
+    char out[8192], path[120];
+    snprintf(path, sizeof path, "%s", scratch("held.csv"));
+    const char *script = scratch_text("held.cmd", "setup cart-pole\nstart\nwait-until balanced "
+                                                  "within 6\nexpect balanced for 3\nexpect q1 "
+                                                  "within 0.1 of 0\nhalt\nsave! held.csv\n");
+    int code = run_mechkit(out, sizeof out, "run %s --fast --out %s", script, scratch(""));
+    ck_assert_msg(code == 0, "%s", out);
+    struct mk_log *log = NULL;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "rig"), "cart-pole");
+    ck_assert_str_eq(mk_log_find_meta(log, "joint_unit"), "m rad");
+    const double *x = mk_log_get(log, "q1"), track = mk_plant(MK_PLANT_CART_POLE)->joint_travel[0];
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_double_le(fabs(x[k]), track);
+    mk_log_free(log);
+    code = run_mechkit(out, sizeof out, "design --model %s/models/cart-pole.ini", MK_SOURCE_DIR);
+    ck_assert_msg(code == 0 && strstr(out, "q1 = 0 m, q2 = 0 rad"), "%s", out);
+}
+END_TEST
+
 START_TEST(a_cart_pole_s_parameters_are_in_the_units_of_their_joints)
 {
     struct mk_model m;
@@ -452,14 +485,16 @@ Suite *suite_slides(void)
     tcase_add_test(t, limits_of_a_carriage_are_a_hundredth_of_a_wheel_s);
     tcase_add_test(t, a_virtual_carriage_is_driven_in_metres);
     tcase_add_test(t, simple_experiments_of_a_carriage_are_in_its_units);
+    tcase_add_test(t, a_cart_pole_slides_at_joint_1_whether_its_file_says_so_or_not);
+    tcase_add_test(t, a_cart_pole_s_parameters_are_in_the_units_of_their_joints);
+    tcase_add_test(t, a_cart_that_runs_away_is_stopped_on_its_track);
+    tcase_add_test(t, a_cart_pole_s_logs_and_gains_say_metres_and_radians);
     suite_add_tcase(s, t);
     t = tcase_create("searches in metres");
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "long");
     tcase_add_test(t, what_a_carriage_s_model_lacks_is_told_in_its_units);
     tcase_add_test(t, a_cart_pole_s_log_gives_its_masses_back);
-    tcase_add_test(t, a_cart_pole_slides_at_joint_1_whether_its_file_says_so_or_not);
-    tcase_add_test(t, a_cart_pole_s_parameters_are_in_the_units_of_their_joints);
     suite_add_tcase(s, t);
     return s;
 }
