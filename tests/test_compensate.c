@@ -57,10 +57,11 @@ static const struct cancelled {
 };
 #define CANCELLED_COUNT (sizeof cancelled / sizeof cancelled[0])
 
-/* The weight of an eccentric wheel is carried by the link below: out of the wheel motor's reach. */
+/* The weight of an eccentric body behind a free joint is carried by the link below: out of reach of
+ * a motor between the two. */
 static bool out_of_reach(enum mk_plant_kind plant, const char *name)
 {
-    return plant == MK_PLANT_REACTION_WHEEL && strcmp(name, "imbalance") == 0;
+    return mk_plant(plant)->motor_joint == 1 && strcmp(name, "imbalance") == 0;
 }
 
 static double motor_acceleration(const struct mk_model *m, double t, const double *x, double u)

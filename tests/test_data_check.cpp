@@ -50,7 +50,7 @@ Log record(const mk_model &m, double seconds)
     ck_assert_int_eq(mk_predict(&m, made, &o, &out, &figures, nullptr, nullptr), MK_OK);
     for (int j = 0; j < mk_model_joints(&m); j++) {
         const char *name = j ? "q2" : "q1";
-        const double count = 2.0 * M_PI / m.encoder_cpr[j], *from = mk_log_get(out, name);
+        const double count = mk_model_count(&m, j), *from = mk_log_get(out, name);
         for (size_t k = 0; k < rows; k++)
             const_cast<double *>(mk_log_get(made, name))[k] = std::round(from[k] / count) * count;
     }

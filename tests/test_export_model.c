@@ -176,9 +176,9 @@ static void add(struct mk_model *m, const char *effect, int joint)
 /* Rigs with what is hard to integrate: contact, bristles, delays. */
 static void hard_model(int which, struct mk_model *m)
 {
-    static const enum mk_plant_kind rig[] = {MK_PLANT_PENDUBOT, MK_PLANT_FURUTA,
-                                             MK_PLANT_REACTION_WHEEL, MK_PLANT_PENDULUM,
-                                             MK_PLANT_INERTIA_WHEEL};
+    static const enum mk_plant_kind rig[] = {
+        MK_PLANT_PENDUBOT,      MK_PLANT_FURUTA,    MK_PLANT_REACTION_WHEEL, MK_PLANT_PENDULUM,
+        MK_PLANT_INERTIA_WHEEL, MK_PLANT_CART_POLE, MK_PLANT_ACROBOT};
     mk_model_default(rig[which], m);
     switch (which) {
     case 0:
@@ -202,6 +202,15 @@ static void hard_model(int which, struct mk_model *m)
         add(m, "deadband", 0);
         m->effect[0].value[0] = 0.2;
         m->effect[1].value[0] = 0.03;
+        break;
+    case 5:
+        add(m, "end-stop", 1);
+        add(m, "base-compliance", 0);
+        add(m, "base-tilt", 0);
+        m->effect[0].value[0] = 0.05;
+        break;
+    case 6:
+        add(m, "backlash", 2);
         break;
     default:
         add(m, "backlash", 1);
@@ -573,7 +582,7 @@ Suite *suite_export_model(void)
     tcase_set_timeout(c, 120);
     tcase_add_loop_test(c, exported_equations_are_the_library_s_with_every_effect, 0,
                         MK_PLANT_COUNT);
-    tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, 5);
+    tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, 7);
     tcase_add_test(c, parameters_are_labelled_in_the_units_that_they_have);
     tcase_add_test(c, a_file_name_that_is_no_function_name_is_refused);
     suite_add_tcase(s, c);

@@ -56,6 +56,7 @@ START_TEST(whatever_is_forbidden_is_found)
         {"src/sim/a.c", "#include <zlib.h>\n", "zlib"},
         {"src/console/a.c", "#include <libusb-1.0/libusb.h>\n", "libusb"},
         {"src/ctrl/a.c", "#include <ini.h>\n", "inih"},
+        {"src/console/a.c", "if (plant == MK_PLANT_FURUTA)\n", "name a plant"},
         {"src/sim/a.hpp", "struct Piece {\n};\nclass Piece final\n{\n};\n", "one header"},
     };
     char said[2048];

@@ -215,7 +215,7 @@ END_TEST
 START_TEST(bad_models_are_refused_with_their_line)
 {
     expect_error("", MK_ERR_PARSE, 0, "kind is missing");
-    expect_error("[rig]\nkind = acrobot\n", MK_ERR_PARSE, 2, "pendubot");
+    expect_error("[rig]\nkind = acrobat\n", MK_ERR_PARSE, 2, "pendubot");
     expect_error("[rig]\nkind = pendulum\n[parameters]\np1 = 1\n", MK_ERR_PARSE, 0,
                  "p2 is missing");
     expect_error(WHEEL "p4 = 1\n", MK_ERR_PARSE, 7, "unknown key 'p4'");

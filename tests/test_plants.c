@@ -6,7 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "mechkit/ctrl.h"
+#include "mechkit/measure.h"
 #include "mechkit/model.h"
+#include "model/plant_facts.h"
 
 #define G 9.81
 
@@ -58,6 +61,12 @@ static void point(enum mk_plant_kind kind, int body, double s, const double *q, 
     case MK_PLANT_PENDULUM: /* from the downward vertical */
         r[0] = s * sin(a), r[2] = -s * cos(a);
         break;
+    case MK_PLANT_CART_POLE: /* the pole from upright, towards the carriage's positive side */
+        r[0] = a, r[2] = 0.0;
+        if (body == 2)
+            r[0] += s * sin(b), r[2] = s * cos(b);
+        break;
+    case MK_PLANT_ACROBOT:
     case MK_PLANT_PENDUBOT: /* from the horizontal */
         if (body == 1)
             r[0] = s * cos(a), r[2] = s * sin(a);
@@ -129,6 +138,12 @@ static struct mk_model model_of(enum mk_plant_kind kind)
     case MK_PLANT_PENDULUM:
         p[0] = moment(link1, 2), p[1] = moment(link1, 1) * G;
         break;
+    case MK_PLANT_CART_POLE:
+        p[0] = link1.m + m2;
+        p[1] = moment(link2, 1);
+        p[2] = moment(link2, 2);
+        break;
+    case MK_PLANT_ACROBOT:
     case MK_PLANT_PENDUBOT:
         p[0] = moment(link1, 2) + m2 * length1 * length1;
         p[1] = moment(link2, 2);
@@ -197,7 +212,7 @@ START_TEST(equations_of_motion_are_those_of_point_masses)
         lagrange(kind, q, v, a, want);
         mk_plant_inverse_dynamics(&m, q, v, a, got);
         for (int j = 0; j < mk_plant(kind)->joints; j++)
-            ck_assert_double_eq_tol(got[j], want[j], 2e-5);
+            ck_assert_double_eq_tol(got[j], want[j], 2e-5 * (1.0 + fabs(want[j])));
         double energy = mk_plant_kinetic(&m, q, v) + mk_plant_potential(&m, q);
         double rest = mk_plant_potential(&m, q) - (cloud(kind, q, (double[2]){0, 0}, 1.0));
         ck_assert_double_eq_tol(energy, cloud(kind, q, v, 1.0) + rest, 1e-7);
@@ -394,6 +409,175 @@ START_TEST(small_swings_have_the_published_frequency)
 }
 END_TEST
 
+/* --- cart-pole and acrobot: closed forms ------------------------------------------------- */
+
+/* Frequency of small oscillations of two free joints about q, from the numerical linearisation
+ * without friction: the larger of -a's two eigenvalues, as a rate. */
+static double small_frequency(const struct mk_model *m, const double *q)
+{
+    double a[16], b[4];
+    mk_plant_linearise(m, q, false, a, b);
+    double s = -(a[2 * 4] + a[3 * 4 + 1]), d = a[2 * 4] * a[3 * 4 + 1] - a[2 * 4 + 1] * a[3 * 4];
+    return sqrt(0.5 * s + sqrt(fmax(0.25 * s * s - d, 0.0)));
+}
+
+START_TEST(a_free_carriage_makes_its_pole_swing_faster)
+{
+    struct mk_model m;
+    mk_model_default(MK_PLANT_CART_POLE, &m);
+    double *p = m.parameter, hanging[2] = {0.3, M_PI};
+    /* With no force the centre of mass stays: the pole swings about a point above it. */
+    double want = sqrt(p[0] * p[1] * m.g / (p[0] * p[2] - p[1] * p[1]));
+    ck_assert_double_eq_tol(small_frequency(&m, hanging), want, 1e-9 * want);
+    p[0] = 1e9; /* a carriage that nothing moves */
+    ck_assert_double_eq_tol(small_frequency(&m, hanging), sqrt(p[1] * m.g / p[2]), 1e-6);
+}
+END_TEST
+
+START_TEST(a_carriage_that_is_pulled_pulls_its_pole_after_it)
+{
+    struct mk_model m;
+    mk_model_default(MK_PLANT_CART_POLE, &m);
+    double *p = m.parameter, up[2] = {0.0, 0.0}, still[2] = {0.0, 0.0}, tau[2] = {1.0, 0.0}, a[2];
+    p[3] = p[4] = 0.0;
+    mk_plant_acceleration(&m, up, still, tau, a);
+    ck_assert_double_eq_tol(a[0], p[2] / (p[0] * p[2] - p[1] * p[1]), 1e-12);
+    ck_assert_double_eq_tol(a[1], -p[1] / p[2] * a[0], 1e-12); /* the tip stays behind */
+    double leans[2] = {0.0, 0.1};
+    mk_plant_acceleration(&m, leans, still, still, a);
+    ck_assert(a[1] > 0.0 && a[0] < 0.0); /* falls on, and the carriage slips back */
+}
+END_TEST
+
+START_TEST(a_tilted_track_pulls_the_whole_mass_down_it)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(MK_PLANT_CART_POLE, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "base-tilt", 0, &err), MK_OK);
+    const double tilt = 0.2;
+    m.effect[0].value[0] = tilt;
+    /* With the pole held in the direction of gravity the rig slides as one body. */
+    double x[4] = {0.4, M_PI + tilt, 0.0, 0.0}, dx[4], u[2] = {0.0, 0.0};
+    u[0] = m.parameter[0] * m.g * sin(tilt);
+    mk_model_rhs(&m, 0.0, x, u, dx);
+    ck_assert_double_eq_tol(dx[2], 0.0, 1e-12);
+    ck_assert_double_eq_tol(dx[3], 0.0, 1e-12);
+}
+END_TEST
+
+START_TEST(an_acrobot_is_a_pendubot_with_its_motor_at_the_elbow)
+{
+    struct mk_model elbow, shoulder;
+    mk_model_default(MK_PLANT_ACROBOT, &elbow);
+    mk_model_default(MK_PLANT_PENDUBOT, &shoulder);
+    double q[2] = {0.4, -1.1}, v[2] = {2.0, -3.0}, a[2], b[2], u = 1.7;
+    double tau[2] = {0.0, u}, *p = elbow.parameter;
+    memcpy(shoulder.parameter, p, sizeof elbow.parameter);
+    mk_plant_acceleration(&elbow, q, v, tau, a);
+    /* The pendubot's own friction sits at the shoulder: take it back, and put the elbow's on. */
+    tau[0] = p[5] * v[0] + p[6] * tanh(15 * v[0]);
+    tau[1] = u - (p[5] * v[1] + p[6] * tanh(15 * v[1]));
+    mk_plant_acceleration(&shoulder, q, v, tau, b);
+    for (int j = 0; j < 2; j++)
+        ck_assert_double_eq_tol(a[j], b[j], 1e-10);
+    double x[4] = {q[0], q[1], v[0], v[1]}, dx[4], command[2] = {u, 0.0};
+    mk_model_rhs(&elbow, 0.0, x, command, dx);
+    for (int j = 0; j < 2; j++)
+        ck_assert_double_eq_tol(dx[2 + j], a[j], 1e-10);
+}
+END_TEST
+
+/* --- what every plant has ---------------------------------------------------------------- */
+
+static void check_names(const struct mk_plant_info *plant)
+{
+    for (int k = 0; k < MK_MAX_PLANT_NAMES && plant->unsuited[k]; k++) {
+        const struct mk_effect_info *effect = mk_effect_by_name(plant->unsuited[k]);
+        ck_assert_msg(effect != NULL, "%s: no effect %s", plant->name, plant->unsuited[k]);
+        ck_assert(!(effect->plants & (1u << plant->kind)));
+    }
+    for (int k = 0; k < MK_MAX_PLANT_NAMES && plant->measures[k]; k++) {
+        const struct mk_measure_info *measure = mk_measure_by_name(plant->measures[k]);
+        ck_assert_msg(measure != NULL, "%s: no measurement %s", plant->name, plant->measures[k]);
+        ck_assert(measure->plants & (1u << plant->kind));
+    }
+    for (int k = 0; k < plant->equilibrium_count; k++) {
+        const char *setup = plant->equilibrium[k].setup;
+        const struct mk_ctrl_ops *ops = setup ? mk_ctrl_setup_by_name(setup) : NULL;
+        ck_assert_msg(!setup || ops, "%s: no setup %s", plant->name, setup);
+        ck_assert(!ops || ops->plants == 1u << plant->kind);
+    }
+}
+
+START_TEST(the_names_in_a_plant_s_row_are_of_things_that_there_are)
+{
+    check_names(mk_plant((enum mk_plant_kind)_i));
+    ck_assert_ptr_nonnull(strstr(mk_plant_names(), mk_plant((enum mk_plant_kind)_i)->name));
+}
+END_TEST
+
+START_TEST(what_a_plant_says_of_itself_goes_with_its_law)
+{
+    enum mk_plant_kind kind = (enum mk_plant_kind)_i;
+    const struct mk_plant_info *plant = mk_plant(kind);
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(kind, &m);
+    ck_assert_msg(mk_model_check(&m, &err) == MK_OK, "%s", err.message);
+    double zero[2] = {0.0, 0.0}, mass[4], hold[2], here[2] = {plant->rest[0], plant->rest[1]};
+    for (int e = 0; e < plant->equilibrium_count; e++) {
+        mk_plant_mass(&m, plant->equilibrium[e].q, zero, mass, hold);
+        for (int j = 0; j < plant->joints; j++)
+            ck_assert_double_eq_tol(hold[j], 0.0, 1e-12);
+    }
+    ck_assert_int_eq(memcmp(plant->rest, plant->equilibrium[0].q, sizeof plant->rest), 0);
+    for (int j = 0; j < plant->joints; j++) {
+        double low = mk_plant_potential(&m, here), lowest = low;
+        ck_assert_double_gt(mk_plant_body_inertia(&m, j), 0.0);
+        for (int side = -1; side <= 1; side += 2) {
+            here[j] = plant->rest[j] + 0.3 * side;
+            lowest = fmin(lowest, mk_plant_potential(&m, here));
+            bool flat = fabs(mk_plant_potential(&m, here) - low) < 1e-12;
+            bool anywhere = plant->joint_is_level[j] || plant->joint_is_wheel[j];
+            ck_assert_msg(flat == anywhere, "%s, joint %d", plant->name, j + 1);
+        }
+        here[j] = plant->rest[j];
+        ck_assert_double_ge(lowest, low - 1e-12); /* it hangs where the row says */
+    }
+}
+END_TEST
+
+START_TEST(a_sketch_has_a_stroke_for_every_joint)
+{
+    enum mk_plant_kind kind = (enum mk_plant_kind)_i;
+    struct mk_stroke s[MK_SKETCH_MAX];
+    double q[2] = {0.3, -0.7};
+    int count = mk_plant_sketch(kind, q, s);
+    unsigned joints = 0;
+    ck_assert(count >= 1 && count <= MK_SKETCH_MAX);
+    for (int i = 0; i < count; i++)
+        if (s[i].kind != MK_STROKE_GROUND)
+            joints |= 1u << s[i].joint;
+    ck_assert_uint_eq(joints, (1u << mk_plant(kind)->joints) - 1u);
+}
+END_TEST
+
+START_TEST(a_mass_matrix_that_is_none_is_refused_in_the_plant_s_own_words)
+{
+    enum mk_plant_kind kind = (enum mk_plant_kind)_i;
+    const struct mk_plant_info *plant = mk_plant(kind);
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(kind, &m);
+    if (!plant->mass_rule)
+        return;
+    m.parameter[0] *= 1e-6;
+    ck_assert_int_eq(mk_model_check(&m, &err), MK_ERR_RANGE);
+    ck_assert_msg(strstr(err.message, plant->mass_rule), "%s", err.message);
+}
+END_TEST
+
 Suite *suite_plants(void)
 {
     Suite *s = suite_create("plants");
@@ -408,6 +592,18 @@ Suite *suite_plants(void)
     tcase_add_test(t, reaction_wheel_has_the_report_s_two_equations);
     tcase_add_test(t, pendubot_linearisation_is_that_of_appendix_2);
     tcase_add_test(t, small_swings_have_the_published_frequency);
+    tcase_add_test(t, a_free_carriage_makes_its_pole_swing_faster);
+    tcase_add_test(t, a_carriage_that_is_pulled_pulls_its_pole_after_it);
+    tcase_add_test(t, a_tilted_track_pulls_the_whole_mass_down_it);
+    tcase_add_test(t, an_acrobot_is_a_pendubot_with_its_motor_at_the_elbow);
+    suite_add_tcase(s, t);
+    t = tcase_create("rows");
+    tcase_add_loop_test(t, the_names_in_a_plant_s_row_are_of_things_that_there_are, 0,
+                        MK_PLANT_COUNT);
+    tcase_add_loop_test(t, what_a_plant_says_of_itself_goes_with_its_law, 0, MK_PLANT_COUNT);
+    tcase_add_loop_test(t, a_sketch_has_a_stroke_for_every_joint, 0, MK_PLANT_COUNT);
+    tcase_add_loop_test(t, a_mass_matrix_that_is_none_is_refused_in_the_plant_s_own_words, 0,
+                        MK_PLANT_COUNT);
     suite_add_tcase(s, t);
     return s;
 }

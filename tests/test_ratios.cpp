@@ -62,7 +62,7 @@ Log record(const mk_model &m, const Run &run)
         if (u)
             u[k] = command[0];
         for (int j = 0; j < joints; j++) {
-            const double count = 2.0 * M_PI / m.encoder_cpr[j];
+            const double count = mk_model_count(&m, j);
             q[j][k] = std::round(y[j] / count + normal(random)) * count;
         }
         ck_assert_int_eq(mk_sim_advance(sim, (double)(k + 1) / rate, command, nullptr), MK_OK);
@@ -349,7 +349,7 @@ void expect_the_same(const mk_ident_result &a, const mk_ident_result &b, const c
                       a.parameter[i].value, b.parameter[i].value, b.parameter[i].std_error);
 }
 
-const double drive[MK_PLANT_COUNT] = {3.0, 2.0, 1.5, 3.0, 2.0};
+const double drive[MK_PLANT_COUNT] = {3.0, 2.0, 1.5, 3.0, 2.0, 4.0, 1.5};
 
 } // namespace
 

@@ -6,14 +6,14 @@
 
 #include "console/robustness.h"
 
-#define BALANCING_COUNT 4
+#define BALANCING_COUNT 6
 static const struct {
     const char *setup;
     enum mk_plant_kind plant;
-} balancing[BALANCING_COUNT] = {{"pendubot-mid", MK_PLANT_PENDUBOT},
-                                {"pendubot-top", MK_PLANT_PENDUBOT},
-                                {"reaction-wheel", MK_PLANT_REACTION_WHEEL},
-                                {"furuta", MK_PLANT_FURUTA}};
+} balancing[BALANCING_COUNT] = {
+    {"pendubot-mid", MK_PLANT_PENDUBOT},         {"pendubot-top", MK_PLANT_PENDUBOT},
+    {"reaction-wheel", MK_PLANT_REACTION_WHEEL}, {"furuta", MK_PLANT_FURUTA},
+    {"cart-pole", MK_PLANT_CART_POLE},           {"acrobot", MK_PLANT_ACROBOT}};
 
 static struct trial run(int setup, const struct trial_spread *spread, uint64_t seed)
 {

@@ -83,6 +83,26 @@ START_TEST(travel_beyond_either_limit_trips)
 }
 END_TEST
 
+START_TEST(a_carriage_is_stopped_before_the_end_of_its_track)
+{
+    use_plant(MK_PLANT_CART_POLE);
+    const double track = mk_plant(MK_PLANT_CART_POLE)->joint_travel[0]; /* m */
+    ck_assert(track > 0.1 && track < 1.0);
+    for (int side = -1; side <= 1; side += 2) {
+        mk_safety_clear(&safety);
+        look(0, side * (track - 2e-3), M_PI, side * 1.0, 0, 0);
+        ck_assert_int_eq(look(DT, side * (track - 1e-4), M_PI, side * 1.0, 0, 0), MK_FAULT_NONE);
+        ck_assert_int_eq(look(2 * DT, side * (track + 1e-3), M_PI, side * 1.0, 0, 0),
+                         MK_FAULT_TRAVEL);
+        ck_assert_int_eq(safety.fault_joint, 1);
+    }
+    /* Its speeds are those of a swing-up, and a jump of a decimetre is one. */
+    mk_safety_clear(&safety);
+    ck_assert_int_eq(look(0, 0, M_PI, 3.0, 0, 0), MK_FAULT_NONE);
+    ck_assert_int_eq(look(DT, 0.1, M_PI, 3.0, 0, 0), MK_FAULT_JUMP);
+}
+END_TEST
+
 START_TEST(a_wheel_may_turn_for_ever)
 {
     use_plant(MK_PLANT_REACTION_WHEEL);
@@ -231,12 +251,17 @@ START_TEST(links_away_from_rest_do_not_hang)
 }
 END_TEST
 
-START_TEST(wheels_and_the_furuta_arm_rest_anywhere)
+START_TEST(wheels_and_what_is_level_rest_anywhere)
 {
     const double q[] = {2.0, M_PI};
     use_plant(MK_PLANT_FURUTA);
     const struct mk_plant_info *furuta = mk_plant(MK_PLANT_FURUTA);
     ck_assert_int_eq(mk_safety_check_rest(&safety, q, furuta->rest, furuta->joint_is_wheel),
+                     MK_FAULT_NONE);
+    use_plant(MK_PLANT_REACTION_WHEEL);
+    use_plant(MK_PLANT_CART_POLE);
+    const double along[] = {0.3, M_PI};
+    ck_assert_int_eq(mk_safety_check_rest(&safety, along, furuta->rest, furuta->joint_is_wheel),
                      MK_FAULT_NONE);
     use_plant(MK_PLANT_REACTION_WHEEL);
     const struct mk_plant_info *wheel = mk_plant(MK_PLANT_REACTION_WHEEL);
@@ -305,6 +330,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_healthy_motion_trips_nothing);
     tcase_add_test(t, the_first_fault_stays_until_cleared);
     tcase_add_test(t, travel_beyond_either_limit_trips);
+    tcase_add_test(t, a_carriage_is_stopped_before_the_end_of_its_track);
     tcase_add_test(t, a_wheel_may_turn_for_ever);
     tcase_add_test(t, speed_beyond_the_limit_trips_either_way);
     tcase_add_test(t, a_speed_or_an_angle_that_is_no_number_trips);
@@ -318,7 +344,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, late_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, links_away_from_rest_do_not_hang);
-    tcase_add_test(t, wheels_and_the_furuta_arm_rest_anywhere);
+    tcase_add_test(t, wheels_and_what_is_level_rest_anywhere);
     suite_add_tcase(s, t);
     t = tcase_create("table");
     tcase_add_test(t, every_row_of_the_hazard_table_names_tests_that_exist);

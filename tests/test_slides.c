@@ -301,6 +301,177 @@ START_TEST(simple_experiments_of_a_carriage_are_in_its_units)
 }
 END_TEST
 
+/* --- a carriage that carries a pole ------------------------------------------------------- */
+
+/* A rod of 0.2 kg and 0.6 m on a cart of 0.8 kg. With the pivot's forces h along the track and n
+ * upwards, A and B the accelerations of cart and rod, w the rod's speed,
+ *     CART A = drive - h,    ROD_INERTIA B = HALF (n sin - h cos) - POLE_VISCOUS w,
+ *     h = POLE (A + HALF (B cos - w^2 sin)),    n = POLE (9.81 - HALF (B sin + w^2 cos));
+ * h and n are eliminated below. */
+#define CART 0.8
+#define POLE 0.2
+#define HALF 0.3
+#define ROD_INERTIA (POLE * 0.36 / 12.0)
+#define CART_VISCOUS 4.0
+#define CART_COULOMB 0.5
+#define POLE_VISCOUS 2e-3
+
+static void cart_pole_motion(double force, const double *x, double *dx)
+{
+    double s = sin(x[1]), c = cos(x[1]), w = x[3];
+    double drive = force - CART_VISCOUS * x[2] - CART_COULOMB * tanh(1500.0 * x[2]);
+    double m11 = CART + POLE, m12 = POLE * HALF * c, m22 = ROD_INERTIA + POLE * HALF * HALF;
+    double r1 = drive + POLE * HALF * s * w * w;
+    double r2 = POLE * 9.81 * HALF * s - POLE_VISCOUS * w;
+    double det = m11 * m22 - m12 * m12;
+    dx[0] = x[2];
+    dx[1] = w;
+    dx[2] = (m22 * r1 - m12 * r2) / det;
+    dx[3] = (m11 * r2 - m12 * r1) / det;
+}
+
+static void rk4(double h, double force, double *x)
+{
+    double a[4], b[4], c[4], d[4], y[4];
+    cart_pole_motion(force, x, a);
+    for (int i = 0; i < 4; i++)
+        y[i] = x[i] + 0.5 * h * a[i];
+    cart_pole_motion(force, y, b);
+    for (int i = 0; i < 4; i++)
+        y[i] = x[i] + 0.5 * h * b[i];
+    cart_pole_motion(force, y, c);
+    for (int i = 0; i < 4; i++)
+        y[i] = x[i] + h * c[i];
+    cart_pole_motion(force, y, d);
+    for (int i = 0; i < 4; i++)
+        x[i] += h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]);
+}
+
+/* 12 s at 500 Hz from rest below, position in mm and the angle in degrees from hanging, the other
+ * way round. */
+static const char *cart_pole_file(void)
+{
+    enum { ROWS = 6000, STEPS = 50 };
+    const char *path = scratch("cart_pole_file.csv");
+    FILE *f = fopen(path, "w");
+    ck_assert_ptr_nonnull(f);
+    fprintf(f, "t,x,angle,force\n");
+    double x[4] = {0.0, M_PI, 0.0, 0.0};
+    for (int k = 0; k < ROWS; k++) {
+        double t = 2e-3 * k, force = 5.0 * sin(4.6 * t) + 3.0 * sin(2.1 * t + 0.3 * t * t);
+        double read[2] = {1e-5 * round(x[0] / 1e-5 + 0.3 * sin(1e4 * t)),
+                          1e-3 * round((M_PI - x[1]) / 1e-3 + 0.3 * cos(1e4 * t))};
+        fprintf(f, "%.3f,%.4f,%.6f,%.6f\n", t, 1e3 * read[0], read[1] * 180.0 / M_PI, force);
+        for (int i = 0; i < STEPS; i++)
+            rk4(2e-3 / STEPS, force, x);
+    }
+    ck_assert_int_eq(fclose(f), 0);
+    return path;
+}
+
+static const char *cart_pole_model(const char *name, const char *rig)
+{
+    char text[400];
+    snprintf(text, sizeof text,
+             "[rig]\nkind = cart-pole\n%su_max = 10\nencoder_resolution = 1e-5 1e-3\n"
+             "[parameters]\np1 = 1.4\np2 = 0.04\np3 = 0.02\np4 = 2\np5 = 0.2\n"
+             "[effect.viscous]\njoint = 2\ncoefficient = 1e-3\n",
+             rig);
+    return scratch_text(name, text);
+}
+
+START_TEST(a_cart_pole_s_log_gives_its_masses_back)
+{
+    char out[8192];
+    struct mk_model m;
+    const char *log = scratch("cart_pole.csv"), *fitted = scratch("cart_pole_fitted.ini");
+    const char *map = scratch_text(
+        "cart_pole.map",
+        "[rig]\nkind = cart-pole\nencoder_resolution = 1e-5 1e-3\n[t]\ncolumn = t\n[q1]\n"
+        "column = x\nunit = mm\n[q2]\ncolumn = angle\nunit = deg\nsign = -1\n"
+        "offset = 3.14159265358979\n[tau]\ncolumn = force\n");
+    int code =
+        run_mechkit(out, sizeof out, "import %s --map %s --out %s", cart_pole_file(), map, log);
+    ck_assert_msg(code == 0, "%s", out);
+    code = run_mechkit(out, sizeof out, "identify --model %s --out %s %s",
+                       cart_pole_model("cart_pole.ini", ""), fitted, log);
+    ck_assert_msg(code == 0, "%s", out);
+    ck_assert_int_eq(mk_model_read(fitted, &m, NULL), MK_OK);
+    const double want[5] = {CART + POLE, POLE * HALF, ROD_INERTIA + POLE * HALF * HALF,
+                            CART_VISCOUS, CART_COULOMB};
+    for (int i = 0; i < 5; i++)
+        ck_assert_msg(fabs(m.parameter[i] / want[i] - 1.0) < 0.01, "p%d = %g, not %g", i + 1,
+                      m.parameter[i], want[i]);
+    ck_assert_double_eq_tol(m.effect[0].value[0], POLE_VISCOUS, 0.05 * POLE_VISCOUS);
+}
+END_TEST
+
+START_TEST(a_cart_pole_slides_at_joint_1_whether_its_file_says_so_or_not)
+{
+    struct mk_model said, unsaid;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(
+        mk_model_read(cart_pole_model("said.ini", "joint_unit = m rad\n"), &said, &err), MK_OK);
+    ck_assert_int_eq(mk_model_read(cart_pole_model("unsaid.ini", ""), &unsaid, &err), MK_OK);
+    ck_assert_mem_eq(said.joint_linear, unsaid.joint_linear, sizeof said.joint_linear);
+    ck_assert(unsaid.joint_linear[0] && !unsaid.joint_linear[1]);
+    ck_assert_double_eq(unsaid.friction_sharpness, MK_FRICTION_SHARPNESS_SLIDING);
+    ck_assert_double_eq(unsaid.u_to_torque, 1.0);
+    int status =
+        mk_model_read(cart_pole_model("turned.ini", "joint_unit = rad rad\n"), &said, &err);
+    ck_assert_int_eq(status, MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "joint 1 of the cart-pole slides: its unit is m"));
+}
+END_TEST
+
+START_TEST(a_cart_that_runs_away_is_stopped_on_its_track)
+{
+    char out[4096];
+    const char *script = scratch_text("away.cmd", "setup open-loop\nref 6\nstart\nwait 3\n");
+    int code =
+        run_mechkit(out, sizeof out, "run %s --fast --model %s/models/cart-pole.ini --out %s",
+                    script, MK_SOURCE_DIR, scratch(""));
+    ck_assert_msg(code == 1 && strstr(out, "fault travel (joint 1)"), "%d %s", code, out);
+}
+END_TEST
+
+START_TEST(a_cart_pole_s_logs_and_gains_say_metres_and_radians)
+{
+    char out[8192], path[120];
+    snprintf(path, sizeof path, "%s", scratch("held.csv"));
+    const char *script = scratch_text("held.cmd", "setup cart-pole\nstart\nwait-until balanced "
+                                                  "within 6\nexpect balanced for 3\nexpect q1 "
+                                                  "within 0.1 of 0\nhalt\nsave! held.csv\n");
+    int code = run_mechkit(out, sizeof out, "run %s --fast --out %s", script, scratch(""));
+    ck_assert_msg(code == 0, "%s", out);
+    struct mk_log *log = NULL;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "rig"), "cart-pole");
+    ck_assert_str_eq(mk_log_find_meta(log, "joint_unit"), "m rad");
+    const double *x = mk_log_get(log, "q1"), track = mk_plant(MK_PLANT_CART_POLE)->joint_travel[0];
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_double_le(fabs(x[k]), track);
+    mk_log_free(log);
+    code = run_mechkit(out, sizeof out, "design --model %s/models/cart-pole.ini", MK_SOURCE_DIR);
+    ck_assert_msg(code == 0 && strstr(out, "q1 = 0 m, q2 = 0 rad"), "%s", out);
+}
+END_TEST
+
+START_TEST(a_cart_pole_s_parameters_are_in_the_units_of_their_joints)
+{
+    struct mk_model m;
+    mk_model_default(MK_PLANT_CART_POLE, &m);
+    static const char *const si[] = {"kg", "kg m", "kg m^2", "N s/m", "N"};
+    static const char *const by_command[] = {"u s^2/m", "u s^2", "u m s^2/rad", "u s/m", "u"};
+    for (int i = 0; i < 5; i++)
+        ck_assert_str_eq(mk_model_parameter_unit(&m, i), si[i]);
+    m.u_to_torque = 6.21;
+    for (int i = 0; i < 5; i++)
+        ck_assert_str_eq(mk_model_parameter_unit(&m, i), by_command[i]);
+    ck_assert_str_eq(mk_model_unit(&m, 1, "N m s/rad"), "u m s/rad");
+}
+END_TEST
+
 Suite *suite_slides(void)
 {
     Suite *s = suite_create("slides");
@@ -314,11 +485,16 @@ Suite *suite_slides(void)
     tcase_add_test(t, limits_of_a_carriage_are_a_hundredth_of_a_wheel_s);
     tcase_add_test(t, a_virtual_carriage_is_driven_in_metres);
     tcase_add_test(t, simple_experiments_of_a_carriage_are_in_its_units);
+    tcase_add_test(t, a_cart_pole_slides_at_joint_1_whether_its_file_says_so_or_not);
+    tcase_add_test(t, a_cart_pole_s_parameters_are_in_the_units_of_their_joints);
+    tcase_add_test(t, a_cart_that_runs_away_is_stopped_on_its_track);
+    tcase_add_test(t, a_cart_pole_s_logs_and_gains_say_metres_and_radians);
     suite_add_tcase(s, t);
     t = tcase_create("searches in metres");
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "long");
     tcase_add_test(t, what_a_carriage_s_model_lacks_is_told_in_its_units);
+    tcase_add_test(t, a_cart_pole_s_log_gives_its_masses_back);
     suite_add_tcase(s, t);
     return s;
 }

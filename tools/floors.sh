@@ -87,6 +87,12 @@ complain "libusb stays in src/driver:" "$(includes '<libusb' 'src/driver/[a-z_]+
 complain "inih stays in src/base and src/exchange:" \
     "$(includes '<ini[.]h' 'src/(base|exchange)/[a-z_]+[.][ch]' src include)"
 
+# A plant is one file: what others need to know of it stands in its row. A set-up's file says in its
+# own row which plant it is for (MK_CTRL_PLANT).
+complain "only the plants' own files (src/model/plant_*.hpp) name a plant:" \
+    "$(grep -rnE 'MK_PLANT_[A-Z]' src | grep -vE '^src/model/plants?([.]|_[a-z_]+[.])(h|hpp|cpp):' |
+        grep -v 'MK_PLANT_COUNT' || true)"
+
 # Two of one name in one namespace share the code of the templates that are made of them.
 types='^(struct|class) [A-Z][A-Za-z0-9]*( final)?( : .*)?( [{])?$'
 for name in $(grep -rhE "$types" --include='*.hpp' src | awk '{ print $2 }' | sort | uniq -d); do

@@ -41,6 +41,8 @@ RIGS = [
     Rig("Furuta pendulum", "furuta-qube-servo1", "furuta-qube-servo1", "furuta-qube-servo1", [],
         ["ep_150615", "ep_161441", "ep_161843", "ep_162441", "ep_162807"],
         ["ep_163141", "ep_163558", "ep_163955"], 0.25),
+    Rig("cart-pole", "cartpole-sensorsini", "cartpole-sensorsini", "cartpole-sensorsini", [],
+        ["run1", "run2", "run3"], ["run4"], 0.25),
     Rig("DC motor", "dcmotor-gkeiel", "dcmotor-gkeiel", "dcmotor-gkeiel", [],
         ["run1_pid_sine", "run2_pid_step"], ["run3_pr_sine", "run4_repetitive_sine"], 1.0),
     Rig("linear axis", "emps", "emps", "emps", [], ["tracking"], [], 1.0, 0.75),
@@ -49,7 +51,6 @@ RIGS = [
     Rig("free single pendulum", "multiarm-free", "multiarm-single", "multiarm-single", [],
         ["run3_single_55s"], [], 0.5, 0.75),
 ]
-NO_PLANT = {"cartpole-sensorsini": "a cart-pole is none of the plants"}
 
 
 def call(mechkit, *arguments):
@@ -178,9 +179,6 @@ def main():
     here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     models = os.path.join(here, "models", "measured")
     results, failed = {}, False
-    for folder, why in NO_PLANT.items():
-        if not wanted:
-            print(f"SKIPPED: {folder}: {why}")
     for rig in RIGS:
         source = os.path.join(shared(), "data", rig.folder)
         if wanted and rig.folder not in wanted:

@@ -48,6 +48,8 @@ enum mk_plant_kind {
     MK_PLANT_PENDUBOT,
     MK_PLANT_REACTION_WHEEL,
     MK_PLANT_FURUTA,
+    MK_PLANT_CART_POLE,
+    MK_PLANT_ACROBOT,
     MK_PLANT_COUNT
 };
 
@@ -86,9 +88,13 @@ struct mk_parameter_info {
 struct mk_equilibrium {
     const char *name;        /* "hanging", "mid", "top" */
     double q[MK_MAX_JOINTS]; /* rad */
+    const char *setup;       /* the set-up that holds it (mechkit/ctrl.h); NULL: none does */
 };
 
-/* One row of the table of plants. */
+#define MK_MAX_EQUILIBRIA 3
+#define MK_MAX_PLANT_NAMES 4
+
+/* One row of the table of plants: what only this plant knows. Lists of names end with NULL. */
 struct mk_plant_info {
     enum mk_plant_kind kind;
     const char *name;                   /* as in [rig] kind */
@@ -97,17 +103,38 @@ struct mk_plant_info {
     int joints;                         /* 1 or 2 */
     int motor_joint;                    /* 0-based joint that the motor drives */
     bool joint_is_wheel[MK_MAX_JOINTS]; /* turns without end; its angle has no meaning by itself */
+    /* Gravity does nothing at it, so that it rests anywhere: an arm that turns level, a carriage on
+     * its track. */
+    bool joint_is_level[MK_MAX_JOINTS];
+    /* Joint 2's axis is parallel to joint 1's: body 2 stands in space at q1 + q2, and what turns it
+     * against body 1 acts back on body 1. */
+    bool joints_parallel;
     enum mk_joint_motion joint_motion[MK_MAX_JOINTS];
+    /* Beyond these the safety limits stop a run unless they are told otherwise: how far from its
+     * rest, either way, and how fast, in the joint's unit. For a joint that turns or slides they
+     * are in rad, and times mk_model_joint_scale. INFINITY: turns without end. */
+    double joint_travel[MK_MAX_JOINTS];
+    double joint_speed[MK_MAX_JOINTS];
     double rest[MK_MAX_JOINTS]; /* hanging rest: what the counters are zeroed at, rad */
+    /* What is balanced leans from upright by the sum of lean[j] (q[j] - q_top[j]), q_top the last
+     * equilibrium. All 0: nothing is balanced. */
+    double lean[MK_MAX_JOINTS];
+    double u_max, u_to_torque; /* of a model that does not say; 0: those of struct mk_model */
     int parameter_count;
     struct mk_parameter_info parameter[MK_MAX_PARAMETERS];
+    int parameter_joint[MK_MAX_PARAMETERS]; /* 0-based joint in whose unit it is: mk_model_unit */
+    const char *mass_rule; /* which parameters make a mass matrix, in words; NULL: all in range */
     int equilibrium_count;
-    struct mk_equilibrium equilibrium[3];
+    struct mk_equilibrium equilibrium[MK_MAX_EQUILIBRIA];
+    const char *unsuited[MK_MAX_PLANT_NAMES]; /* effects that make no sense on it */
+    const char *measures[MK_MAX_PLANT_NAMES]; /* measurements that it allows (mechkit/measure.h) */
 };
 
 /* The row of a plant by kind (NULL out of range) or by name (NULL when unknown). Static. */
 const struct mk_plant_info *mk_plant(enum mk_plant_kind kind);
 const struct mk_plant_info *mk_plant_by_name(const char *name);
+/* The names of all, as a message lists them: "inertia-wheel, pendulum or furuta". Static. */
+const char *mk_plant_names(void);
 
 /* --- effects -------------------------------------------------------------------------------- */
 
@@ -137,7 +164,7 @@ struct mk_effect_info {
     const char *source; /* reference */
     enum mk_effect_joint joint_rule;
     unsigned stages; /* enum mk_effect_stage */
-    unsigned plants; /* bit (1u << enum mk_plant_kind): where it makes sense */
+    unsigned plants; /* bit (1u << enum mk_plant_kind): where it makes sense, by the plants' rows */
     int state_count;
     int event_count;
     int parameter_count;
@@ -257,7 +284,8 @@ double mk_model_joint_scale(const struct mk_model *model, int joint);
 bool mk_model_turns_freely(const struct mk_model *model, int joint);
 /* A unit of the tables, written for a joint that turns in SI ("N m s/rad", "rad/s", "mrad"), for
  * `joint` (0-based; -1: the rig, i.e. its motor joint) of this model: "N s/m" where it slides; "u"
- * for torques where the model is in units of the command ("u s/rad"). Static text. RT-safe. */
+ * for torques where the model is in units of the command ("u s/rad"; "u m s/rad" at a joint that
+ * turns where the motor's slides). Static text. RT-safe. */
 const char *mk_model_unit(const struct mk_model *model, int joint, const char *unit);
 
 /* Index of parameter `name` of the plant / of an effect; -1 when there is none. */

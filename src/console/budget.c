@@ -52,10 +52,12 @@ static void print_rest(FILE *out, const struct mk_explanation *e)
 void budget_print(FILE *out, const struct mk_explanation *e)
 {
     const struct mk_budget *b = &e->budget;
-    char head[64];
-    const char *unit = mk_model_unit(&e->given, -1, "rad");
-    snprintf(head, sizeof head, "Free runs of %g s on held-out data, rms in m%s", e->window_s,
-             unit);
+    char head[80];
+    const char *unit = mk_model_unit(&e->given, 0, "mrad");
+    const char *other = mk_model_unit(&e->given, mk_model_joints(&e->given) - 1, "mrad");
+    bool same = strcmp(unit, other) == 0;
+    snprintf(head, sizeof head, "Free runs of %g s on held-out data, rms in %s%s%s", e->window_s,
+             unit, same ? "" : ", ", same ? "" : other);
     fprintf(out, "%-*s", LABEL + 2, head);
     for (int j = 0; j < mk_model_joints(&e->given); j++)
         fprintf(out, "   joint %d", j + 1);

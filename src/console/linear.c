@@ -25,7 +25,7 @@ void linear_at(const struct mk_model *model, const double *q, bool friction, str
             out->a[i * count + j] = a[order[i] * ns + order[j]];
         out->b[i] = b[order[i]];
     }
-    if (model->plant != MK_PLANT_REACTION_WHEEL)
+    if (n != 2 || !plant->joint_is_wheel[1])
         return;
     /* z3 = x2 + x3: row 3 += row 2, then column 2 -= column 3. */
     out->state[2] = "dq1+dq2";
@@ -36,30 +36,20 @@ void linear_at(const struct mk_model *model, const double *q, bool friction, str
         out->a[i * 3 + 1] -= out->a[i * 3 + 2];
 }
 
-static const struct {
-    enum mk_plant_kind plant;
-    const char *equilibrium, *setup;
-} held[] = {{MK_PLANT_PENDUBOT, "mid", "pendubot-mid"},
-            {MK_PLANT_PENDUBOT, "top", "pendubot-top"},
-            {MK_PLANT_REACTION_WHEEL, "top", "reaction-wheel"},
-            {MK_PLANT_FURUTA, "top", "furuta"}};
-#define HELD (sizeof held / sizeof held[0])
-
-const char *linear_setup(enum mk_plant_kind plant, const char *equilibrium)
+const char *linear_setup(enum mk_plant_kind kind, const char *equilibrium)
 {
-    for (size_t i = 0; i < HELD; i++)
-        if (held[i].plant == plant && strcmp(held[i].equilibrium, equilibrium) == 0)
-            return held[i].setup;
+    const struct mk_plant_info *plant = mk_plant(kind);
+    for (int k = 0; k < plant->equilibrium_count; k++)
+        if (strcmp(plant->equilibrium[k].name, equilibrium) == 0)
+            return plant->equilibrium[k].setup;
     return NULL;
 }
 
 const struct mk_equilibrium *linear_equilibrium(enum mk_plant_kind kind, const char *setup)
 {
     const struct mk_plant_info *plant = mk_plant(kind);
-    for (size_t i = 0; i < HELD; i++)
-        for (int k = 0; k < plant->equilibrium_count; k++)
-            if (held[i].plant == kind && strcmp(held[i].setup, setup) == 0 &&
-                strcmp(held[i].equilibrium, plant->equilibrium[k].name) == 0)
-                return &plant->equilibrium[k];
+    for (int k = 0; k < plant->equilibrium_count; k++)
+        if (plant->equilibrium[k].setup && strcmp(plant->equilibrium[k].setup, setup) == 0)
+            return &plant->equilibrium[k];
     return NULL;
 }

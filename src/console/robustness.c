@@ -45,11 +45,13 @@ const char *trial_end_name(enum trial_end end)
     return "?";
 }
 
-static double signed_tilt(enum mk_plant_kind plant, const double *q)
+static double signed_tilt(enum mk_plant_kind kind, const double *q)
 {
-    double angle = plant == MK_PLANT_PENDUBOT         ? q[0] + q[1] - 0.5 * M_PI
-                   : plant == MK_PLANT_REACTION_WHEEL ? q[0] - M_PI
-                                                      : q[1];
+    const struct mk_plant_info *plant = mk_plant(kind);
+    const double *top = plant->equilibrium[plant->equilibrium_count - 1].q;
+    double angle = 0.0;
+    for (int j = 0; j < plant->joints; j++)
+        angle += plant->lean[j] * (q[j] - top[j]);
     return remainder(angle, 2.0 * M_PI);
 }
 
@@ -165,13 +167,14 @@ struct watch {
 static void add_held(struct watch *w, const struct mk_sample *s)
 {
     const double *q = mk_rig_state(mk_board_virtual_rig(w->board));
-    enum mk_plant_kind plant = w->trial->rig.plant;
-    double tilt = signed_tilt(plant, q), off = q[0] - w->equilibrium[0];
+    const struct mk_plant_info *plant = mk_plant(w->trial->rig.plant);
+    int motor = plant->motor_joint;
+    double tilt = signed_tilt(plant->kind, q), off = q[motor] - w->equilibrium[motor];
     struct held *h = &w->held;
     h->samples += 1.0;
     h->tilt += tilt;
     h->tilt2 += tilt * tilt;
-    h->off2 += plant == MK_PLANT_REACTION_WHEEL ? tilt * tilt : off * off;
+    h->off2 += plant->joint_is_wheel[motor] ? tilt * tilt : off * off;
     h->u2 += s->u * s->u;
 }
 

@@ -40,10 +40,10 @@ struct trial {
     double tilt_rad; /* largest tilt of the upright link while held, from 1 s after the catch */
     double travel_rad;
     /* While held, from 1 s after the catch, of the true motion; NAN: never for so long. */
-    double sway_rad; /* rms of the upright link about its own mean */
-    double off_rad;  /* rms of joint 1 from where the textbook plant would be held; of the wheel's
-                        pendulum the same as its tilt */
-    double effort;   /* rms of the command; of a setup that tracks over all of the run */
+    double sway_rad;    /* rms of the upright link about its own mean */
+    double off_rad;     /* rms of the motor joint from where the textbook plant would be held; of a
+                           wheel's pendulum the same as its tilt */
+    double effort;      /* rms of the command; of a setup that tracks over all of the run */
     double track_radps; /* rms error of such a setup's speed; NAN: it balances */
     char fault[64];     /* "": none */
 };

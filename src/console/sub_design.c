@@ -303,6 +303,14 @@ static enum mk_status write_json(const struct options *o, const struct mk_model 
     return st;
 }
 
+static void print_place(const struct mk_model *model, const struct mk_equilibrium *eq)
+{
+    printf("%s at %s,", mk_plant(model->plant)->name, eq->name);
+    for (int j = 0; j < mk_model_joints(model); j++)
+        printf(" q%d = %.4g %s,", j + 1, eq->q[j], mk_model_unit(model, j, "rad"));
+    printf(" g = %.4g m/s^2\n", model->g);
+}
+
 static int run(int argc, char **argv)
 {
     struct options o = {.rate = 500.0};
@@ -332,10 +340,7 @@ static int run(int argc, char **argv)
     if (o.json && write_json(&o, &model, eq, &sys, &r, rank, &err) != MK_OK)
         return report_output_error(&err);
     if (!(o.json && strcmp(o.json, "-") == 0)) {
-        printf("%s at %s, q = (%.4g", mk_plant(model.plant)->name, eq->name, eq->q[0]);
-        if (mk_model_joints(&model) == 2)
-            printf(", %.4g", eq->q[1]);
-        printf(") %s, g = %.4g m/s^2\n", mk_model_unit(&model, -1, "rad"), model.g);
+        print_place(&model, eq);
         print_result(&o, linear_setup(model.plant, eq->name), &sys, &r, rank, condition);
     }
     return EXIT_OK;

@@ -186,7 +186,7 @@ static int run_doctor(int argc, char **argv)
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
         return report_usage("doctor", "there is no board '%s'", o.board);
-    mk_model_default(MK_PLANT_PENDUBOT, &model);
+    mk_model_default(mk_plant_by_name("pendubot")->kind, &model);
     if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
         return report_error(&err);
     signals_catch(on_signal);

@@ -16,9 +16,7 @@ struct options {
 static const struct option_row option_rows[] = {
     {"map", OPTION_TEXT(map), "M.map", "what the columns mean (docs/formats.md)"},
     {"rig", OPTION_TEXT(rig), "KIND",
-     "instead of a mapping: inertia-wheel, pendulum, pendubot, reaction-wheel or furuta; the "
-     "columns "
-     "go by their names"},
+     "instead of a mapping: the kind of rig (docs/formats.md); the columns go by their names"},
     {"out", OPTION_TEXT(out), "LOG.csv", "the log"},
     {"write-map", OPTION_TEXT(fixed), "M.map", "the mapping, with what is proposed"},
     {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
@@ -50,10 +48,7 @@ static int check(const struct options *o)
     if (!o->map && !o->rig)
         return report_usage("import", "--map or --rig is missing");
     if (o->rig && !mk_plant_by_name(o->rig))
-        return report_usage("import",
-                            "--rig %s: expected inertia-wheel, pendulum, pendubot, reaction-wheel "
-                            "or furuta",
-                            o->rig);
+        return report_usage("import", "--rig %s: expected %s", o->rig, mk_plant_names());
     if (o->map && o->rig)
         return report_usage("import", "the rig stands in the map: --map or --rig, not both");
     if (!o->out && !o->fixed && !o->json)
@@ -153,6 +148,13 @@ static enum mk_status write_report(const struct options *o, const struct mk_impo
 
 /* --- the command ------------------------------------------------------------------------ */
 
+static void use_rig(struct mk_import_map *map, const struct mk_plant_info *plant)
+{
+    map->rig = plant->kind;
+    for (int j = 0; j < plant->joints; j++)
+        map->joint_linear[j] = plant->joint_motion[j] == MK_JOINT_SLIDES;
+}
+
 static enum mk_status find_map(const struct options *o, struct mk_import_map *map,
                                struct mk_table **table, struct mk_error *err)
 {
@@ -161,7 +163,7 @@ static enum mk_status find_map(const struct options *o, struct mk_import_map *ma
     if (o->map)
         st = mk_import_map_read(o->map, map, err);
     else
-        map->rig = mk_plant_by_name(o->rig)->kind;
+        use_rig(map, mk_plant_by_name(o->rig));
     if (st == MK_OK)
         st = mk_import_open(o->file, map, table, err);
     if (st == MK_OK && !o->map)

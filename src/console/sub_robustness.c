@@ -5,17 +5,15 @@
 #include <string.h>
 #include <time.h>
 
+#include "console/linear.h"
 #include "console/options.h"
 #include "console/robustness.h"
+#include "ctrl/ctrl_rig.h"
 #include "mechkit/json.h"
 #include "mechkit/loop.h"
 
 #define SEEDS_MAX 100000
 #define PASS_SHARE 0.95
-
-static const char *const balancing_setups[] = {"pendubot-mid", "pendubot-top", "reaction-wheel",
-                                               "furuta"};
-#define SETUP_COUNT (sizeof balancing_setups / sizeof balancing_setups[0])
 
 struct options {
     const char *setup, *json;
@@ -35,18 +33,22 @@ struct outcome {
     double seconds; /* of the machine's time */
 };
 
+/* The setups of the command: those that hold an equilibrium. */
+static bool balances(const struct mk_ctrl_ops *setup)
+{
+    return linear_equilibrium(mk_ctrl_first_rig(setup), setup->name) != NULL;
+}
+
 static bool take_setup(const char *value, void *target)
 {
+    const struct mk_ctrl_ops *setup = mk_ctrl_setup_by_name(value);
     *(const char **)target = value;
-    for (size_t i = 0; i < SETUP_COUNT; i++)
-        if (strcmp(balancing_setups[i], value) == 0)
-            return true;
-    return false;
+    return setup && balances(setup);
 }
 
 static const struct option_row option_rows[] = {
-    {"setup", OPTION_CALL(setup), "NAME", "one setup; default: all four", .take = take_setup,
-     .wants = "pendubot-mid, pendubot-top, reaction-wheel or furuta"},
+    {"setup", OPTION_CALL(setup), "NAME", "one setup; default: all that balance",
+     .take = take_setup, .wants = "a setup that balances: pendubot-mid, furuta, ..."},
     {"seeds", OPTION_COUNT(seeds), "N", "rigs a setup; default 200", 1, SEEDS_MAX},
     {"first", OPTION_SEED(first), "N", "seed of the first; default 1", 1, 9e15},
     {"delay", OPTION_COUNT(spread.delay_samples), "N",
@@ -101,20 +103,12 @@ static enum mk_status sum_up(struct outcome *o, struct mk_error *err)
     return MK_OK;
 }
 
-static enum mk_plant_kind plant_of(const struct mk_ctrl_ops *setup)
-{
-    int kind = 0;
-    while (!(setup->plants & (1u << kind)))
-        kind++;
-    return (enum mk_plant_kind)kind;
-}
-
-static enum mk_status run_setup(const char *name, const struct options *options, struct outcome *o,
-                                struct mk_error *err)
+static enum mk_status run_setup(const struct mk_ctrl_ops *setup, const struct options *options,
+                                struct outcome *o, struct mk_error *err)
 {
     memset(o, 0, sizeof *o);
-    o->setup = mk_ctrl_setup_by_name(name);
-    mk_model_default(plant_of(o->setup), &o->believed);
+    o->setup = setup;
+    mk_model_default(mk_ctrl_first_rig(o->setup), &o->believed);
     o->trial = calloc((size_t)options->seeds, sizeof *o->trial);
     if (!o->trial)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %d runs", options->seeds);
@@ -221,11 +215,12 @@ static int run(int argc, char **argv)
     struct mk_error err = MK_ERROR_INIT;
     cJSON *root = cJSON_CreateArray();
     print_heading(&o);
-    for (size_t i = 0; i < SETUP_COUNT; i++) {
-        if (o.setup && strcmp(o.setup, balancing_setups[i]) != 0)
+    const struct mk_ctrl_ops *setup;
+    for (int i = 0; (setup = mk_ctrl_setup(i)) != NULL; i++) {
+        if (!balances(setup) || (o.setup && strcmp(o.setup, setup->name) != 0))
             continue;
         struct outcome outcome;
-        enum mk_status st = run_setup(balancing_setups[i], &o, &outcome, &err);
+        enum mk_status st = run_setup(setup, &o, &outcome, &err);
         if (st == MK_OK) {
             print_outcome(&outcome);
             print_failures(&outcome);

@@ -8,6 +8,7 @@
 #include "console/doctor.h"
 #include "console/options.h"
 #include "console/signals.h"
+#include "ctrl/ctrl_rig.h"
 #include "driver/standalone.h"
 #include "driver/wire.h"
 #include "mechkit/log.h"
@@ -18,16 +19,16 @@
 #define GUARD_MS 200      /* the board stops when the host falls silent for so long */
 #define GUARD_NS 20000000 /* between two looks */
 
+/* Setups that the board has a law for. */
 static const struct setup {
     const char *name;
     enum mk_controller controller;
-    enum mk_plant_kind plant;
 } setups[] = {
-    {"pendubot-mid", MK_CONTROLLER_PENDUBOT_MID, MK_PLANT_PENDUBOT},
-    {"pendubot-top", MK_CONTROLLER_PENDUBOT_TOP, MK_PLANT_PENDUBOT},
-    {"reaction-wheel", MK_CONTROLLER_REACTION_WHEEL, MK_PLANT_REACTION_WHEEL},
-    {"furuta", MK_CONTROLLER_FURUTA, MK_PLANT_FURUTA},
-    {"pi-speed", MK_CONTROLLER_PI_SPEED, MK_PLANT_INERTIA_WHEEL},
+    {"pendubot-mid", MK_CONTROLLER_PENDUBOT_MID},
+    {"pendubot-top", MK_CONTROLLER_PENDUBOT_TOP},
+    {"reaction-wheel", MK_CONTROLLER_REACTION_WHEEL},
+    {"furuta", MK_CONTROLLER_FURUTA},
+    {"pi-speed", MK_CONTROLLER_PI_SPEED},
 };
 #define SETUPS (sizeof setups / sizeof setups[0])
 
@@ -289,7 +290,7 @@ static int run(int argc, char **argv)
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
         return report_usage("standalone", "there is no board '%s'", o.board);
-    mk_model_default(o.setup->plant, &model);
+    mk_model_default(mk_ctrl_first_rig(mk_ctrl_setup_by_name(o.setup->name)), &model);
     if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
         return report_error(&err);
     if (o.fast)

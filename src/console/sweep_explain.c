@@ -54,10 +54,8 @@ static enum mk_status check_rigs(const struct sweep *s, struct mk_error *err)
                            "[rig] kind is missing: on which rigs are effects to be hidden?");
     for (int i = 0; i < s->axis[at].count; i++)
         if (!mk_plant_by_name(s->axis[at].word[i]))
-            return sweep_refuse(s, &s->axis[at], err,
-                                "'%s': expected inertia-wheel, pendulum, pendubot, reaction-wheel "
-                                "or furuta",
-                                s->axis[at].word[i]);
+            return sweep_refuse(s, &s->axis[at], err, "'%s': expected %s", s->axis[at].word[i],
+                                mk_plant_names());
     return MK_OK;
 }
 

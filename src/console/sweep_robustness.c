@@ -6,6 +6,7 @@
 #include "console/basin.h"
 #include "console/robustness.h"
 #include "console/sweep.h"
+#include "ctrl/ctrl_rig.h"
 #include "mechkit/loop.h"
 
 /* --- what both have in common --------------------------------------------------------------- */
@@ -19,21 +20,13 @@
     {"loop", "rate", SWEEP_NUMBER, MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ}
 /* clang-format on */
 
-static enum mk_plant_kind plant_of(const struct mk_ctrl_ops *setup)
-{
-    int kind = 0;
-    while (!(setup->plants & (1u << kind)))
-        kind++;
-    return (enum mk_plant_kind)kind;
-}
-
 static enum mk_status check_setup(const struct sweep *s, const struct sweep_axis *a,
                                   const char *name, struct mk_error *err)
 {
     char known[200] = "";
     for (int i = 0; mk_ctrl_setup(i); i++) {
         const struct mk_ctrl_ops *setup = mk_ctrl_setup(i);
-        if (!linear_equilibrium(plant_of(setup), setup->name))
+        if (!linear_equilibrium(mk_ctrl_first_rig(setup), setup->name))
             continue;
         if (strcmp(setup->name, name) == 0)
             return MK_OK;
@@ -118,8 +111,8 @@ static enum mk_status run_robustness(const struct sweep *s, size_t index, int *o
     spread.catch_s = sweep_number(s, index, "trial.catch", spread.catch_s);
     spread.hold_s = sweep_number(s, index, "trial.hold", spread.hold_s);
     const struct mk_ctrl_ops *setup = setup_of(s, index);
-    enum mk_status st =
-        trial_run(setup, &s->model[plant_of(setup)], &spread, sweep_seed(s, index), &t, err);
+    enum mk_status st = trial_run(setup, &s->model[mk_ctrl_first_rig(setup)], &spread,
+                                  sweep_seed(s, index), &t, err);
     if (st != MK_OK)
         return st;
     *outcome = (int)t.end;
@@ -169,7 +162,7 @@ static enum mk_status run_basin(const struct sweep *s, size_t index, int *outcom
     from.within_s = sweep_number(s, index, "trial.within", 0.1);
     from.hold_s = sweep_number(s, index, "trial.hold", 3.0);
     const struct mk_ctrl_ops *setup = setup_of(s, index);
-    enum mk_status st = basin_run(setup, &s->model[plant_of(setup)], &spread, &from,
+    enum mk_status st = basin_run(setup, &s->model[mk_ctrl_first_rig(setup)], &spread, &from,
                                   sweep_seed(s, index), &run, err);
     if (st != MK_OK)
         return st;

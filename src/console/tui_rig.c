@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "model/plant_facts.h"
+
 /* Directions below are angles from the downward vertical, counter-clockwise. */
 struct pen {
     struct dots d;
@@ -50,60 +52,67 @@ static void ground(struct pen *p)
     dots_set(&p->d, (int)p->x, (int)p->y + 1, STYLE_DIM);
 }
 
-static void draw_pendubot(struct pen *p, const double *q)
-{
-    const double quarter = 1.57079632679489662;
-    ground(p);
-    link_to(p, q[0] + quarter, 1.0, STYLE_TRACE_A);
-    rod_to(p, q[0] + q[1] + quarter, 0.95, STYLE_TRACE_B);
-}
-
-/* From the front, at the tip of the arm; the arm from above beside it. */
-static void draw_furuta(struct pen *p, const double *q)
+/* An arm from above, in the corner. */
+static void dial(const struct pen *p, double angle, double length, enum tui_style style)
 {
     struct pen dial = *p;
     dial.scale = p->scale * 0.45;
     dial.x = dial.scale + 1.0;
     dial.y = dial.scale + 1.0;
-    dots_circle(&dial.d, dial.x, dial.y, dial.scale, STYLE_DIM);
-    rod_to(&dial, q[0], 1.0, STYLE_TRACE_A);
-    ground(p);
-    rod_to(p, 3.14159265358979324 - q[1], 1.9, STYLE_TRACE_B);
+    dots_circle(&dial.d, dial.x, dial.y, dial.scale * length, STYLE_DIM);
+    rod_to(&dial, angle, length, style);
 }
 
-static void draw_reaction_wheel(struct pen *p, const double *q)
+/* A box on a line across the picture; the pen goes to the box. */
+static void carriage(struct pen *p, double along, enum tui_style style)
 {
-    ground(p);
-    rod_to(p, q[0], 1.4, STYLE_TRACE_A);
-    wheel_at(p, q[0] + q[1], 0.5, STYLE_TRACE_B);
+    const double half = 0.25 * p->scale, low = 0.12 * p->scale;
+    dots_line(&p->d, p->x - 2.0 * p->scale, p->y + low + 1.0, p->x + 2.0 * p->scale,
+              p->y + low + 1.0, STYLE_DIM);
+    p->x += p->scale * along;
+    for (int side = -1; side <= 1; side += 2) {
+        dots_line(&p->d, p->x - half, p->y + side * low, p->x + half, p->y + side * low, style);
+        dots_line(&p->d, p->x + side * half, p->y - low, p->x + side * half, p->y + low, style);
+    }
+}
+
+static void stroke(struct pen *p, const struct mk_stroke *s)
+{
+    enum tui_style style = s->joint == 0 ? STYLE_TRACE_A : STYLE_TRACE_B;
+    switch (s->kind) {
+    case MK_STROKE_GROUND:
+        ground(p);
+        break;
+    case MK_STROKE_LINK:
+        link_to(p, s->angle, s->length, style);
+        break;
+    case MK_STROKE_ROD:
+        rod_to(p, s->angle, s->length, style);
+        break;
+    case MK_STROKE_WHEEL:
+        wheel_at(p, s->angle, s->length, style);
+        break;
+    case MK_STROKE_DIAL:
+        dial(p, s->angle, s->length, style);
+        break;
+    case MK_STROKE_CARRIAGE:
+        carriage(p, s->length, style);
+        break;
+    }
 }
 
 void rig_draw(struct canvas *c, struct tui_rect r, enum mk_plant_kind plant, const double *q)
 {
     struct pen p;
+    struct mk_stroke strokes[MK_SKETCH_MAX];
     if (r.rows < 3 || r.cols < 6 || dots_init(&p.d, r.rows, r.cols) != MK_OK)
         return;
     p.x = r.cols;
     p.y = 2.0 * r.rows;
     p.scale = fmin(p.x, p.y) / 2.0 - 0.5;
-    switch (plant) {
-    case MK_PLANT_PENDUBOT:
-        draw_pendubot(&p, q);
-        break;
-    case MK_PLANT_FURUTA:
-        draw_furuta(&p, q);
-        break;
-    case MK_PLANT_REACTION_WHEEL:
-        draw_reaction_wheel(&p, q);
-        break;
-    case MK_PLANT_PENDULUM:
-        ground(&p);
-        rod_to(&p, q[0], 1.9, STYLE_TRACE_A);
-        break;
-    default:
-        wheel_at(&p, q[0], 1.8, STYLE_TRACE_A);
-        break;
-    }
+    int count = mk_plant_sketch(plant, q, strokes);
+    for (int i = 0; i < count; i++)
+        stroke(&p, &strokes[i]);
     dots_show(&p.d, c, r.row, r.col);
     dots_free(&p.d);
 }

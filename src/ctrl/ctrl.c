@@ -10,8 +10,8 @@
 
 /* One row a setup: the order is the one of lists shown to people. */
 static const struct mk_ctrl_ops *const setups[] = {
-    &mk_ctrl_pendubot_mid, &mk_ctrl_pendubot_top, &mk_ctrl_reaction_wheel,
-    &mk_ctrl_furuta,       &mk_ctrl_pi_speed,     &mk_ctrl_open_loop,
+    &mk_ctrl_pendubot_mid, &mk_ctrl_pendubot_top, &mk_ctrl_reaction_wheel, &mk_ctrl_furuta,
+    &mk_ctrl_cart_pole,    &mk_ctrl_acrobot,      &mk_ctrl_pi_speed,       &mk_ctrl_open_loop,
 };
 
 const struct mk_ctrl_ops *mk_ctrl_setup(int index)
@@ -95,6 +95,14 @@ enum mk_status mk_ctrl_check_rig(const struct mk_ctrl_ops *ops, enum mk_plant_ki
     list_plants(ops->plants, rigs, sizeof rigs);
     return mk_error_set(err, MK_ERR_INVALID, "setup %s is for %s, not for %s", ops->name, rigs,
                         mk_plant(rig)->name);
+}
+
+enum mk_plant_kind mk_ctrl_first_rig(const struct mk_ctrl_ops *ops)
+{
+    int kind = 0;
+    while (!(ops->plants & (1u << kind)))
+        kind++;
+    return (enum mk_plant_kind)kind;
 }
 
 static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *believed,

@@ -11,6 +11,8 @@ extern const struct mk_ctrl_ops mk_ctrl_pendubot_mid;
 extern const struct mk_ctrl_ops mk_ctrl_pendubot_top;
 extern const struct mk_ctrl_ops mk_ctrl_reaction_wheel;
 extern const struct mk_ctrl_ops mk_ctrl_furuta;
+extern const struct mk_ctrl_ops mk_ctrl_cart_pole;
+extern const struct mk_ctrl_ops mk_ctrl_acrobot;
 extern const struct mk_ctrl_ops mk_ctrl_pi_speed;
 extern const struct mk_ctrl_ops mk_ctrl_open_loop;
 

@@ -1,36 +1,12 @@
 #include "ctrl/link_pump.h"
 
 #include "ctrl/ctrl_priv.h"
+#include "model/plant_facts.h"
 
-/* The free link as a pendulum on a moving pivot. */
-struct link {
-    double energy;   /* in m g l; 0 upright and at rest, -2 hanging */
-    double speed;    /* absolute, over the frequency of small swings */
-    double coupling; /* with link 1's acceleration, -1 .. 1 */
-};
-
-static struct link free_link(const struct mk_model *model, const double *x)
+static struct mk_free_link free_link(const struct mk_model *model, const double *x)
 {
-    const double *p = model->parameter;
-    double inertia, weight, height, w, coupling;
-    if (model->plant == MK_PLANT_FURUTA) {
-        inertia = 4.0 * p[2];
-        weight = p[3] * model->g;
-        height = cos(x[1]);
-        w = x[3];
-        coupling = cos(x[1]);
-    } else {
-        inertia = p[1];
-        weight = p[4] * model->g;
-        height = sin(x[0] + x[1]);
-        w = x[2] + x[3];
-        coupling = cos(x[1]);
-    }
-    struct link l = {
-        .energy = 0.5 * inertia * w * w / weight + height - 1.0,
-        .speed = w * sqrt(inertia / weight),
-        .coupling = coupling,
-    };
+    struct mk_free_link l = {0.0, 0.0, 0.0};
+    mk_plant_free_link(model, x, &l);
     return l;
 }
 
@@ -42,13 +18,16 @@ double mk_link_energy(const struct mk_model *model, const double *x)
 double mk_pfl_command(const struct mk_model *model, const double *x, double v1)
 {
     double d[4], h[2];
+    int m = mk_plant(model->plant)->motor_joint, o = 1 - m; /* driven and free */
     mk_plant_mass(model, x, x + 2, d, h);
-    /* Row 2 gives a2 = -(d21 v1 + h2) / d22; put into row 1: report (2.15), (2.16). */
-    return (d[0] - d[1] * d[2] / d[3]) * v1 + h[0] - d[1] / d[3] * h[1];
+    /* The free row gives a_o = -(d_om v1 + h_o) / d_oo; put into the other: report (2.15), (2.16).
+     */
+    double ratio = d[1] / d[3 * o];
+    return (d[3 * m] - ratio * d[2]) * v1 + h[m] - ratio * h[o];
 }
 
 /* At rest below there is nothing to pump on: the first push. */
-static bool at_rest_below(const struct link *l)
+static bool at_rest_below(const struct mk_free_link *l)
 {
     return fabs(l->speed) < 0.04 && l->energy < -1.8;
 }
@@ -60,7 +39,7 @@ double mk_link_pump(const struct mk_model *model, const double *x, double target
     static const double energy[] = {0.0, 0.05, -0.05, 0.1};
     unsigned turn = (unsigned)fmin(since_s / row[MK_PUMP_PATIENCE], 1e6) % 4u;
 
-    struct link l = free_link(model, x);
+    struct mk_free_link l = free_link(model, x);
     double error = x[0] - target, v = x[2];
     double hold_p = row[MK_PUMP_HOLD_P], hold_d = row[MK_PUMP_HOLD_D], speed = row[MK_PUMP_SPEED];
     double hold = hold_d * (mk_clamp(-hold_p / hold_d * error, -speed, speed) - v);

@@ -33,31 +33,37 @@ enum {
 };
 
 /* clang-format off */
-#define MK_PUMP_PARAMS(first, strength, gain, energy, patience, hold_p, hold_d, speed, centre_p,   \
-                       centre_d)                                                                   \
-    [(first) + MK_PUMP_STRENGTH] = {"pump", "rad/s^2",                                             \
-        "acceleration of link 1 that pumps energy", 0.0, 500.0, strength, false},                  \
+/* `unit` of the joint that the motor drives, `link` its name; the starting values in the order of
+ * the enumeration. */
+#define MK_PUMP_ROWS_OF(first, unit, link, strength, gain, energy, reach, patience, hold_p, hold_d,\
+                        speed, centre_p, centre_d)                                                 \
+    [(first) + MK_PUMP_STRENGTH] = {"pump", unit "/s^2",                                           \
+        "acceleration of " link " that pumps energy", 0.0, 500.0, strength, false},                \
     [(first) + MK_PUMP_GAIN] = {"pump_gain", "",                                                   \
         "how sharply the pump switches", 0.1, 1000.0, gain, false},                                \
     [(first) + MK_PUMP_ENERGY] = {"pump_energy", "",                                               \
         "energy aimed at above upright rest, in m g l", -1.0, 1.0, energy, false},                 \
-    [(first) + MK_PUMP_REACH] = {"reach", "rad",                                                   \
-        "link 1 pumps within this of its target", 0.1, 3.0, 1.2, false},                           \
+    [(first) + MK_PUMP_REACH] = {"reach", unit,                                                    \
+        link " pumps within this of its target", (reach) < 1.0 ? 0.01 : 0.1, 3.0, reach, false},   \
     [(first) + MK_PUMP_PATIENCE] = {"patience", "s",                                               \
         "not caught for so long: pump with another strength", 0.5, 60.0, patience, false},         \
     [(first) + MK_PUMP_HOLD_P] = {"hold_p", "1/s^2",                                               \
-        "stiffness with which link 1 is held", 0.0, 2000.0, hold_p, false},                        \
+        "stiffness with which " link " is held", 0.0, 2000.0, hold_p, false},                      \
     [(first) + MK_PUMP_HOLD_D] = {"hold_d", "1/s",                                                 \
         "damping of that", 0.1, 200.0, hold_d, false},                                             \
-    [(first) + MK_PUMP_SPEED] = {"hold_speed", "rad/s",                                            \
-        "speed at which link 1 goes to its target", 0.1, 50.0, speed, false},                      \
+    [(first) + MK_PUMP_SPEED] = {"hold_speed", unit "/s",                                          \
+        "speed at which " link " goes to its target", 0.1, 50.0, speed, false},                    \
     [(first) + MK_PUMP_CENTRE_P] = {"centre_p", "1/s^2",                                           \
         "stiffness that is always on", 0.0, 500.0, centre_p, false},                               \
     [(first) + MK_PUMP_CENTRE_D] = {"centre_d", "1/s",                                             \
         "damping that is always on", 0.0, 100.0, centre_d, false}
+#define MK_PUMP_PARAMS(first, strength, gain, energy, patience, hold_p, hold_d, speed, centre_p,   \
+                       centre_d)                                                                   \
+    MK_PUMP_ROWS_OF(first, "rad", "link 1", strength, gain, energy, 1.2, patience, hold_p, hold_d, \
+                    speed, centre_p, centre_d)
 /* clang-format on */
 
-/* Command that makes the driven joint 1 accelerate by v1 on the believed model in state x
+/* Command that makes the driven joint accelerate by v1 on the believed model in state x
  * (joint order): collocated partial feedback linearisation, friction included. RT. */
 double mk_pfl_command(const struct mk_model *model, const double *x, double v1);
 

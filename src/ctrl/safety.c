@@ -39,36 +39,24 @@ const char *mk_fault_text(enum mk_fault fault)
     return "unknown fault";
 }
 
-/* Turns a joint may make from its rest, either way. Wheels turn for ever. A driven link carries the
- * cable of the encoder behind it; a free link has a slip ring or no cable at all. */
-static double travel_turns(const struct mk_plant_info *plant, int joint)
-{
-    if (plant->joint_is_wheel[joint])
-        return INFINITY;
-    bool carries_cable = joint == plant->motor_joint && plant->joints > 1;
-    return carries_cable ? 3.0 : 10.0;
-}
-
 void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety_limits *out)
 {
     const struct mk_plant_info *plant = mk_plant(model->plant);
     memset(out, 0, sizeof *out);
     out->dt_s = dt;
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
-        bool wheel = j < plant->joints && plant->joint_is_wheel[j];
-        double turns = j < plant->joints ? travel_turns(plant, j) : (double)INFINITY;
-        double size = j < plant->joints ? mk_model_joint_scale(model, j) : 1.0;
-        double count = j < plant->joints ? mk_model_count(model, j) : 0.0;
-        out->q_min[j] = plant->rest[j] - turns * TURN_RAD * size;
-        out->q_max[j] = plant->rest[j] + turns * TURN_RAD * size;
-        /* A wheel at full command ends where friction or voltage holds it; links fall and swing. */
-        out->v_max[j] = (wheel ? 900.0 : 60.0) * size;
+        bool there = j < plant->joints;
+        bool either = there && plant->joint_motion[j] == MK_JOINT_EITHER;
+        double size = there ? mk_model_joint_scale(model, j) : 1.0;
+        double travel = there ? plant->joint_travel[j] : (double)INFINITY;
+        double count = there ? mk_model_count(model, j) : 0.0;
+        double speed = there ? plant->joint_speed[j] : 0.0;
+        out->q_min[j] = plant->rest[j] - travel * (either ? size : 1.0);
+        out->q_max[j] = plant->rest[j] + travel * (either ? size : 1.0);
+        out->v_max[j] = speed * (either ? size : 1.0);
         out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count;
-        out->rest_tolerance[j] = 0.1 * size;
+        out->rest_tolerance[j] = plant->joint_is_level[j] ? (double)INFINITY : 0.1 * size;
     }
-    /* The arm of the Furuta pendulum lies in the horizontal plane: it rests anywhere. */
-    if (model->plant == MK_PLANT_FURUTA)
-        out->rest_tolerance[0] = INFINITY;
     out->stuck_s = 0.3;
     out->stuck_u = 0.8 * model->u_max;
     out->runaway_s = 0.003;

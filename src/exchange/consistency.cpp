@@ -211,10 +211,6 @@ bool Fit::solve(double span)
     return true;
 }
 
-// Parameters that with angles as in docs/formats.md are sums of masses, lengths and inertias: one
-// bit each.
-constexpr unsigned positive[MK_PLANT_COUNT] = {1u, 3u, 31u, 7u, 15u};
-
 // The unconstrained optimum of the unknowns that are off zero, or as far towards it as the first of
 // them comes back to zero; true when none does.
 bool step_towards(const MatrixXd &h, const VectorXd &b, std::vector<bool> &off_zero, VectorXd &x)
@@ -280,7 +276,8 @@ int Fit::wrong_sign() const
     double most = BEYOND_DOUBT;
     for (int i = 0; i < np_; i++) {
         double doubt = -p_[i] / deviation_[i];
-        if ((positive[plant_->kind] >> i & 1u) && doubt > most) {
+        // With angles as in docs/formats.md all but friction are sums of masses, lengths, inertias.
+        if (i < plant_->parameter_count - 2 && doubt > most) {
             most = doubt;
             worst = i;
         }
@@ -386,8 +383,7 @@ bool hangs(const Columns &c, const mk_model &rig)
             low = std::fmin(low, c.q[j][r]);
             high = std::fmax(high, c.q[j][r]);
         }
-        bool level = plant->joint_is_wheel[j] || rig.joint_linear[j] ||
-                     (plant->kind == MK_PLANT_FURUTA && j == 0);
+        bool level = plant->joint_is_wheel[j] || rig.joint_linear[j] || plant->joint_is_level[j];
         double off = std::remainder(0.5 * (low + high) - plant->rest[j], 2.0 * M_PI);
         if (rows > 3 && high - low < 0.02 && !level && std::fabs(off) > 0.5)
             return false;

@@ -79,6 +79,13 @@ static int refuse(struct reader *r, const char *what, const char *section, const
     return 0;
 }
 
+static int refuse_kind(struct reader *r, const char *key)
+{
+    char what[200];
+    snprintf(what, sizeof what, "expected %s", mk_plant_names());
+    return refuse(r, what, "rig", key);
+}
+
 static bool finite_number(const char *text, double *out)
 {
     double value;
@@ -167,9 +174,10 @@ static int on_rig(struct reader *r, const char *key, const char *value)
     if (strcmp(key, "kind") == 0) {
         const struct mk_plant_info *plant = mk_plant_by_name(value);
         if (!plant)
-            return refuse(r, "expected inertia-wheel, pendulum, pendubot, reaction-wheel or furuta",
-                          "rig", key);
+            return refuse_kind(r, key);
         r->map.rig = plant->kind;
+        for (int j = 0; j < plant->joints; j++)
+            r->map.joint_linear[j] |= plant->joint_motion[j] == MK_JOINT_SLIDES;
         r->has_rig = true;
         return 1;
     }

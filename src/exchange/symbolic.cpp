@@ -40,8 +40,8 @@ Compiled<Expr> compile_symbols(SymbolicModel &s)
 {
     Compiled<Expr> c = compile<Expr>(s.model);
     for (int i = 0; i < c.parameter_count; i++)
-        c.p[i] = parameter(s, -1, s.plant->parameter[i], s.plant->parameter[i].name,
-                           s.model.parameter[i]);
+        c.p[i] = parameter(s, s.plant->parameter_joint[i], s.plant->parameter[i],
+                           s.plant->parameter[i].name, s.model.parameter[i]);
     for (int i = 0; i < c.effect_count; i++) {
         const mk_effect_info *info = mk_effect(s.model.effect[i].index);
         std::string owner = effect_name(s.model, i) + "_";

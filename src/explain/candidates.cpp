@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "model/effects_custom.hpp"
+#include "model/plant_facts.h"
 
 namespace mk
 {
@@ -18,21 +19,15 @@ struct Setting {
     const mk_model *model;
     const DataRange *range;
     int j; // 0-based; -1: no joint
-    double inertia() const
-    {
-        const double *p = model->parameter;
-        switch (model->plant) {
-        case MK_PLANT_PENDUBOT:
-            return j == 0 ? p[0] + p[1] : p[1];
-        case MK_PLANT_REACTION_WHEEL:
-            return j == 0 ? p[0] : p[1];
-        case MK_PLANT_FURUTA:
-            return j == 0 ? p[0] : 4.0 * p[2];
-        default:
-            return p[0];
-        }
-    }
+    double inertia() const { return mk_plant_body_inertia(model, j); }
     bool wheel() const { return j >= 0 && mk_model_turns_freely(model, j); }
+    // Gravity does nothing at it.
+    bool level() const { return slides() || plant->joint_is_level[j]; }
+    // In a plane that does not move itself, in which gravity pulls.
+    bool upright_plane() const
+    {
+        return j == 0 ? !plant->joint_is_level[0] : !plant->joints_parallel;
+    }
     bool slides() const { return j >= 0 && model->joint_linear[j]; }
     // Of a motion of 1 rad, in the joint's unit.
     double size() const { return j >= 0 ? mk_model_joint_scale(model, j) : 1.0; }
@@ -139,8 +134,7 @@ Starts cogging(const Setting &s)
     Starts all;
     // Where the joint turns in a plane that does not move itself, once a revolution is an
     // imbalance.
-    const bool furuta = s.model->plant == MK_PLANT_FURUTA;
-    const int first = furuta == (s.j == 1) ? 2 : 1;
+    const int first = s.upright_plane() ? 2 : 1;
     for (int n = first; n <= 48; n++)
         if (n <= 16 || n % 2 == 0)
             all.push_back({small(s), (double)n, 0.3});
@@ -148,8 +142,7 @@ Starts cogging(const Setting &s)
 }
 Starts imbalance(const Setting &s)
 {
-    bool level = s.slides() || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
-    return level ? Starts{} : Starts{{small(s), 0.3}};
+    return s.level() ? Starts{} : Starts{{small(s), 0.3}};
 }
 Starts end_stop(const Setting &s)
 {
@@ -171,8 +164,7 @@ Starts reflected_inertia(const Setting &s)
 }
 Starts backlash(const Setting &s)
 {
-    bool wheel_rig = s.model->plant == MK_PLANT_INERTIA_WHEEL;
-    if (s.j != 1 && !wheel_rig)
+    if (s.j != 1 && s.plant->joints == 2)
         return {};
     double share = s.motor() ? 0.2 : 0.08, light = share * s.inertia();
     double k = light * 150.0 * 150.0;
@@ -231,7 +223,7 @@ Starts encoder_eccentricity(const Setting &s)
 Starts encoder_offset(const Setting &s)
 {
     // An angle that nothing depends on has no zero.
-    bool free = s.plant->joint_is_wheel[s.j] || (s.model->plant == MK_PLANT_FURUTA && s.j == 0);
+    bool free = s.plant->joint_is_wheel[s.j] || s.plant->joint_is_level[s.j];
     return free ? Starts{} : Starts{{0.001}};
 }
 Starts sensor_delay(const Setting &)

@@ -552,10 +552,12 @@ std::string residual_table(const mk_explanation &e)
 // What a controller makes of what it believes, on a virtual rig that is the extended model.
 std::string control_table(const mk_explanation &e)
 {
+    const mk_plant_info *plant = mk_plant(e.given.plant);
+    const int held = plant->joint_is_wheel[plant->motor_joint] ? 0 : plant->motor_joint;
     std::string s = "<div><table><tr><th>Setup</th><th>believes</th><th>held</th><th>caught, s</th>"
-                    "<th>error, rms</th><th>joint 1 off, ";
-    s += mk_model_unit(&e.given, 0, "rad");
-    s += "</th><th>command, rms</th></tr>";
+                    "<th>error, rms</th>";
+    add(s, "<th>joint %d off, %s</th><th>command, rms</th></tr>", held + 1,
+        mk_model_unit(&e.given, held, "rad"));
     auto cell = [&](double value) {
         std::isfinite(value) ? add(s, "<td>%.3g</td>", value) : add(s, "<td></td>");
     };

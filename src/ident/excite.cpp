@@ -382,6 +382,9 @@ enum mk_excite_criterion mk_excite_criterion_by_name(const char *name)
     return (enum mk_excite_criterion)i;
 }
 
+// Of what a carriage has to its stops: the rest is for a rig that goes farther than its model.
+static constexpr double TRACK_SHARE = 0.7;
+
 void mk_excite_default(const mk_model *model, mk_excite_options *out)
 {
     const mk_plant_info *plant = mk_plant(model->plant);
@@ -396,8 +399,11 @@ void mk_excite_default(const mk_model *model, mk_excite_options *out)
     mk_safety_default(model, 1.0 / out->rate_hz, &safety);
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         double rest = j < plant->joints ? plant->rest[j] : 0.0;
-        out->q_min[j] = rest - 0.5 * mk::TWO_PI * mk_model_joint_scale(model, j);
-        out->q_max[j] = rest + 0.5 * mk::TWO_PI * mk_model_joint_scale(model, j);
+        bool track = plant->joint_motion[j] == MK_JOINT_SLIDES;
+        double reach = track ? TRACK_SHARE * plant->joint_travel[j]
+                             : 0.5 * mk::TWO_PI * mk_model_joint_scale(model, j);
+        out->q_min[j] = rest - reach;
+        out->q_max[j] = rest + reach;
         out->v_max[j] = 0.4 * safety.v_max[j];
         // Rounding to whole counts.
         out->noise[j] = mk_model_count(model, j) / std::sqrt(12.0);

@@ -8,6 +8,7 @@
 
 #include "mechkit/measure.h"
 #include "mechkit/sim.h"
+#include "model/plants.hpp"
 
 namespace mk
 {

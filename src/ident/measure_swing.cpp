@@ -30,21 +30,19 @@ struct Swing {
     std::vector<double> t, q; // readings from the first turn on
 };
 
-// m g l and what the swing's frequency gives with it: J, or J + J_r of the reaction wheel, whose
-// wheel is carried along.
-struct Pendulum {
-    double moment, inertia;
-    const char *name;
+// Rigs that do not swing freely have been refused by the table.
+mk_free_swing pendulum_of(const mk_model &m)
+{
+    mk_free_swing swing = {};
+    mk_plant_free_swing(&m, &swing);
+    return swing;
+}
 
-    explicit Pendulum(const mk_model &m)
-    {
-        bool wheel = m.plant == MK_PLANT_REACTION_WHEEL;
-        moment = wheel ? m.parameter[2] * m.g : m.parameter[1];
-        inertia = wheel ? m.parameter[0] + m.parameter[1] : m.parameter[0];
-        name = wheel ? "p1 + p2" : "p1";
-    }
-    double omega() const { return std::sqrt(moment / inertia); }
-};
+double omega_of(const mk_model &m)
+{
+    mk_free_swing swing = pendulum_of(m);
+    return std::sqrt(swing.moment / swing.inertia);
+}
 
 bool free_row(const MeasureProblem &problem, const mk_record &rec, size_t k)
 {
@@ -52,15 +50,17 @@ bool free_row(const MeasureProblem &problem, const mk_record &rec, size_t k)
            std::fabs(rec.u[0][k]) < 1e-3 * problem.model.u_max;
 }
 
-// The wheel stands still on its pendulum over the tenth of a second from row k on.
+// The joint that has to stands still, a wheel on its pendulum, over the tenth of a second from row
+// k on.
 bool locked_row(const MeasureProblem &problem, const mk_record &rec, size_t k)
 {
-    if (problem.model.plant != MK_PLANT_REACTION_WHEEL)
+    int j = pendulum_of(problem.model).locked_joint;
+    if (j < 0)
         return true;
     size_t last = k;
     while (last + 1 < rec.rows && rec.t[last] < rec.t[k] + 0.1)
         last++;
-    double v = (rec.q[1][last] - rec.q[1][k]) / (rec.t[last] - rec.t[k]);
+    double v = (rec.q[j][last] - rec.q[j][k]) / (rec.t[last] - rec.t[k]);
     return last == k || !(std::fabs(v) > STILL);
 }
 
@@ -142,7 +142,7 @@ bool trim(Swing &s, double period)
 std::vector<Swing> find_swings(const MeasureProblem &problem)
 {
     std::vector<Swing> swings;
-    double period = 2.0 * PI / Pendulum(problem.model).omega();
+    double period = 2.0 * PI / omega_of(problem.model);
     for (size_t l = 0; l < problem.records.size(); l++) {
         const mk_record &rec = problem.records[l];
         Swing s = {l, {}, {}, {}};
@@ -219,7 +219,7 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
     std::fill(u, u + s.t.size(), 0.0);
 
     mk_model m;
-    mk_model_default(MK_PLANT_PENDULUM, &m);
+    mk_model_default(mk::Pendulum::info.kind, &m);
     m.encoder_cpr[0] = problem.model.encoder_cpr[0];
     m.encoder_resolution[0] = problem.model.encoder_resolution[0];
     m.friction_sharpness = problem.model.friction_sharpness;
@@ -247,8 +247,8 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
 void report(const MeasureProblem &problem, const mk_quantity &raw, const mk_quantity &turns,
             const mk_quantity &fit, mk_measurement &out)
 {
-    Pendulum pendulum(problem.model);
-    double given = pendulum.omega();
+    const mk_free_swing pendulum = pendulum_of(problem.model);
+    double given = omega_of(problem.model);
     add_quantity(out, "first swings as read", "rad/s", raw.value, raw.std_error, given);
     add_quantity(out, "corrected for amplitude", "rad/s", turns.value, turns.std_error, given);
     add_quantity(out, "fitted", "rad/s", fit.value, fit.std_error, given);
@@ -258,10 +258,9 @@ void report(const MeasureProblem &problem, const mk_quantity &raw, const mk_quan
     double inertia = pendulum.moment / (fit.value * fit.value);
     double error = 2.0 * inertia * fit.std_error / fit.value;
     add_quantity(out, pendulum.name, "u s^2/rad", inertia, error, pendulum.inertia);
-    bool wheel = problem.model.plant == MK_PLANT_REACTION_WHEEL;
-    out.model.parameter[0] = inertia - (wheel ? problem.model.parameter[1] : 0.0);
+    out.model.parameter[0] = inertia - pendulum.carried;
     out.model.parameter_stderr[0] = error;
-    if (wheel)
+    if (pendulum.locked_joint >= 0)
         add_warning(out,
                     "friction locks the wheel to the pendulum: the swing carries both, p1 + p2");
 }
@@ -295,9 +294,8 @@ enum mk_status run(const MeasureProblem &problem, mk_measurement &out, mk_error 
 } // namespace
 
 const Measure measure_swing = {{"swing", "natural frequency of free swings, with it the inertia",
-                                "report (3.23), (3.35)",
-                                (1u << MK_PLANT_PENDULUM) | (1u << MK_PLANT_REACTION_WHEEL),
-                                "amplitude", "rad", "frequency", "rad/s", nullptr},
+                                "report (3.23), (3.35)", plants_measured_by("swing"), "amplitude",
+                                "rad", "frequency", "rad/s", nullptr},
                                run};
 
 } // namespace mk

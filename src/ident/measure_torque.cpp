@@ -71,7 +71,7 @@ enum mk_status run(const MeasureProblem &problem, mk_measurement &out, mk_error 
 } // namespace
 
 const Measure measure_torque = {{"torque", "torque constant, from a slow sweep against gravity",
-                                 "report 3.2", 1u << MK_PLANT_PENDULUM, "angle", "rad",
+                                 "report 3.2", plants_measured_by("torque"), "angle", "rad",
                                  "holding command", "u", "m g l, N m"},
                                 run};
 

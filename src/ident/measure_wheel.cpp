@@ -244,11 +244,12 @@ enum mk_status run_inertia(const MeasureProblem &problem, mk_measurement &out, m
 
 const Measure measure_friction = {
     {"friction", "Coulomb and viscous friction both ways, from runs at constant speed",
-     "report 2.1, (2.4)", 1u << MK_PLANT_INERTIA_WHEEL, "speed", "rad/s", "friction", "u", nullptr},
+     "report 2.1, (2.4)", plants_measured_by("friction"), "speed", "rad/s", "friction", "u",
+     nullptr},
     run_friction};
 const Measure measure_inertia = {{"inertia",
                                   "inertia of the wheel, from runs at constant acceleration",
-                                  "report 2.1", 1u << MK_PLANT_INERTIA_WHEEL, "acceleration",
+                                  "report 2.1", plants_measured_by("inertia"), "acceleration",
                                   "rad/s^2", "accelerating torque", "u", "inertia, kg m^2"},
                                  run_inertia};
 

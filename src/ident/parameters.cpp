@@ -90,9 +90,10 @@ const mk_parameter_info *mk_model_parameter_info(const mk_model *model, int inde
 const char *mk_model_parameter_unit(const mk_model *model, int index)
 {
     Place p = place_of(*model, index);
-    if (p.effect < 0) // base parameters are written in the units of the joint that the plant has
-        return mk_model_unit(model, mk_plant(model->plant)->motor_joint,
-                             mk_plant(model->plant)->parameter[p.parameter].unit);
+    const mk_plant_info *plant = mk_plant(model->plant);
+    if (p.effect < 0)
+        return mk_model_unit(model, plant->parameter_joint[p.parameter],
+                             plant->parameter[p.parameter].unit);
     const mk_effect_use &use = model->effect[p.effect];
     return mk_model_unit(model, use.joint - 1, mk_effect(use.index)->parameter[p.parameter].unit);
 }

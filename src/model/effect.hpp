@@ -29,6 +29,7 @@ inline namespace MK_KERNEL_NS
 template <class S>
 struct Compiled {
     enum mk_plant_kind plant;
+    bool parallel; // the joints' axes: row joints_parallel of the plant
     int joints, motor, parameter_count, state_count, event_count, effect_count;
     double g, u_max;
     double sharpness[MK_MAX_JOINTS]; // k of S_k(v) for laws that have none of their own
@@ -112,11 +113,7 @@ constexpr EffectOps<S> effect_ops_of()
     return ops;
 }
 
-// Short-hands for the rows.
-constexpr unsigned on_plant(enum mk_plant_kind kind)
-{
-    return 1u << kind;
-}
+// Short-hands for the rows. A plant that an effect makes no sense on says so in its own row.
 constexpr unsigned ALL_PLANTS = (1u << MK_PLANT_COUNT) - 1u;
 constexpr double INF = HUGE_VAL;
 // The sharpness of a friction law's sign. A model gives it the joint's own when the effect is
@@ -129,23 +126,10 @@ constexpr mk_parameter_info SHARPNESS = {"sharpness",  "s/rad", "k of S_k(v) = t
 template <class S>
 inline double least_inertia(const Frame<S> &f, int j)
 {
-    const S *p = f.c->p;
-    switch (f.c->plant) {
-    case MK_PLANT_PENDUBOT: {
-        double a = value_of(p[0]), b = value_of(p[1]), c = value_of(p[2]);
-        double det = a * b - c * c;
-        return det / (j == 0 ? b : a + b + 2.0 * fabs(c));
-    }
-    case MK_PLANT_REACTION_WHEEL:
-        return j == 0 ? value_of(p[0]) : value_of(p[1]) * value_of(p[0]) / value_of(p[0] + p[1]);
-    case MK_PLANT_FURUTA: {
-        double a = value_of(p[0]), b = 4.0 * value_of(p[2]), c = 0.5 * value_of(p[1]);
-        double det = a * b - c * c;
-        return det > 0.0 ? det / (j == 0 ? b : a) : 0.1 * (j == 0 ? a : b);
-    }
-    default:
-        return value_of(p[0]);
-    }
+    double p[MK_MAX_PARAMETERS];
+    for (int i = 0; i < f.c->parameter_count; i++)
+        p[i] = value_of(f.c->p[i]);
+    return with_plant(f.c->plant, [&](auto plant) { return plant.least_inertia(p, j); });
 }
 
 constexpr double TWO_PI = 6.283185307179586476925286766559;

@@ -6,8 +6,15 @@
 namespace
 {
 
-const mk_effect_info *const effects[] = {
-#define MK_EFFECT_INFO(E) &mk::E::info,
+// The row of an effect without the plants that say that it makes no sense on them.
+constexpr mk_effect_info suited(mk_effect_info effect)
+{
+    effect.plants &= mk::plants_suited_to(effect.name);
+    return effect;
+}
+
+constexpr mk_effect_info effects[] = {
+#define MK_EFFECT_INFO(E) suited(mk::E::info),
     MK_EFFECT_TABLE(MK_EFFECT_INFO)
 #undef MK_EFFECT_INFO
 };
@@ -27,13 +34,13 @@ int mk_effect_count(void)
 
 const mk_effect_info *mk_effect(int index)
 {
-    return index >= 0 && index < effect_count ? effects[index] : nullptr;
+    return index >= 0 && index < effect_count ? &effects[index] : nullptr;
 }
 
 static int index_of(const char *name)
 {
     for (int i = 0; i < effect_count; i++)
-        if (strcmp(effects[i]->name, name) == 0)
+        if (strcmp(effects[i].name, name) == 0)
             return i;
     return -1;
 }
@@ -41,7 +48,7 @@ static int index_of(const char *name)
 const mk_effect_info *mk_effect_by_name(const char *name)
 {
     int i = name ? index_of(name) : -1;
-    return i < 0 ? nullptr : effects[i];
+    return i < 0 ? nullptr : &effects[i];
 }
 
 const mk_effect_words *mk_effect_in_words(const mk_effect_info *effect)
@@ -98,7 +105,7 @@ enum mk_status mk_model_add_effect(mk_model *model, const char *name, int joint,
     int index = name ? index_of(name) : -1;
     if (index < 0)
         return mk_error_set(err, MK_ERR_NOTFOUND, "there is no effect '%s'", name ? name : "");
-    const mk_effect_info *info = effects[index];
+    const mk_effect_info *info = &effects[index];
     enum mk_status st = check_fit(model, info, joint, err);
     if (st != MK_OK)
         return st;

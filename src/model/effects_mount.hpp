@@ -9,15 +9,16 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
-// Gravity is turned by `angle` counter-clockwise in the plane of joint 1. A Furuta pendulum tilts
-// about its arm's zero direction: the arm then feels gravity too.
+// Gravity is turned by `angle` counter-clockwise in the plane of joint 1. What that does beside
+// turning qg1 the plant says: a Furuta pendulum tilts about its arm's zero direction, and the arm
+// then feels gravity too.
 struct BaseTilt {
     static constexpr mk_effect_info info = {"base-tilt",
                                             "gravity turned by angle in the plane of q1",
                                             "rig not levelled",
                                             MK_EFFECT_JOINT_NONE,
                                             MK_STAGE_FRAME | MK_STAGE_TORQUE,
-                                            ALL_PLANTS & ~on_plant(MK_PLANT_INERTIA_WHEEL),
+                                            ALL_PLANTS,
                                             0,
                                             0,
                                             1,
@@ -30,28 +31,10 @@ struct BaseTilt {
     {
         f.m.qg1 -= e.p[0];
     }
-    // First moment of arm and pendulum about the vertical axis, from the base parameters of uniform
-    // rods: lc2 = 3 p3 / p4, L1 = p2 / (2 p4).
-    template <class S>
-    static S arm_moment(const Compiled<S> &c)
-    {
-        S lc2 = 3.0 * c.p[2] / c.p[3], l1 = c.p[1] / (2.0 * c.p[3]);
-        S tip = c.p[3] / lc2 * l1;
-        return tip + 1.5 * (c.p[0] - tip * l1) / l1;
-    }
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        if (f.c->plant != MK_PLANT_FURUTA)
-            return;
-        S sa, ca, sb, cb, st, ct;
-        sincos(f.m.q[0], sa, ca);
-        sincos(f.m.q[1], sb, cb);
-        sincos(e.p[0], st, ct);
-        // Potential g sin(tilt) (k sin a + p4 sin b cos a) + g cos(tilt) p4 cos b.
-        S side = f.c->g * st;
-        f.tau[0] -= side * (arm_moment(*f.c) * ca - f.c->p[3] * sb * sa);
-        f.tau[1] -= side * f.c->p[3] * cb * ca + f.c->g * (1.0 - ct) * f.c->p[3] * sb;
+        with_plant(f.c->plant, [&](auto plant) { plant.tilt(f.m, f.c->p, f.c->g, e.p[0], f.tau); });
     }
 };
 
@@ -64,7 +47,7 @@ struct BaseCompliance {
         "one mode of a table",
         MK_EFFECT_JOINT_NONE,
         MK_STAGE_FRAME | MK_STAGE_TORQUE | MK_STAGE_STATE,
-        ALL_PLANTS & ~on_plant(MK_PLANT_REACTION_WHEEL),
+        ALL_PLANTS,
         2,
         0,
         3,

@@ -26,8 +26,7 @@ struct Backlash {
         MK_EFFECT_JOINT_ANY,
         MK_STAGE_FRAME | MK_STAGE_TORQUE | MK_STAGE_INERTIA | MK_STAGE_STATE | MK_STAGE_EVENT |
             MK_STAGE_MEASUREMENT,
-        on_plant(MK_PLANT_PENDUBOT) | on_plant(MK_PLANT_FURUTA) |
-            on_plant(MK_PLANT_REACTION_WHEEL) | on_plant(MK_PLANT_INERTIA_WHEEL),
+        ALL_PLANTS,
         2,
         2,
         5,
@@ -50,23 +49,16 @@ struct Backlash {
     template <class S>
     static S light_inertia(const Frame<S> &f, const EffectArgs<S> &e)
     {
-        switch (f.c->plant) {
-        case MK_PLANT_INERTIA_WHEEL:
-            return e.p[3] * f.c->p[0];
-        case MK_PLANT_REACTION_WHEEL:
-            return e.p[3] * f.c->p[1];
-        case MK_PLANT_FURUTA:
-            return e.p[3] * 4.0 * f.c->p[2];
-        default:
-            return e.p[3] * f.c->p[e.j == 0 ? 0 : 1];
-        }
+        return e.p[3] * with_plant(f.c->plant, [&](auto plant) {
+                   return plant.template gap_inertia<S>(f.c->p, e.j);
+               });
     }
     // Whether the light side turns about the same axis as link 1, which carries it: not where the
-    // axes cross (Furuta).
+    // axes cross (Furuta) or joint 1 slides.
     template <class S>
     static bool rides(const Frame<S> &f, const EffectArgs<S> &e)
     {
-        return e.j == 1 && f.c->plant != MK_PLANT_FURUTA;
+        return e.j == 1 && f.c->parallel;
     }
     // Torque on the light side from outside the gap: the motor's, or the friction of the shaft.
     template <class S>

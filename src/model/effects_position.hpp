@@ -148,12 +148,12 @@ struct Imbalance {
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        // The Furuta arm turns level; its pendulum hangs in a plane of its own.
-        bool level = f.c->plant == MK_PLANT_FURUTA;
-        S angle = e.j == 0 ? f.m.qg1 : level ? f.m.q[1] : f.m.qg1 + f.m.q[1];
+        // A pendulum on an arm that turns level hangs in a plane of its own.
+        bool parallel = f.c->parallel;
+        S angle = e.j == 0 ? f.m.qg1 : parallel ? f.m.qg1 + f.m.q[1] : f.m.q[1];
         S weight = e.p[0] * sin(angle - e.p[1]);
         f.tau[e.j] -= weight;
-        if (e.j == 1 && !level)
+        if (e.j == 1 && parallel)
             f.tau[0] -= weight;
     }
 };

@@ -21,8 +21,8 @@ void mk_model_default(enum mk_plant_kind kind, mk_model *out)
     *out = {};
     out->plant = plant->kind;
     out->g = 9.81;
-    out->u_max = 10.0;
-    out->u_to_torque = 0.00494;
+    out->u_max = plant->u_max > 0.0 ? plant->u_max : 10.0;
+    out->u_to_torque = plant->u_to_torque > 0.0 ? plant->u_to_torque : 0.00494;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         mk_model_set_linear(out, j, plant->joint_motion[j] == MK_JOINT_SLIDES, nullptr);
     for (int i = 0; i < plant->parameter_count; i++)
@@ -46,16 +46,12 @@ static enum mk_status check_value(const mk_parameter_info *p, double value, cons
 // The mass matrix is positive definite everywhere when its smallest determinant is.
 static enum mk_status check_mass(const mk_model *m, mk_error *err)
 {
-    const double *p = m->parameter;
-    if (m->plant == MK_PLANT_PENDUBOT && !(p[0] * p[1] > p[2] * p[2]))
-        return mk_error_set(err, MK_ERR_RANGE,
-                            "p1 p2 must be larger than p3^2 (mass matrix): %g against %g",
-                            p[0] * p[1], p[2] * p[2]);
-    if (m->plant == MK_PLANT_FURUTA && !(16.0 * p[0] * p[2] > p[1] * p[1]))
-        return mk_error_set(err, MK_ERR_RANGE,
-                            "16 p1 p3 must be larger than p2^2 (mass matrix): %g against %g",
-                            16.0 * p[0] * p[2], p[1] * p[1]);
-    return MK_OK;
+    double sides[2];
+    with_plant(m->plant, [&](auto plant) { plant.mass_sides(m->parameter, sides); });
+    if (sides[0] > sides[1])
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_RANGE, "%s (mass matrix): %g against %g",
+                        mk_plant(m->plant)->mass_rule, sides[0], sides[1]);
 }
 
 enum mk_status mk_model_check(const mk_model *m, mk_error *err)

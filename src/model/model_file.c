@@ -226,10 +226,8 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
     kind->used = true;
     const struct mk_plant_info *plant = mk_plant_by_name(kind->value);
     if (!plant)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, kind->line, 0,
-                           "kind = '%s': expected inertia-wheel, pendulum, pendubot, "
-                           "reaction-wheel or furuta",
-                           kind->value);
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, kind->line, 0, "kind = '%s': expected %s",
+                           kind->value, mk_plant_names());
     mk_model_default(plant->kind, m);
     enum mk_status st = get_joint_units(r, m);
     if (st == MK_OK)

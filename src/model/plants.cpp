@@ -1,118 +1,99 @@
-// The table of plants. Parameter values are the report's in command units (errata 2.1); the Furuta
-// pendulum, which the report never measured, is the pendubot's links on a horizontal arm.
-#include "mechkit/model.h"
+// The plants as C sees them: the table of their rows, and what else they are asked.
+#include "model/plants.hpp"
 
-#include <cmath>
 #include <cstring>
+#include <string>
+
+#include "model/plant_facts.h"
+
+using namespace mk;
 
 namespace
 {
 
-constexpr double PI = 3.14159265358979323846;
-constexpr double INF = HUGE_VAL;
-constexpr double TINY = 1e-12; // "positive": an inertia of zero makes no mass matrix
-
-const mk_plant_info plants[MK_PLANT_COUNT] = {
-    {MK_PLANT_INERTIA_WHEEL,
-     "inertia-wheel",
-     "a wheel on the motor's shaft",
-     "Meesters 2004 (2.1), (2.4)",
-     1,
-     0,
-     {true, false},
-     {MK_JOINT_EITHER, MK_JOINT_TURNS},
-     {0.0, 0.0},
-     3,
-     {{"p1", "kg m^2", "inertia J of wheel and shaft", TINY, INF, 0.0045},
-      {"p2", "N m s/rad", "viscous friction", 0.0, INF, 0.0112},
-      {"p3", "N m", "Coulomb friction", 0.0, INF, 0.3487}},
-     1,
-     {{"rest", {0.0, 0.0}}}},
-    {MK_PLANT_PENDULUM,
-     "pendulum",
-     "one link on the motor's shaft",
-     "Meesters 2004 (3.13), (3.25)",
-     1,
-     0,
-     {false, false},
-     {MK_JOINT_TURNS, MK_JOINT_TURNS},
-     {0.0, 0.0},
-     4,
-     {{"p1", "kg m^2", "inertia J about the shaft", TINY, INF, 0.0624},
-      {"p2", "N m", "gravity torque m g l", 0.0, INF, 7.0408},
-      {"p3", "N m s/rad", "viscous friction", 0.0, INF, 0.0111},
-      {"p4", "N m", "Coulomb friction", 0.0, INF, 0.3575}},
-     2,
-     {{"hanging", {0.0, 0.0}}, {"top", {PI, 0.0}}}},
-    {MK_PLANT_PENDUBOT,
-     "pendubot",
-     "two links, the motor at the shoulder",
-     "Meesters 2004 (2.5), (2.6), (3.32)",
-     2,
-     0,
-     {false, false},
-     {MK_JOINT_TURNS, MK_JOINT_TURNS},
-     {-PI / 2, 0.0},
-     7,
-     {{"p1", "kg m^2", "m1 lc1^2 + m2 L1^2 + J1", TINY, INF, 0.0540},
-      {"p2", "kg m^2", "m2 lc2^2 + J2", TINY, INF, 0.0540},
-      {"p3", "kg m^2", "m2 L1 lc2", -INF, INF, 0.0286},
-      {"p4", "kg m", "m1 lc1 + m2 L1", -INF, INF, 0.7805},
-      {"p5", "kg m", "m2 lc2", -INF, INF, 0.3284},
-      {"p6", "N m s/rad", "viscous friction of the motor joint", 0.0, INF, 0.1346},
-      {"p7", "N m", "Coulomb friction of the motor joint", 0.0, INF, 0.2014}},
-     3,
-     {{"hanging", {-PI / 2, 0.0}}, {"mid", {-PI / 2, PI}}, {"top", {PI / 2, 0.0}}}},
-    {MK_PLANT_REACTION_WHEEL,
-     "reaction-wheel",
-     "a free pendulum that carries the motor with a wheel",
-     "Meesters 2004 (2.19)-(2.21), section 3.4; errata 3.18",
-     2,
-     1,
-     {false, true},
-     {MK_JOINT_TURNS, MK_JOINT_TURNS},
-     {0.0, 0.0},
-     5,
-     {{"p1", "kg m^2", "J1 + m1 lc1^2 + m2 L1^2", TINY, INF, 0.8544},
-      {"p2", "kg m^2", "inertia of wheel and rotor", TINY, INF, 0.0045},
-      {"p3", "kg m", "m1 lc1 + m2 L1", -INF, INF, 6.864},
-      {"p4", "N m s/rad", "viscous friction of the motor", 0.0, INF, 0.0112},
-      {"p5", "N m", "Coulomb friction of the motor", 0.0, INF, 0.3487}},
-     2,
-     {{"hanging", {0.0, 0.0}}, {"top", {PI, 0.0}}}},
-    {MK_PLANT_FURUTA,
-     "furuta",
-     "a pendulum at the end of a horizontal arm on the motor's shaft",
-     "Meesters 2004 (2.62), (2.63); errata 2.23, 2.24, 7.3",
-     2,
-     0,
-     {false, false},
-     {MK_JOINT_TURNS, MK_JOINT_TURNS},
-     {0.0, PI},
-     6,
-     {{"p1", "kg m^2", "J1 + m1 lc1^2 + m2 L1^2 of the arm", TINY, INF, 0.0540},
-      {"p2", "kg m^2", "2 m2 L1 lc2 (thin rod: m2 L1 L2)", -INF, INF, 0.0572},
-      {"p3", "kg m^2", "(J2 + m2 lc2^2) / 4 (thin rod: J2)", TINY, INF, 0.0135},
-      {"p4", "kg m", "m2 lc2", -INF, INF, 0.3284},
-      {"p5", "N m s/rad", "viscous friction of the motor joint", 0.0, INF, 0.1346},
-      {"p6", "N m", "Coulomb friction of the motor joint", 0.0, INF, 0.2014}},
-     2,
-     {{"hanging", {0.0, PI}}, {"top", {0.0, 0.0}}}},
+const mk_plant_info *const plants[] = {
+#define MK_PLANT_ROW(P) &P::info,
+    MK_PLANT_TABLE(MK_PLANT_ROW)
+#undef MK_PLANT_ROW
 };
+
+// --- what a row must have ------------------------------------------------------------------------
+
+constexpr bool joint_is_complete(const mk_plant_info &i, int j)
+{
+    bool endless = i.joint_travel[j] == HUGE_VAL;
+    return i.joint_travel[j] > 0.0 && i.joint_speed[j] > 0.0 && endless == i.joint_is_wheel[j];
+}
+
+// A motor joint, limits of every joint, friction last, and somewhere to rest.
+constexpr bool row_is_complete(const mk_plant_info &i)
+{
+    bool complete = i.name && i.help && i.source && i.joints >= 1 && i.joints <= MK_MAX_JOINTS &&
+                    i.motor_joint >= 0 && i.motor_joint < i.joints && i.parameter_count >= 3 &&
+                    i.parameter_count <= MK_MAX_PARAMETERS && i.equilibrium_count >= 1 &&
+                    i.equilibrium_count <= MK_MAX_EQUILIBRIA;
+    for (int j = 0; j < i.joints; j++)
+        complete = complete && joint_is_complete(i, j);
+    for (int k = 0; k < i.parameter_count; k++)
+        complete = complete && i.parameter[k].name && i.parameter[k].unit && i.parameter[k].help;
+    for (int k = 0; k < i.equilibrium_count; k++)
+        complete = complete && i.equilibrium[k].name;
+    return complete;
+}
+
+#define MK_PLANT_IS_COMPLETE(P)                                                                    \
+    static_assert(P::joints == P::info.joints, "the law and the row of a plant disagree");         \
+    static_assert(row_is_complete(P::info), "a plant's row lacks something");
+MK_PLANT_TABLE(MK_PLANT_IS_COMPLETE)
+#undef MK_PLANT_IS_COMPLETE
+
+#define MK_PLANT_ONE(P) +1
+static_assert(MK_PLANT_TABLE(MK_PLANT_ONE) == MK_PLANT_COUNT, "a kind of plant has no row");
+#undef MK_PLANT_ONE
+
+constexpr enum mk_plant_kind order[] = {
+#define MK_PLANT_KIND(P) P::info.kind,
+    MK_PLANT_TABLE(MK_PLANT_KIND)
+#undef MK_PLANT_KIND
+};
+constexpr bool in_order()
+{
+    for (int k = 0; k < MK_PLANT_COUNT; k++)
+        if (order[k] != k)
+            return false;
+    return true;
+}
+static_assert(in_order(), "the table of plants is in another order than enum mk_plant_kind");
+
+std::string list_of_names()
+{
+    std::string list;
+    for (int k = 0; k < MK_PLANT_COUNT; k++)
+        list += std::string(k == 0 ? "" : k + 1 < MK_PLANT_COUNT ? ", " : " or ") + plants[k]->name;
+    return list;
+}
 
 } // namespace
 
+// --- rows ----------------------------------------------------------------------------------------
+
 const mk_plant_info *mk_plant(enum mk_plant_kind kind)
 {
-    return static_cast<unsigned>(kind) < MK_PLANT_COUNT ? &plants[kind] : nullptr;
+    return static_cast<unsigned>(kind) < MK_PLANT_COUNT ? plants[kind] : nullptr;
 }
 
 const mk_plant_info *mk_plant_by_name(const char *name)
 {
-    for (const mk_plant_info &p : plants)
-        if (name && strcmp(p.name, name) == 0)
-            return &p;
+    for (const mk_plant_info *p : plants)
+        if (name && strcmp(p->name, name) == 0)
+            return p;
     return nullptr;
+}
+
+const char *mk_plant_names(void)
+{
+    static const std::string list = list_of_names();
+    return list.c_str();
 }
 
 int mk_plant_parameter_index(const mk_plant_info *plant, const char *name)
@@ -121,4 +102,30 @@ int mk_plant_parameter_index(const mk_plant_info *plant, const char *name)
         if (strcmp(plant->parameter[i].name, name) == 0)
             return i;
     return -1;
+}
+
+// --- what else plants are asked ------------------------------------------------------------------
+
+double mk_plant_body_inertia(const mk_model *model, int joint)
+{
+    return with_plant(model->plant,
+                      [&](auto plant) { return plant.body_inertia(model->parameter, joint); });
+}
+
+bool mk_plant_free_link(const mk_model *model, const double *x, mk_free_link *out)
+{
+    return with_plant(model->plant, [&](auto plant) {
+        return plant.free_link(model->parameter, model->g, x, out);
+    });
+}
+
+bool mk_plant_free_swing(const mk_model *model, mk_free_swing *out)
+{
+    return with_plant(model->plant,
+                      [&](auto plant) { return plant.swing(model->parameter, model->g, out); });
+}
+
+int mk_plant_sketch(enum mk_plant_kind kind, const double *q, mk_stroke *out)
+{
+    return with_plant(kind, [&](auto plant) { return plant.sketch(q, out); });
 }

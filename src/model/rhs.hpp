@@ -18,6 +18,7 @@ inline Compiled<S> compile(const mk_model &model)
     Compiled<S> c;
     c.plant = model.plant;
     c.joints = plant->joints;
+    c.parallel = plant->joints_parallel;
     c.motor = plant->motor_joint;
     c.parameter_count = plant->parameter_count;
     c.g = model.g;
@@ -52,7 +53,7 @@ inline Compiled<S> compile(const mk_model &model)
     return c;
 }
 
-// Friction of the motor joint, the same form on all five plants: the last two parameters.
+// Friction of the motor joint, the same form on every plant: the last two parameters.
 // Report (2.2), (2.3).
 template <class S>
 inline S motor_friction(const Compiled<S> &c, const S &speed, const S &coulomb_scale)

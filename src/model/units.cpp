@@ -10,25 +10,28 @@ constexpr double TURN = 6.283185307179586476925286766559; // rad
 constexpr int USUAL_CPR = 4000;
 constexpr double USUAL_RESOLUTION = 1e-6; // m, of a linear scale
 
-// A unit of the tables for a joint that turns in SI, and the same for others.
+// A unit of the tables for a joint that turns in SI, and the same for others: one that slides, and
+// in units of the command one that turns, one that slides, one that turns where the command is a
+// force.
 struct UnitRow {
-    const char *turns, *slides, *turns_command, *slides_command;
+    const char *turns, *slides, *turns_command, *slides_command, *turns_by_force;
 };
 const UnitRow units[] = {
-    {"rad", "m", "rad", "m"},
-    {"mrad", "mm", "mrad", "mm"},
-    {"rad/s", "m/s", "rad/s", "m/s"},
-    {"s/rad", "s/m", "s/rad", "s/m"},
-    {"1/rad", "1/m", "1/rad", "1/m"},
-    {"rad/s^2", "m/s^2", "rad/s^2", "m/s^2"},
-    {"rad/s per sqrt(s)", "m/s per sqrt(s)", "rad/s per sqrt(s)", "m/s per sqrt(s)"},
-    {"1/rev", "rad/m", "1/rev", "rad/m"},
-    {"N m", "N", "u", "u"},
-    {"N m/rad", "N/m", "u/rad", "u/m"},
-    {"N m s/rad", "N s/m", "u s/rad", "u s/m"},
-    {"N m s^2/rad^2", "N s^2/m^2", "u s^2/rad^2", "u s^2/m^2"},
-    {"kg m^2", "kg", "u s^2/rad", "u s^2/m"},
-    {"kg m", "kg m", "u s^2/m", "u s^2/m"}};
+    {"rad", "m", "rad", "m", "rad"},
+    {"mrad", "mm", "mrad", "mm", "mrad"},
+    {"rad/s", "m/s", "rad/s", "m/s", "rad/s"},
+    {"s/rad", "s/m", "s/rad", "s/m", "s/rad"},
+    {"1/rad", "1/m", "1/rad", "1/m", "1/rad"},
+    {"rad/s^2", "m/s^2", "rad/s^2", "m/s^2", "rad/s^2"},
+    {"rad/s per sqrt(s)", "m/s per sqrt(s)", "rad/s per sqrt(s)", "m/s per sqrt(s)",
+     "rad/s per sqrt(s)"},
+    {"1/rev", "rad/m", "1/rev", "rad/m", "1/rev"},
+    {"N m", "N", "u", "u", "u m"},
+    {"N m/rad", "N/m", "u/rad", "u/m", "u m/rad"},
+    {"N m s/rad", "N s/m", "u s/rad", "u s/m", "u m s/rad"},
+    {"N m s^2/rad^2", "N s^2/m^2", "u s^2/rad^2", "u s^2/m^2", "u m s^2/rad^2"},
+    {"kg m^2", "kg", "u s^2/rad", "u s^2/m", "u m s^2/rad"},
+    {"kg m", "kg m", "u s^2/m", "u s^2", "u s^2"}};
 
 bool slides(const mk_model *model, int joint)
 {
@@ -45,10 +48,15 @@ double usual_sharpness(bool linear)
 const char *mk_model_unit(const mk_model *model, int joint, const char *unit)
 {
     bool linear = slides(model, joint), command = model->u_to_torque != 1.0;
-    for (const UnitRow &row : units)
-        if (strcmp(unit, row.turns) == 0)
-            return command ? (linear ? row.slides_command : row.turns_command)
-                           : (linear ? row.slides : row.turns);
+    for (const UnitRow &row : units) {
+        if (strcmp(unit, row.turns) != 0)
+            continue;
+        if (!command)
+            return linear ? row.slides : row.turns;
+        if (linear)
+            return row.slides_command;
+        return slides(model, -1) ? row.turns_by_force : row.turns_command;
+    }
     return unit;
 }
 

@@ -76,7 +76,7 @@ static void read_joints(struct closed *c)
     const double *x = mk_sim_state(c->sim);
     int joints = mk_model_joints(&c->rig);
     for (int j = 0; j < joints; j++) {
-        double count = 2.0 * M_PI / c->rig.encoder_cpr[j];
+        double count = mk_model_count(&c->rig, j);
         double rest = mk_plant(c->rig.plant)->rest[j];
         double reading = rest + count * floor((x[j] - rest) / count);
         c->in.v[j] = mk_velocity_step(&c->speed[j], reading);
