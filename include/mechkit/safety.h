@@ -48,8 +48,13 @@ struct mk_safety_limits {
     double stuck_u;   /* .. at |u| above this: stuck; motor joint only */
     double runaway_s; /* motor joint leaving its rest against u after so long .. */
     double runaway_u; /* .. of |u| above this with one sign */
-    int late_limit;   /* consecutive late samples that latch OVERRUN */
-    int lost_limit;   /* consecutive failed exchanges that latch LINK */
+    /* How far the believed model may be off before a reading that contradicts it is a fault
+     * (docs/safety.md); from a share of 1 on readings are not held against the model. */
+    double model_share;              /* of every parameter */
+    double model_reserve;            /* torque at every joint that it knows nothing of */
+    double still_way[MK_MAX_JOINTS]; /* an unmoved joint that must have gone so far: STUCK */
+    int late_limit;                  /* consecutive late samples that latch OVERRUN */
+    int lost_limit;                  /* consecutive failed exchanges that latch LINK */
     double
         rest_tolerance[MK_MAX_JOINTS]; /* pre-start: how far from hanging, rad (not for wheels) */
 };

@@ -15,6 +15,7 @@
 #include <semaphore.h>
 #include <stdatomic.h>
 
+#include "ctrl/residual.h"
 #include "mechkit/loop.h"
 #include "mechkit/ring.h"
 
@@ -119,6 +120,8 @@ struct mk_loop {
     bool simulated;
 
     struct mk_safety safety; /* the loop thread's while running */
+    struct mk_residual residual;
+    bool has_rig; /* the board's counters are of something that moves */
     struct mk_loop_run run;
 
     /* Doors between the threads. */

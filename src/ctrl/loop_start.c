@@ -169,6 +169,7 @@ static void forget_last_run(struct mk_loop *loop)
     mk_histogram_clear(&loop->lateness);
     mk_histogram_clear(&loop->busy);
     mk_safety_clear(&loop->safety);
+    mk_residual_init(&loop->residual, &loop->ctrl->model, &loop->config.limits);
     mk_ctrl_reset(loop->ctrl);
 }
 

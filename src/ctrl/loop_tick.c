@@ -211,6 +211,14 @@ static void check_link(struct mk_loop *loop, enum mk_status st, uint32_t board_s
     mk_safety_link(safety, t, lost);
 }
 
+static void check_model(struct mk_loop *loop, const struct mk_sample *s)
+{
+    int joint = 0;
+    enum mk_fault fault =
+        mk_residual_step(&loop->residual, s->t, loop->run.since_good, s->q, s->v, s->u, &joint);
+    mk_safety_latch(&loop->safety, fault, s->t, joint);
+}
+
 static void exchange(struct mk_loop *loop, struct mk_sample *s)
 {
     struct mk_loop_run *r = &loop->run;
@@ -234,6 +242,8 @@ static void exchange(struct mk_loop *loop, struct mk_sample *s)
     mk_safety_timing(&loop->safety, s->t, (s->flags & MK_FLAG_LATE) != 0);
     if (st == MK_OK) {
         mk_safety_check(&loop->safety, s->t, r->since_good, s->q, s->v, s->u);
+        if (loop->has_rig)
+            check_model(loop, s);
         r->since_good = 0.0;
     }
 }

@@ -11,6 +11,10 @@
  * near enough that gravity cannot yet outweigh runaway_u. */
 #define RUNAWAY_TRAVEL_RAD 0.05
 
+/* A joint that must have gone so far while no count came from it has an encoder that is dead. */
+#define STILL_WAY_RAD 0.02
+#define STILL_WAY_COUNTS 3.0
+
 const char *mk_fault_name(enum mk_fault fault)
 {
     switch (fault) {
@@ -65,12 +69,15 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
         out->v_max[j] = (wheel ? 900.0 : 60.0) * size;
         out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count;
         out->rest_tolerance[j] = 0.1 * size;
+        out->still_way[j] = fmax(STILL_WAY_RAD * size, STILL_WAY_COUNTS * count);
     }
     /* The arm of the Furuta pendulum lies in the horizontal plane: it rests anywhere. */
     if (model->plant == MK_PLANT_FURUTA)
         out->rest_tolerance[0] = INFINITY;
     out->stuck_s = 0.3;
     out->stuck_u = 0.8 * model->u_max;
+    out->model_share = 0.25;
+    out->model_reserve = 0.03 * model->u_max;
     out->runaway_s = 0.003;
     out->runaway_u = 0.1 * model->u_max;
     out->late_limit = 10;
