@@ -345,6 +345,8 @@ void mk_loop_acknowledge(struct mk_loop *loop)
     case MK_FAULT_LINK:
     case MK_FAULT_UNPLUGGED:
     case MK_FAULT_BOARD:
+    case MK_FAULT_DISOBEYED:
+    case MK_FAULT_STALE:
         loop->host.zeroed = false;
         break;
     default:

@@ -62,6 +62,10 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
             return link_failed(loop, st, err);
         if (lost)
             continue;
+        if (!mk_board_watch_obeys(0.0, w->last.u_applied)) {
+            mk_safety_latch(&loop->safety, MK_FAULT_DISOBEYED, 0.0, 0);
+            return mk_loop_fault_error(MK_FAULT_DISOBEYED, 0.0, 0, err);
+        }
         if (!have)
             memcpy(first, w->last.count, sizeof first);
         have = true;
@@ -183,6 +187,7 @@ enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
         st = ops->stream(loop->board, (uint32_t)lround(1e6 * loop->dt), err);
         loop->run.streaming = st == MK_OK;
     }
+    mk_board_watch_reset(&loop->run.watch, loop->run.streaming);
     loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
     /* In real time the first sample gets a period to wake up properly. */
     if (!loop->simulated)

@@ -183,16 +183,16 @@ enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const do
 
 enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late)
 {
-    s->late = late ? s->late + 1 : 0;
-    if (s->late >= s->limits.late_limit)
+    s->late = mk_safety_level(s->late, late, MK_SAFETY_RISE_LATE);
+    if (s->late >= s->limits.late_limit * MK_SAFETY_RISE_LATE)
         mk_safety_latch(s, MK_FAULT_OVERRUN, t, 0);
     return s->fault;
 }
 
 enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost)
 {
-    s->lost = lost ? s->lost + 1 : 0;
-    if (s->lost >= s->limits.lost_limit)
+    s->lost = mk_safety_level(s->lost, lost, MK_SAFETY_RISE_LOST);
+    if (s->lost >= s->limits.lost_limit * MK_SAFETY_RISE_LOST)
         mk_safety_latch(s, MK_FAULT_LINK, t, 0);
     return s->fault;
 }
