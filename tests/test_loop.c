@@ -614,6 +614,19 @@ START_TEST(destroying_a_running_loop_turns_the_motor_off)
 }
 END_TEST
 
+START_TEST(a_start_that_is_interrupted_is_given_up)
+{
+    static volatile int interrupted;
+    interrupted = 1;
+    bench.config.cancel = &interrupted;
+    bench_build(NULL);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_INTR);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    interrupted = 0;
+    bench_start();
+}
+END_TEST
+
 Suite *suite_loop(void)
 {
     Suite *s = suite_create("loop");
@@ -641,6 +654,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);
     tcase_add_test(t, a_lost_exchange_leaves_a_marked_empty_row);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
+    tcase_add_test(t, a_start_that_is_interrupted_is_given_up);
     suite_add_tcase(s, t);
 
     t = tcase_create("real time");

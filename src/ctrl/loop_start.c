@@ -50,6 +50,8 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
             mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, 0.0, 0);
             return mk_loop_fault_error(MK_FAULT_ESTOP, 0.0, 0, err);
         }
+        if (loop->config.cancel && __atomic_load_n(loop->config.cancel, __ATOMIC_RELAXED))
+            return mk_error_set(err, MK_ERR_INTR, "interrupted");
         double since_s = 1e-9 * (double)(mk_clock_now_ns(clock) - t0_ns);
         if (since_s > REST_LIMIT_S) {
             mk_safety_latch(&loop->safety, MK_FAULT_OVERRUN, since_s, 0);
