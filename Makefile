@@ -435,6 +435,13 @@ cov: ## lines and branches that the tests reach, by folder (needs gcovr)
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=cov tests
 	@tools/coverage.sh $(BUILD)/cov
 
+.PHONY: mutants
+MUTATED ?= $(wildcard src/driver/*.c) src/ctrl/safety.c src/ctrl/residual.c src/ctrl/board_watch.c \
+	$(wildcard src/ctrl/loop*.c) src/base/out_file.c $(wildcard src/base/log_write*.c)
+MUTANTS ?= 60
+mutants: all tests ## changes one thing at a time in the code of the safety chain: does a test notice?
+	$(PYTHON) tools/mutate.py --sample $(MUTANTS) $(MUTATED)
+
 .PHONY: format format-check
 FORMAT_FILES := $(shell find include src tests tools fuzz examples -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)
 format: ## format all sources

@@ -627,6 +627,19 @@ START_TEST(a_start_that_is_interrupted_is_given_up)
 }
 END_TEST
 
+START_TEST(after_missed_ticks_the_law_is_told_how_much_time_went_by)
+{
+    bench_build("at 100 delay 7ms; at 200 delay 5ms");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_OK);
+    struct mk_loop_stats stats;
+    mk_loop_get_stats(bench.loop, &stats);
+    ck_assert_uint_eq(stats.overruns, 2);
+    ck_assert_uint_lt(stats.ticks, 500);
+    ck_assert_double_eq_tol(bench.told_s, bench_look().sample.t + 0.002, 1e-9);
+}
+END_TEST
+
 Suite *suite_loop(void)
 {
     Suite *s = suite_create("loop");
@@ -655,6 +668,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_lost_exchange_leaves_a_marked_empty_row);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
     tcase_add_test(t, a_start_that_is_interrupted_is_given_up);
+    tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
     suite_add_tcase(s, t);
 
     t = tcase_create("real time");

@@ -9,6 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "ctrl/loop_priv.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
 #include "support/bench.h"
@@ -249,6 +250,85 @@ START_TEST(a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_
 }
 END_TEST
 
+/* --- what a fault does to the board --- */
+
+static struct {
+    struct mk_board_ops ops;
+    const struct mk_board_ops *own;
+    int safe, zeroed, exchanges;
+    int safe_at_exchange[400]; /* how often SAFE had been asked for by then */
+} heard;
+
+static enum mk_status hear_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    if (heard.exchanges < 400)
+        heard.safe_at_exchange[heard.exchanges] = heard.safe;
+    heard.exchanges++;
+    return heard.own->exchange(board, u, out);
+}
+
+static enum mk_status hear_safe(struct mk_board *board)
+{
+    heard.safe++;
+    return heard.own->safe_state(board);
+}
+
+static enum mk_status hear_zero(struct mk_board *board, struct mk_error *err)
+{
+    heard.zeroed++;
+    return heard.own->zero_counters(board, err);
+}
+
+static void listen_to_the_board(void)
+{
+    memset(&heard, 0, sizeof heard);
+    heard.own = bench.board->ops;
+    heard.ops = *heard.own;
+    heard.ops.exchange = hear_exchange;
+    heard.ops.safe_state = hear_safe;
+    heard.ops.zero_counters = hear_zero;
+    bench.board->ops = &heard.ops;
+}
+
+START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
+{
+    bench_build("at 50 jump 2 by 500");
+    listen_to_the_board();
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_JUMP);
+    int at = 100 + 50; /* after the watch before the start */
+    ck_assert_int_eq(heard.safe_at_exchange[at], 0);
+    ck_assert_int_eq(heard.safe_at_exchange[at + 1], 1);
+    bench.board->ops = heard.own;
+}
+END_TEST
+
+START_TEST(counters_are_zeroed_again_after_faults_that_put_them_in_doubt)
+{
+    static const enum mk_fault doubtful[] = {MK_FAULT_JUMP,      MK_FAULT_STUCK, MK_FAULT_RUNAWAY,
+                                             MK_FAULT_LINK,      MK_FAULT_BOARD, MK_FAULT_UNPLUGGED,
+                                             MK_FAULT_DISOBEYED, MK_FAULT_STALE};
+    bench_build(NULL);
+    listen_to_the_board();
+    for (int f = MK_FAULT_NONE + 1; f < MK_FAULT_COUNT; f++) {
+        bool doubted = false;
+        for (size_t i = 0; i < sizeof doubtful / sizeof doubtful[0]; i++)
+            doubted = doubted || doubtful[i] == (enum mk_fault)f;
+        bench_start(); /* knows its zero */
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        heard.zeroed = 0;
+        mk_safety_latch(&bench.loop->safety, (enum mk_fault)f, 0.0, 0);
+        mk_loop_acknowledge(bench.loop);
+        bench_start();
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        ck_assert_msg(heard.zeroed == doubted, "after %s: zeroed %d times",
+                      mk_fault_name((enum mk_fault)f), heard.zeroed);
+    }
+    bench.board->ops = heard.own;
+}
+END_TEST
+
 START_TEST(a_command_that_is_no_number_stops_the_motor)
 {
     bench_build(NULL);
@@ -485,6 +565,8 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_board_that_loses_four_of_five_exchanges_is_stopped);
     tcase_add_test(t, a_streaming_board_whose_clock_stands_still_does_not_hold_the_host);
     tcase_add_test(t, a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_of_time);
+    tcase_add_test(t, the_board_is_told_to_be_safe_in_the_tick_of_the_fault);
+    tcase_add_test(t, counters_are_zeroed_again_after_faults_that_put_them_in_doubt);
     tcase_add_test(t, a_command_that_is_no_number_stops_the_motor);
     tcase_add_test(t, late_samples_in_a_row_stop_the_motor);
     tcase_add_test(t, a_broken_link_stops_the_motor);
