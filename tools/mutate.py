@@ -27,7 +27,7 @@ TREE = os.path.join(ROOT, "build", "mutants")
 SUITES = [
     (r"src/ctrl/(safety|residual|board_watch)\.c", "safety loop_faults residual"),
     (r"src/ctrl/loop.*\.c", "loop_faults loop bus_runs log_writer"),
-    (r"src/base/(out_file|log_write|log_writer)\.c", "log_writer log json sweep"),
+    (r"src/base/(out_file|log_write|log_writer)\.c", "log_writer log"),
     (r"src/driver/usb.*\.c", "usb bus_faults bus_runs"),
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
     (r"src/driver/standalone.*\.c", "standalone device"),
