@@ -115,6 +115,7 @@ END_TEST
 /* What an exchange with the virtual board returns, put wrong from exchange `from` on. */
 enum lie {
     DRIVES_ON,
+    DRIVES_AND_DENIES,
     REPEATS,
     CLOCK_STANDS,
     CLOCK_RACES,
@@ -135,9 +136,12 @@ static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk
     bool lies = liar.exchanges++ >= liar.from;
     if (lies && liar.lie == LOSES_FOUR_OF_FIVE && liar.exchanges % 5)
         return MK_ERR_TIMEOUT;
-    enum mk_status st = liar.honest->exchange(board, lies && liar.lie == DRIVES_ON ? 10.0 : u, out);
+    bool drives = lies && (liar.lie == DRIVES_ON || liar.lie == DRIVES_AND_DENIES);
+    enum mk_status st = liar.honest->exchange(board, drives ? 10.0 : u, out);
     if (!lies)
         liar.kept = *out;
+    else if (liar.lie == DRIVES_AND_DENIES)
+        out->u_applied = u;
     else if (liar.lie == REPEATS)
         *out = liar.kept;
     else if (liar.lie == CLOCK_STANDS)
@@ -176,6 +180,16 @@ static double lie_from(enum lie lie, int from, enum mk_fault fault)
 START_TEST(a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once)
 {
     ck_assert_double_eq_tol(lie_from(DRIVES_ON, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_and_denies_it_is_found_by_the_motion)
+{
+    static const enum mk_plant_kind plants[] = {MK_PLANT_INERTIA_WHEEL, MK_PLANT_PENDUBOT,
+                                                MK_PLANT_REACTION_WHEEL, MK_PLANT_FURUTA};
+    bench_use_plant(plants[_i]);
+    ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 200, MK_FAULT_DRIVEN),
+                        plants[_i] == MK_PLANT_PENDUBOT ? 0.4 : 0.1);
 }
 END_TEST
 
@@ -556,6 +570,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_stuck_encoder_stops_the_motor);
     tcase_add_test(t, a_motor_wired_backwards_stops);
     tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
+    tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
     tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
     tcase_add_test(t, a_board_that_drives_before_the_start_is_not_started);
     tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);

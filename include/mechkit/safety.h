@@ -20,6 +20,7 @@ extern "C" {
     X(JUMP, "encoder-jump", "an encoder jumped further than a joint can move in a sample")         \
     X(STUCK, "encoder-stuck", "an encoder stands still although the motor drives hard")            \
     X(RUNAWAY, "runaway", "the motor joint runs away against the sign of the command")             \
+    X(DRIVEN, "driven", "the motor joint gains speed that its command does not give it")           \
     X(COMMAND, "command", "the controller returned a command that is not a number")                \
     X(OVERRUN, "overrun", "too many samples came late")                                            \
     X(LINK, "link", "too many exchanges with the board failed")                                    \

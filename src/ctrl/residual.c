@@ -22,6 +22,11 @@
 #define JUMP_REBOUND 2.5
 #define JUMP_SAMPLES 1.3
 
+/* A motor joint that is driven by something else: the speed that the model knows nothing of is kept
+ * for this time, and is a fault where it takes this share of all that the motor can do. */
+#define DRIVEN_S 0.05
+#define DRIVEN_SHARE 0.4
+
 /* Share of the reserve at a joint that has neither motor nor gears. */
 #define FREE_RESERVE 0.3
 
@@ -307,6 +312,24 @@ static bool jumps(const struct mk_residual *r, struct mk_residual_joint *s, doub
     return off > least + reach * reach * (fabs(b.a) + b.off + b.authority);
 }
 
+/* --- a motor joint that is driven by something else
+ * -----------------------------------------------
+ *
+ * The model's speed w follows the reading's v slowly, w' = a + (v - w) / T: so v - w is what was
+ * added within T and is not in the model. Only more speed counts: a stop or a hand takes it away.
+ */
+
+static bool driven_by_another(const struct mk_residual *r, struct mk_residual_joint *s, double t,
+                              double dt, const double *q, const double *v, int j)
+{
+    struct bounded b = accelerate(r, t, q, v, j, v[j]);
+    if (s->known == 0)
+        s->model_v = v[j];
+    s->model_v += b.a * dt + (v[j] - s->model_v) * dt / DRIVEN_S;
+    double allowed = DRIVEN_S * (DRIVEN_SHARE * b.authority + b.off);
+    return (v[j] - s->model_v) * v[j] > 0.0 && fabs(v[j]) > fabs(s->model_v) + allowed;
+}
+
 /* --- the sample ---------------------------------------------------------------------------------
  */
 
@@ -363,6 +386,12 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
 {
     enum mk_fault fault = MK_FAULT_NONE;
     bool checks = drives(r, dt) && r->limits->model_share < 1.0;
+    int motor = mk_plant(r->plant.plant)->motor_joint;
+    if (r->limits->model_share < 1.0 &&
+        driven_by_another(r, &r->joint[motor], t, dt, q, v, motor)) {
+        fault = MK_FAULT_DRIVEN;
+        *joint = motor + 1;
+    }
     for (int j = 0; j < mk_model_joints(r->model); j++) {
         enum mk_fault found = checks ? check(r, t, dt, q, v, j) : skip(&r->joint[j]);
         if (fault == MK_FAULT_NONE && found != MK_FAULT_NONE) {

@@ -9,6 +9,8 @@
  *    have moved by many counts and has moved by none, its encoder is dead, its coupling loose, or
  *    the joint is blocked. A joint that was moving when its reading froze begins with the speed
  *    that it had.
+ *  - A motor joint that something else drives: it gains speed that neither the command nor the
+ *    model gives it.
  *  - An encoder that jumps. From one sample to the next a joint goes on at its speed, give or take
  *    what the motor, the model's error and the encoder's noise can change.
  *
@@ -41,7 +43,8 @@ struct mk_residual_joint {
     bool fresh;                      /* the newest reading differs from the one before */
     struct mk_residual_sure sure[2]; /* up, down */
     struct mk_residual_sway sway;
-    double noise2; /* mean square of what the last readings do not lead to */
+    double model_v; /* the model's speed, the motor joint's */
+    double noise2;  /* mean square of what the last readings do not lead to */
 };
 
 struct mk_residual {
@@ -60,7 +63,7 @@ void mk_residual_init(struct mk_residual *r, const struct mk_model *model,
 /* Begins anew, as at the start of a run. */
 void mk_residual_reset(struct mk_residual *r);
 /* One good sample at `t`: readings, their speeds, and the command in force from now on; `dt` is the
- * time since the last good one. STUCK or JUMP and its joint (1-based), or NONE. */
+ * time since the last good one. STUCK, JUMP or DRIVEN and its joint (1-based), or NONE. */
 enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const double *q,
                                const double *v, double u, int *joint);
 
