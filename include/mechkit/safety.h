@@ -59,6 +59,7 @@ struct mk_safety_limits {
     /* Late samples in a row that latch OVERRUN, failed exchanges in a row that latch LINK; and as
      * many that good ones do not make up for (mk_safety_level). */
     int late_limit, lost_limit;
+    int stale_limit; /* readings in a row that do not go on: STALE, by such a level too */
     double
         rest_tolerance[MK_MAX_JOINTS]; /* pre-start: how far from hanging, rad (not for wheels) */
 };

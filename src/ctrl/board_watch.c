@@ -14,9 +14,10 @@
 #define CLOCK_FASTEST 2.0
 #define JITTER_NS 20000000
 
-void mk_board_watch_reset(struct mk_board_watch *w, bool streaming)
+void mk_board_watch_reset(struct mk_board_watch *w, bool streaming, int limit)
 {
     memset(w, 0, sizeof *w);
+    w->limit = limit;
     w->sent_count = streaming ? MK_BOARD_WATCH_SENT : 1;
 }
 
@@ -67,7 +68,9 @@ enum mk_fault mk_board_watch_step(struct mk_board_watch *w, const struct mk_boar
     } else {
         bool strange = !goes_on(w, s);
         w->strange = mk_safety_level(w->strange, strange, MK_SAFETY_RISE_LOST);
-        if (w->strange >= MK_BOARD_STRANGE_LIMIT * MK_SAFETY_RISE_LOST || !clocks_agree(w, s))
+        if (!clocks_agree(w, s))
+            w->strange += MK_BOARD_CLOCK_WEIGHT * MK_SAFETY_RISE_LOST;
+        if (w->strange >= w->limit * MK_SAFETY_RISE_LOST)
             fault = MK_FAULT_STALE;
     }
     w->primed = true;

@@ -23,10 +23,11 @@ struct mk_board_watch {
     int64_t board_ns;                 /* its clock .. */
     int64_t since_board_ns, since_host_ns; /* .. and both clocks when the comparison began */
     int strange;                           /* level of what does not go on, see safety.h */
+    int limit;                             /* strange ones in a row */
 };
 
-/* So many samples in a row, or more of them than good ones make up for, that do not go on. */
-#define MK_BOARD_STRANGE_LIMIT 5
+/* Clocks that disagree weigh as much as so many samples that do not go on. */
+#define MK_BOARD_CLOCK_WEIGHT 5
 
 /* One sample, and what goes with it. */
 struct mk_board_watch_sample {
@@ -36,7 +37,8 @@ struct mk_board_watch_sample {
     int64_t host_ns; /* host's clock at the exchange */
 };
 
-void mk_board_watch_reset(struct mk_board_watch *w, bool streaming);
+/* `limit`: of struct mk_safety_limits, stale_limit. */
+void mk_board_watch_reset(struct mk_board_watch *w, bool streaming, int limit);
 /* DISOBEYED, STALE or NONE. */
 enum mk_fault mk_board_watch_step(struct mk_board_watch *w, const struct mk_board_watch_sample *s);
 

@@ -189,7 +189,7 @@ enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
         st = ops->stream(loop->board, (uint32_t)lround(1e6 * loop->dt), err);
         loop->run.streaming = st == MK_OK;
     }
-    mk_board_watch_reset(&loop->run.watch, loop->run.streaming);
+    mk_board_watch_reset(&loop->run.watch, loop->run.streaming, loop->config.limits.stale_limit);
     loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
     /* In real time the first sample gets a period to wake up properly. */
     if (!loop->simulated)

@@ -82,6 +82,7 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
     out->runaway_u = 0.1 * model->u_max;
     out->late_limit = 10;
     out->lost_limit = 5;
+    out->stale_limit = 5;
 }
 
 void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
