@@ -641,6 +641,19 @@ START_TEST(after_missed_ticks_the_law_is_told_how_much_time_went_by)
 }
 END_TEST
 
+START_TEST(a_lost_exchange_leaves_a_row_without_readings_of_either_joint)
+{
+    bench_build("at 50 drop");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    ck_assert(isnan(mk_log_get(log, "q1")[50]) && isnan(mk_log_get(log, "q2")[50]));
+    ck_assert(!isnan(mk_log_get(log, "q1")[51]) && !isnan(mk_log_get(log, "q2")[51]));
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(a_run_begins_with_figures_of_its_own)
 {
     struct mk_loop_stats stats;
@@ -701,6 +714,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
     tcase_add_test(t, a_start_that_is_interrupted_is_given_up);
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
+    tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
     tcase_add_test(t, a_run_begins_with_figures_of_its_own);
     tcase_add_test(t, a_histogram_that_is_cleared_has_forgotten_everything);
     suite_add_tcase(s, t);

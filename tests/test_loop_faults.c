@@ -311,6 +311,7 @@ START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
     bench_start();
     ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_JUMP);
+    ck_assert_int_eq(bench_look().fault_joint, 2);
     int at = 100 + 50; /* after the watch before the start */
     ck_assert_int_eq(heard.safe_at_exchange[at], 0);
     ck_assert_int_eq(heard.safe_at_exchange[at + 1], 1);
