@@ -24,6 +24,7 @@ BINDIR     ?= $(PREFIX)/bin
 LIBDIR     ?= $(PREFIX)/lib
 INCLUDEDIR ?= $(PREFIX)/include
 DATADIR    ?= $(PREFIX)/share
+SYSCONFDIR ?= $(if $(filter /usr,$(PREFIX)),/etc,$(PREFIX)/etc)
 MANDIR     ?= $(DATADIR)/man
 
 # --- flags --------------------------------------------------------------------------------------
@@ -394,6 +395,8 @@ install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), stage
 	install -m 644 examples/*.c $(DESTDIR)$(DATADIR)/doc/mechkit/examples
 	install -d $(DESTDIR)$(PREFIX)/lib/udev/rules.d
 	install -m 644 udev/70-mechkit.rules $(DESTDIR)$(PREFIX)/lib/udev/rules.d
+	install -d $(DESTDIR)$(SYSCONFDIR)/security/limits.d
+	install -m 644 udev/mechkit-limits.conf $(DESTDIR)$(SYSCONFDIR)/security/limits.d/mechkit.conf
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
 		-e 's|@VERSION@|$(VERSION)|' -e 's|@PRIVATE_LIBS@|$(SUN_LIBS) $(PKG_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
 install-strip: install ## the same without debug information: a twentieth of the size
@@ -404,7 +407,8 @@ uninstall: ## remove what install put there
 		$(DESTDIR)$(LIBDIR)/libmechkit.so* $(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit*.1 \
 		$(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit $(DESTDIR)$(DATADIR)/doc/mechkit \
-		$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-mechkit.rules
+		$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-mechkit.rules \
+		$(DESTDIR)$(SYSCONFDIR)/security/limits.d/mechkit.conf
 
 .PHONY: fmpy
 fmpy: ## FMPy in a virtual environment under build/, for the tests of FMUs (from the network)
@@ -430,6 +434,13 @@ $(B)/libmkbench.so: $(BENCH_SRC) $(LIB) tools/bench/bench_pendubot.hpp
 cov: ## lines and branches that the tests reach, by folder (needs gcovr)
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=cov tests
 	@tools/coverage.sh $(BUILD)/cov
+
+.PHONY: mutants
+MUTATED ?= $(wildcard src/driver/*.c) src/ctrl/safety.c src/ctrl/residual.c src/ctrl/board_watch.c \
+	$(wildcard src/ctrl/loop*.c) src/base/out_file.c $(wildcard src/base/log_write*.c)
+MUTANTS ?= 60
+mutants: all tests ## changes one thing at a time in the code of the safety chain: does a test notice?
+	$(PYTHON) tools/mutate.py --sample $(MUTANTS) $(MUTATED)
 
 .PHONY: format format-check
 FORMAT_FILES := $(shell find include src tests tools fuzz examples -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' 2>/dev/null)

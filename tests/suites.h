@@ -31,6 +31,7 @@
     X(console_pty)                                                                                 \
     X(tui)                                                                                         \
     X(safety)                                                                                      \
+    X(residual)                                                                                    \
     X(rig)                                                                                         \
     X(ctrl)                                                                                        \
     X(balance)                                                                                     \

@@ -1,6 +1,7 @@
 /* Conditions, command files, and the program as a user meets it: exit codes, messages, files. */
 #include "suites.h"
 
+#include <dirent.h>
 #include <fcntl.h>
 #include <math.h>
 #include <signal.h>
@@ -571,6 +572,13 @@ START_TEST(saving_over_a_file_replaces_files_only)
     ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
     ck_assert_double_gt(mk_log_get(log, "t")[log->rows - 1], 0.15); /* the second run */
     mk_log_free(log);
+    /* And nothing else is left: the name replaces that of the run. */
+    struct dirent **left;
+    int count = scandir(out, &left, NULL, NULL);
+    for (int i = 0; i < count; i++)
+        free(left[i]);
+    free(left);
+    ck_assert_int_eq(count, 3); /* with . and .. */
     /* Another spelling of the run's own name is no other file. */
     snprintf(command, sizeof command, "%s",
              scratch_text("own.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"

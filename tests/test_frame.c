@@ -246,6 +246,64 @@ START_TEST(a_board_cannot_promise_more_gains_than_there_are)
 }
 END_TEST
 
+/* Answers a hello in a frame of the version that it is told. */
+static uint32_t asked;
+
+static enum mk_status note_request(void *link, const uint8_t *bytes, size_t n, int64_t deadline_ns)
+{
+    (void)link, (void)n, (void)deadline_ns;
+    asked = mk_get32(bytes + 4);
+    return MK_OK;
+}
+
+static enum mk_status greet(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns)
+{
+    static uint8_t said[MK_FRAME_MAX], hello[MK_HELLO_SIZE];
+    const struct mk_frame f = {*(const uint8_t *)link, MK_MSG_HELLO | MK_MSG_ANSWER, sizeof hello,
+                               asked, hello};
+    (void)deadline_ns;
+    hello[MK_HELLO_COUNTER_BITS] = 24;
+    *n = mk_frame_encode(&f, said);
+    *bytes = said;
+    return MK_OK;
+}
+
+START_TEST(a_hello_in_a_frame_of_another_version_is_refused)
+{
+    static const struct mk_link_ops ops = {note_request, greet};
+    struct mk_wire wire;
+    struct mk_error err = MK_ERROR_INIT;
+    uint8_t version = MK_FRAME_VERSION;
+    ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_OK);
+    version++;
+    ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_ERR_PROTO);
+}
+END_TEST
+
+/* Bytes that never make a frame, one at a time, for as long as somebody asks. */
+static enum mk_status drip(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns)
+{
+    static const uint8_t byte = 'K';
+    (void)deadline_ns;
+    ++*(int *)link;
+    *bytes = &byte;
+    *n = 1;
+    return MK_OK;
+}
+
+START_TEST(garbage_past_the_deadline_is_looked_at_a_few_times_only)
+{
+    static const struct mk_link_ops ops = {take_anything, drip};
+    int looks = 0;
+    uint32_t number;
+    struct mk_wire_reading reading;
+    struct mk_wire wire = {.ops = &ops, .link = &looks};
+    ck_assert_int_eq(mk_wire_next_sample(&wire, -1, &number, &reading), MK_ERR_TIMEOUT);
+    ck_assert_int_le(looks, 8);
+    ck_assert_int_ge(looks, 1);
+}
+END_TEST
+
 Suite *suite_frame(void)
 {
     Suite *s = suite_create("frame");
@@ -260,6 +318,8 @@ Suite *suite_frame(void)
     tcase_add_test(t, a_length_beyond_the_limit_is_not_believed);
     tcase_add_test(t, noise_is_never_taken_for_a_frame);
     tcase_add_loop_test(t, a_board_that_never_stops_talking_does_not_hold_the_host, 0, BABBLES);
+    tcase_add_test(t, a_hello_in_a_frame_of_another_version_is_refused);
+    tcase_add_test(t, garbage_past_the_deadline_is_looked_at_a_few_times_only);
     tcase_add_test(t, a_board_cannot_promise_more_gains_than_there_are);
     suite_add_tcase(s, t);
     return s;

@@ -6,9 +6,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "base/out_file.h"
 #include "mechkit/log.h"
 #include "support/comma_locale.h"
 #include "support/files.h"
@@ -242,6 +244,56 @@ START_TEST(a_locale_with_a_decimal_comma_does_not_matter)
 }
 END_TEST
 
+/* fsync(2) of everything under test: whether it is called can be seen nowhere else. */
+static int synced;
+
+int fsync(int fd)
+{
+    synced++;
+    return (int)syscall(SYS_fsync, fd);
+}
+
+START_TEST(a_file_is_on_the_disk_before_it_gets_its_name)
+{
+    struct mk_out_file file;
+    const char *path = scratch("whole.txt");
+    synced = 0;
+    ck_assert_int_eq(mk_out_file_open(&file, path, NULL), MK_OK);
+    ck_assert_int_eq(mk_out_file_write(&file, "all of it", 9, NULL), MK_OK);
+    ck_assert_int_eq(synced, 0);
+    ck_assert_int_eq(access(path, F_OK), -1);
+    ck_assert_int_eq(mk_out_file_commit(&file, NULL), MK_OK);
+    ck_assert_int_eq(synced, 1);
+    ck_assert_int_eq(access(path, F_OK), 0);
+}
+END_TEST
+
+START_TEST(a_log_is_on_the_disk_when_it_is_closed)
+{
+    struct mk_log_writer *w = open_writer(scratch("synced.csv"));
+    synced = 0;
+    ck_assert_int_eq(mk_log_writer_close(w, NULL), MK_OK);
+    ck_assert_int_ge(synced, 1);
+}
+END_TEST
+
+START_TEST(a_temporary_file_never_takes_one_that_is_there)
+{
+    char path[300], taken[340];
+    snprintf(path, sizeof path, "%s", scratch("kept.txt"));
+    snprintf(taken, sizeof taken, "%s.%ld-0.tmp", path, (long)getpid());
+    FILE *f = fopen(taken, "w");
+    ck_assert(f && fputs("somebody's", f) >= 0 && fclose(f) == 0);
+    ck_assert_int_eq(mk_out_file_save(path, "mine", 4, NULL), MK_OK);
+    char *theirs = slurp_file(taken), *ours = slurp_file(path);
+    ck_assert_str_eq(theirs, "somebody's");
+    ck_assert_str_eq(ours, "mine");
+    free(theirs);
+    free(ours);
+    unlink(taken);
+}
+END_TEST
+
 Suite *suite_log_writer(void)
 {
     Suite *s = suite_create("log_writer");
@@ -256,6 +308,9 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, columns_that_could_not_be_read_back_are_refused);
     tcase_add_test(t, notes_longer_than_the_buffer_stay_one_line);
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
+    tcase_add_test(t, a_file_is_on_the_disk_before_it_gets_its_name);
+    tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);
+    tcase_add_test(t, a_temporary_file_never_takes_one_that_is_there);
     suite_add_tcase(s, t);
     return s;
 }

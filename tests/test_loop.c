@@ -11,6 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "ctrl/loop_priv.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
 #include "support/bench.h"
@@ -614,6 +615,76 @@ START_TEST(destroying_a_running_loop_turns_the_motor_off)
 }
 END_TEST
 
+START_TEST(a_start_that_is_interrupted_is_given_up)
+{
+    static volatile int interrupted;
+    interrupted = 1;
+    bench.config.cancel = &interrupted;
+    bench_build(NULL);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_INTR);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    interrupted = 0;
+    bench_start();
+}
+END_TEST
+
+START_TEST(after_missed_ticks_the_law_is_told_how_much_time_went_by)
+{
+    bench_build("at 100 delay 7ms; at 200 delay 5ms");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_OK);
+    struct mk_loop_stats stats;
+    mk_loop_get_stats(bench.loop, &stats);
+    ck_assert_uint_eq(stats.overruns, 2);
+    ck_assert_uint_lt(stats.ticks, 500);
+    ck_assert_double_eq_tol(bench.told_s, bench_look().sample.t + 0.002, 1e-9);
+}
+END_TEST
+
+START_TEST(a_lost_exchange_leaves_a_row_without_readings_of_either_joint)
+{
+    bench_build("at 50 drop");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    ck_assert(isnan(mk_log_get(log, "q1")[50]) && isnan(mk_log_get(log, "q2")[50]));
+    ck_assert(!isnan(mk_log_get(log, "q1")[51]) && !isnan(mk_log_get(log, "q2")[51]));
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_run_begins_with_figures_of_its_own)
+{
+    struct mk_loop_stats stats;
+    bench_build("at 50 drop 2; at 100 delay 7ms");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
+    mk_loop_get_stats(bench.loop, &stats);
+    ck_assert_uint_eq(stats.lost, 2);
+    ck_assert_uint_gt(stats.overruns, 0);
+    ck_assert_uint_gt(stats.late, 0);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_start(); /* of simulated time no tick has been made yet */
+    mk_loop_get_stats(bench.loop, &stats);
+    ck_assert_uint_eq(stats.ticks + stats.late + stats.overruns + stats.lost + stats.gaps, 0);
+    ck_assert_double_eq(stats.late_max_us, 0.0);
+}
+END_TEST
+
+START_TEST(a_histogram_that_is_cleared_has_forgotten_everything)
+{
+    static struct mk_histogram h;
+    mk_histogram_clear(&h);
+    mk_histogram_add(&h, 8000000);
+    mk_histogram_clear(&h);
+    mk_histogram_add(&h, 1000);
+    ck_assert_double_eq_tol(mk_histogram_mean_us(&h), 1.0, 1e-9);
+    ck_assert_double_eq_tol(mk_histogram_max_us(&h), 1.0, 1e-9);
+    ck_assert_double_le(mk_histogram_percentile_us(&h, 1.0), 1.1);
+}
+END_TEST
+
 Suite *suite_loop(void)
 {
     Suite *s = suite_create("loop");
@@ -641,6 +712,11 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);
     tcase_add_test(t, a_lost_exchange_leaves_a_marked_empty_row);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
+    tcase_add_test(t, a_start_that_is_interrupted_is_given_up);
+    tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
+    tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
+    tcase_add_test(t, a_run_begins_with_figures_of_its_own);
+    tcase_add_test(t, a_histogram_that_is_cleared_has_forgotten_everything);
     suite_add_tcase(s, t);
 
     t = tcase_create("real time");

@@ -9,6 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "ctrl/loop_priv.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
 #include "support/bench.h"
@@ -106,6 +107,240 @@ START_TEST(a_motor_wired_backwards_stops)
     ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
     bench.board->ops = straight;
     bench_assert_motor_is_off();
+}
+END_TEST
+
+/* --- boards that say what cannot be --- */
+
+/* What an exchange with the virtual board returns, put wrong from exchange `from` on. */
+enum lie {
+    DRIVES_ON,
+    DRIVES_AND_DENIES,
+    REPEATS,
+    CLOCK_STANDS,
+    CLOCK_RACES,
+    CLOCK_LEAPS,
+    COUNTS_NONSENSE,
+    LOSES_FOUR_OF_FIVE
+};
+static struct {
+    enum lie lie;
+    int from, exchanges;
+    struct mk_board_sample kept;
+    struct mk_board_ops ops;
+    const struct mk_board_ops *honest;
+} liar;
+
+static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    bool lies = liar.exchanges++ >= liar.from;
+    if (lies && liar.lie == LOSES_FOUR_OF_FIVE && liar.exchanges % 5)
+        return MK_ERR_TIMEOUT;
+    bool drives = lies && (liar.lie == DRIVES_ON || liar.lie == DRIVES_AND_DENIES);
+    enum mk_status st = liar.honest->exchange(board, drives ? 10.0 : u, out);
+    if (!lies)
+        liar.kept = *out;
+    else if (liar.lie == DRIVES_AND_DENIES)
+        out->u_applied = u;
+    else if (liar.lie == REPEATS)
+        *out = liar.kept;
+    else if (liar.lie == CLOCK_STANDS)
+        out->board_ns = liar.kept.board_ns;
+    else if (liar.lie == CLOCK_RACES)
+        out->board_ns += 2 * (out->board_ns - liar.kept.board_ns);
+    else if (liar.lie == CLOCK_LEAPS)
+        out->board_ns += 8000000000000000000;
+    else if (liar.lie == COUNTS_NONSENSE)
+        out->sequence *= 2654435761u;
+    return st;
+}
+
+/* A run under u = 0 with a board that lies from its exchange `from` on; when the fault came, in s
+ * after that exchange. The watch before the start takes 100 exchanges. */
+static double lie_from(enum lie lie, int from, enum mk_fault fault)
+{
+    bench_build(NULL);
+    liar.lie = lie;
+    liar.from = from;
+    liar.exchanges = 0;
+    liar.honest = bench.board->ops;
+    liar.ops = *liar.honest;
+    liar.ops.exchange = lying_exchange;
+    bench.board->ops = &liar.ops;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(5), MK_ERR_FAULT);
+    ck_assert_msg(bench_look().fault == fault, "%s", mk_fault_name(bench_look().fault));
+    double t = bench_look().fault_t;
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench.board->ops = liar.honest;
+    bench_assert_motor_is_off();
+    return t - (from - 100) * 0.002;
+}
+
+START_TEST(a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once)
+{
+    ck_assert_double_eq_tol(lie_from(DRIVES_ON, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_and_denies_it_is_found_by_the_motion)
+{
+    static const enum mk_plant_kind plants[] = {MK_PLANT_INERTIA_WHEEL, MK_PLANT_PENDUBOT,
+                                                MK_PLANT_REACTION_WHEEL, MK_PLANT_FURUTA};
+    bench_use_plant(plants[_i]);
+    ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 200, MK_FAULT_DRIVEN),
+                        plants[_i] == MK_PLANT_PENDUBOT ? 0.4 : 0.1);
+}
+END_TEST
+
+START_TEST(a_board_that_gives_less_than_it_is_told_goes_on)
+{
+    bench_build("at 50 saturate 0.5");
+    bench_set_law(-1, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_OK);
+    ck_assert_double_eq(bench_look().sample.u, -0.5);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_before_the_start_is_not_started)
+{
+    bench_build(NULL);
+    liar.lie = DRIVES_ON;
+    liar.from = liar.exchanges = 0;
+    liar.honest = bench.board->ops;
+    liar.ops = *liar.honest;
+    liar.ops.exchange = lying_exchange;
+    bench.board->ops = &liar.ops;
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_DISOBEYED);
+    ck_assert_int_eq(liar.exchanges, 1);
+    bench.board->ops = liar.honest;
+    bench_assert_motor_is_off();
+}
+END_TEST
+
+START_TEST(readings_that_repeat_an_exchange_are_stale)
+{
+    ck_assert_double_le(lie_from(REPEATS, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_whose_clock_stands_still_is_stale)
+{
+    ck_assert_double_le(lie_from(CLOCK_STANDS, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_whose_clock_races_is_stale)
+{
+    ck_assert_double_le(lie_from(CLOCK_RACES, 200, MK_FAULT_STALE), 0.2);
+}
+END_TEST
+
+START_TEST(a_board_whose_exchange_numbers_are_nonsense_is_stale)
+{
+    ck_assert_double_le(lie_from(COUNTS_NONSENSE, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_that_loses_four_of_five_exchanges_is_stopped)
+{
+    ck_assert_double_le(lie_from(LOSES_FOUR_OF_FIVE, 200, MK_FAULT_LINK), 0.014);
+}
+END_TEST
+
+START_TEST(a_streaming_board_whose_clock_stands_still_does_not_hold_the_host)
+{
+    bench.config.stream = true;
+    ck_assert_double_le(lie_from(CLOCK_STANDS, 200, MK_FAULT_LINK), 0.1);
+}
+END_TEST
+
+START_TEST(a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_of_time)
+{
+    bench.config.stream = true;
+    ck_assert_double_le(lie_from(CLOCK_LEAPS, 200, MK_FAULT_LINK), 0.1);
+}
+END_TEST
+
+/* --- what a fault does to the board --- */
+
+static struct {
+    struct mk_board_ops ops;
+    const struct mk_board_ops *own;
+    int safe, zeroed, exchanges;
+    int safe_at_exchange[400]; /* how often SAFE had been asked for by then */
+} heard;
+
+static enum mk_status hear_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    if (heard.exchanges < 400)
+        heard.safe_at_exchange[heard.exchanges] = heard.safe;
+    heard.exchanges++;
+    return heard.own->exchange(board, u, out);
+}
+
+static enum mk_status hear_safe(struct mk_board *board)
+{
+    heard.safe++;
+    return heard.own->safe_state(board);
+}
+
+static enum mk_status hear_zero(struct mk_board *board, struct mk_error *err)
+{
+    heard.zeroed++;
+    return heard.own->zero_counters(board, err);
+}
+
+static void listen_to_the_board(void)
+{
+    memset(&heard, 0, sizeof heard);
+    heard.own = bench.board->ops;
+    heard.ops = *heard.own;
+    heard.ops.exchange = hear_exchange;
+    heard.ops.safe_state = hear_safe;
+    heard.ops.zero_counters = hear_zero;
+    bench.board->ops = &heard.ops;
+}
+
+START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
+{
+    bench_build("at 50 jump 2 by 500");
+    listen_to_the_board();
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_JUMP);
+    ck_assert_int_eq(bench_look().fault_joint, 2);
+    int at = 100 + 50; /* after the watch before the start */
+    ck_assert_int_eq(heard.safe_at_exchange[at], 0);
+    ck_assert_int_eq(heard.safe_at_exchange[at + 1], 1);
+    bench.board->ops = heard.own;
+}
+END_TEST
+
+START_TEST(counters_are_zeroed_again_after_faults_that_put_them_in_doubt)
+{
+    static const enum mk_fault doubtful[] = {MK_FAULT_JUMP,      MK_FAULT_STUCK, MK_FAULT_RUNAWAY,
+                                             MK_FAULT_LINK,      MK_FAULT_BOARD, MK_FAULT_UNPLUGGED,
+                                             MK_FAULT_DISOBEYED, MK_FAULT_STALE};
+    bench_build(NULL);
+    listen_to_the_board();
+    for (int f = MK_FAULT_NONE + 1; f < MK_FAULT_COUNT; f++) {
+        bool doubted = false;
+        for (size_t i = 0; i < sizeof doubtful / sizeof doubtful[0]; i++)
+            doubted = doubted || doubtful[i] == (enum mk_fault)f;
+        bench_start(); /* knows its zero */
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        heard.zeroed = 0;
+        mk_safety_latch(&bench.loop->safety, (enum mk_fault)f, 0.0, 0);
+        mk_loop_acknowledge(bench.loop);
+        bench_start();
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        ck_assert_msg(heard.zeroed == doubted, "after %s: zeroed %d times",
+                      mk_fault_name((enum mk_fault)f), heard.zeroed);
+    }
+    bench.board->ops = heard.own;
 }
 END_TEST
 
@@ -335,6 +570,19 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_jumping_encoder_stops_the_motor);
     tcase_add_test(t, a_stuck_encoder_stops_the_motor);
     tcase_add_test(t, a_motor_wired_backwards_stops);
+    tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
+    tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
+    tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
+    tcase_add_test(t, a_board_that_drives_before_the_start_is_not_started);
+    tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);
+    tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);
+    tcase_add_test(t, a_board_whose_clock_races_is_stale);
+    tcase_add_test(t, a_board_whose_exchange_numbers_are_nonsense_is_stale);
+    tcase_add_test(t, a_board_that_loses_four_of_five_exchanges_is_stopped);
+    tcase_add_test(t, a_streaming_board_whose_clock_stands_still_does_not_hold_the_host);
+    tcase_add_test(t, a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_of_time);
+    tcase_add_test(t, the_board_is_told_to_be_safe_in_the_tick_of_the_fault);
+    tcase_add_test(t, counters_are_zeroed_again_after_faults_that_put_them_in_doubt);
     tcase_add_test(t, a_command_that_is_no_number_stops_the_motor);
     tcase_add_test(t, late_samples_in_a_row_stop_the_motor);
     tcase_add_test(t, a_broken_link_stops_the_motor);

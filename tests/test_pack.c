@@ -130,10 +130,41 @@ START_TEST(the_example_builds_and_runs_with_what_is_installed)
     if (!have_shared_library("pack"))
         return;
     const char *prefix = install();
+    char out[512];
+    run_command(out, sizeof out, "cat %s/etc/security/limits.d/mechkit.conf", prefix);
+    ck_assert_msg(strstr(out, "rtprio 80") && strstr(out, "memlock unlimited"), "%s", out);
     build_and_run_example(prefix, "shared", "$(pkg-config --libs mechkit)");
     build_and_run_example(
         prefix, "static",
         "$(pkg-config --static --libs mechkit | sed 's/-lmechkit/-l:libmechkit.a/')");
+}
+END_TEST
+
+START_TEST(the_package_ships_the_limits_of_real_time)
+{
+    char *files = slurp_file(MK_SOURCE_DIR "/debian/mechkit.install");
+    ck_assert_ptr_nonnull(files);
+    ck_assert_ptr_nonnull(strstr(files, "etc/security/limits.d/mechkit.conf\n"));
+    free(files);
+}
+END_TEST
+
+START_TEST(a_run_that_ends_late_without_real_time_says_what_to_do)
+{
+    char out[4096];
+    if (!have_program("setpriv", "real time"))
+        return;
+    const char *script =
+        scratch_text("late.cmd", "faults from 20 to 400 delay 3500us\nsetup pendubot-top\n"
+                                 "start\nwait 5\n");
+    int code = run_command(out, sizeof out,
+                           "setpriv --bounding-set=-sys_nice,-ipc_lock prlimit --rtprio=0 "
+                           "%s run %s --out %s",
+                           MK_TEST_APP, script, scratch("late"));
+    ck_assert_msg(code == 1 && strstr(out, "the motor is off"), "%d %s", code, out);
+    ck_assert_msg(strstr(out, "no real-time priority") && strstr(out, "join plugdev") &&
+                      strstr(out, "docs/boards.md"),
+                  "%s", out);
 }
 END_TEST
 
@@ -184,6 +215,8 @@ Suite *suite_pack(void)
     suite_add_tcase(s, symbols);
     TCase *installed = tcase_create("installed");
     tcase_set_timeout(installed, 120);
+    tcase_add_test(installed, the_package_ships_the_limits_of_real_time);
+    tcase_add_test(installed, a_run_that_ends_late_without_real_time_says_what_to_do);
     tcase_add_test(installed, the_example_builds_and_runs_with_what_is_installed);
     suite_add_tcase(s, installed);
     TCase *pages = tcase_create("pages");

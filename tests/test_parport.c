@@ -140,12 +140,29 @@ START_TEST(a_board_that_is_switched_off_loses_samples_and_comes_back)
 }
 END_TEST
 
+/* The port says so by ENXIO, which from a port that is gone means something else. */
+START_TEST(a_board_that_refuses_a_negotiation_for_a_moment_is_not_taken_for_gone)
+{
+    struct mk_board_sample s;
+    emu_bench_init(&bench, _i ? "parport-nibble" : "parport-byte", &config);
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+    unsigned modes = bench.pp.board_modes;
+    bench.pp.board_modes = 0;
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_ERR_PROTO);
+    bench.pp.board_modes = modes;
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+}
+END_TEST
+
 Suite *suite_parport(void)
 {
     Suite *s = suite_create("parport");
     TCase *t = tcase_create("parport");
     tcase_add_checked_fixture(t, setup, teardown);
     tcase_add_loop_test(t, the_fastest_common_mode_is_taken, 0, 6);
+    tcase_add_loop_test(t, a_board_that_refuses_a_negotiation_for_a_moment_is_not_taken_for_gone, 0,
+                        2);
     tcase_add_test(t, the_port_is_held_alone_and_given_back);
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);

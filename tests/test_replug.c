@@ -219,6 +219,7 @@ static void swing_up(const char *bus, int fd)
     mk_safety_default(&model, 1.0 / RATE_HZ, &config.limits);
     config.limits.late_limit = 1000000;
     config.limits.lost_limit = 1000000;
+    config.limits.stale_limit = 1000000; /* the far board's clock stands while nobody asks */
     if (mk_board_open(mk_board_backend_by_name(bus), &board_config, &board, NULL) != MK_OK ||
         mk_ctrl_create(mk_ctrl_setup_by_name("pendubot-mid"), &model, 1.0 / RATE_HZ, NULL, &ctrl,
                        NULL) != MK_OK ||

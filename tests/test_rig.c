@@ -238,6 +238,32 @@ START_TEST(count_noise_has_the_spread_asked_for)
 }
 END_TEST
 
+/* Effects at values that their ranges allow and no solver follows. */
+START_TEST(a_model_that_is_too_stiff_to_be_followed_is_refused_by_name)
+{
+    static const struct {
+        const char *effect;
+        int at;
+        double value, bearable;
+    } stiff[] = {
+        {"viscous", 0, 1e6, 10.0}, {"stiction", 0, 1e6, 50.0}, {"cable-hysteresis", 1, 1e-6, 1e-3}};
+    for (size_t i = 0; i < sizeof stiff / sizeof stiff[0]; i++) {
+        struct mk_error err = MK_ERROR_INIT;
+        mk_model_default(MK_PLANT_PENDUBOT, &model);
+        ck_assert_int_eq(mk_model_add_effect(&model, "coulomb", 2, &err), MK_OK);
+        ck_assert_int_eq(mk_model_add_effect(&model, stiff[i].effect, 1, &err), MK_OK);
+        model.effect[1].value[stiff[i].at] = stiff[i].value;
+        ck_assert_int_eq(mk_rig_create(&model, &config, &rig, &err), MK_ERR_RANGE);
+        ck_assert_ptr_null(rig);
+        ck_assert_msg(strstr(err.message, stiff[i].effect) != NULL, "%s", err.message);
+        model.effect[1].value[stiff[i].at] = stiff[i].bearable;
+        ck_assert_msg(mk_rig_create(&model, &config, &rig, &err) == MK_OK, "%s", err.message);
+        mk_rig_destroy(rig);
+        rig = NULL;
+    }
+}
+END_TEST
+
 Suite *suite_rig(void)
 {
     Suite *s = suite_create("rig");
@@ -254,6 +280,7 @@ Suite *suite_rig(void)
     tcase_add_test(t, no_time_changes_nothing_and_backwards_is_refused);
     tcase_add_test(t, the_same_seed_gives_the_same_counts);
     tcase_add_test(t, count_noise_has_the_spread_asked_for);
+    tcase_add_test(t, a_model_that_is_too_stiff_to_be_followed_is_refused_by_name);
     suite_add_tcase(s, t);
     return s;
 }

@@ -217,7 +217,8 @@ START_TEST(late_samples_in_a_row_trip_at_the_limit)
     for (int round = 0; round < 3; round++) {
         for (int k = 0; k < limits.late_limit - 1; k++)
             ck_assert_int_eq(mk_safety_timing(&safety, 0, true), MK_FAULT_NONE);
-        ck_assert_int_eq(mk_safety_timing(&safety, 0, false), MK_FAULT_NONE);
+        for (int k = 0; k < limits.late_limit - 1; k++)
+            ck_assert_int_eq(mk_safety_timing(&safety, 0, false), MK_FAULT_NONE);
     }
     for (int k = 0; k < limits.late_limit; k++)
         mk_safety_timing(&safety, 3.0, true);
@@ -229,10 +230,40 @@ START_TEST(lost_samples_in_a_row_trip_at_the_limit)
 {
     for (int k = 0; k < limits.lost_limit - 1; k++)
         ck_assert_int_eq(mk_safety_link(&safety, 0, true), MK_FAULT_NONE);
-    mk_safety_link(&safety, 0, false);
+    for (int k = 0; k < 4 * limits.lost_limit; k++)
+        ck_assert_int_eq(mk_safety_link(&safety, 0, false), MK_FAULT_NONE);
+    for (int k = 0; k < limits.lost_limit - 1; k++)
+        ck_assert_int_eq(mk_safety_link(&safety, 0, true), MK_FAULT_NONE);
     for (int k = 0; k < limits.lost_limit; k++)
         mk_safety_link(&safety, 4.0, true);
     ck_assert_int_eq(safety.fault, MK_FAULT_LINK);
+}
+END_TEST
+
+/* Samples until the fault where `bad` of every `of` are bad; 100000 when it does not come. */
+static int samples_until(enum mk_fault (*count)(struct mk_safety *, double, bool), int bad, int of)
+{
+    mk_safety_clear(&safety);
+    for (int k = 0; k < 100000; k++)
+        if (count(&safety, 0, k % of < bad) != MK_FAULT_NONE)
+            return k;
+    return 100000;
+}
+
+START_TEST(a_link_that_loses_more_than_every_fifth_exchange_trips)
+{
+    ck_assert_int_le(samples_until(mk_safety_link, 4, 5), 6);
+    ck_assert_int_le(samples_until(mk_safety_link, 1, 2), 14);
+    ck_assert_int_le(samples_until(mk_safety_link, 1, 4), 80);
+    ck_assert_int_eq(samples_until(mk_safety_link, 1, 6), 100000);
+}
+END_TEST
+
+START_TEST(a_machine_that_is_late_more_than_every_second_time_trips)
+{
+    ck_assert_int_le(samples_until(mk_safety_timing, 9, 10), 12);
+    ck_assert_int_le(samples_until(mk_safety_timing, 2, 3), 30);
+    ck_assert_int_eq(samples_until(mk_safety_timing, 1, 2), 100000);
 }
 END_TEST
 
@@ -343,6 +374,8 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_wheel_that_already_spins_may_be_braked);
     tcase_add_test(t, late_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);
+    tcase_add_test(t, a_link_that_loses_more_than_every_fifth_exchange_trips);
+    tcase_add_test(t, a_machine_that_is_late_more_than_every_second_time_trips);
     tcase_add_test(t, links_away_from_rest_do_not_hang);
     tcase_add_test(t, wheels_and_what_is_level_rest_anywhere);
     suite_add_tcase(s, t);

@@ -272,6 +272,23 @@ START_TEST(the_panel_is_reached_through_the_bus)
 }
 END_TEST
 
+START_TEST(more_than_the_buffer_holds_is_counted_and_dropped)
+{
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
+    size_t n = mk_frame_encode(&f, hello);
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    usb.used = MK_USB_BUFFER - 10; /* nobody has looked for a while */
+    for (int k = 0; k < 50 && usb.overrun == 0; k++)
+        ck_assert_int_eq(mk_usb_link.send(&usb, hello, n, INT64_MAX), MK_OK);
+    ck_assert_uint_gt(usb.overrun, 0);
+    ck_assert_uint_le(usb.used, MK_USB_BUFFER);
+    ck_assert_uint_eq(usb.handed, 0);
+    mk_usb_close(&usb);
+}
+END_TEST
+
 Suite *suite_usb(void)
 {
     Suite *s = suite_create("usb");
@@ -290,6 +307,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
+    tcase_add_test(t, more_than_the_buffer_holds_is_counted_and_dropped);
     suite_add_tcase(s, t);
     return s;
 }

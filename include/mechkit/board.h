@@ -34,7 +34,8 @@ enum mk_board_capability {
     MK_BOARD_CAP_WATCHDOG = 1,  /* zeroes the command by itself */
     MK_BOARD_CAP_TIMESTAMP = 2, /* board_ns is the board's own clock */
     MK_BOARD_CAP_SIMULATED = 4, /* no motor anywhere */
-    MK_BOARD_CAP_FAST = 8       /* can run on a simulated clock */
+    MK_BOARD_CAP_FAST = 8,      /* can run on a simulated clock */
+    MK_BOARD_CAP_NO_RIG = 16    /* its counters stand still whatever it is told */
 };
 
 /* Bits of mk_board_sample.status. */

@@ -71,6 +71,8 @@ struct mk_loop_config {
     /* The board's clock makes the ticks, where the board can (mk_board_ops.stream); the period must
      * be whole microseconds. After a fault, for the rest of the log, the host's does. */
     bool stream;
+    /* The start gives up when it becomes true, MK_ERR_INTR; NULL: never. Kept, not owned. */
+    const volatile int *cancel;
 };
 void mk_loop_config_default(const struct mk_model *model, struct mk_loop_config *out);
 

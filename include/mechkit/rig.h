@@ -30,6 +30,8 @@ void mk_rig_config_default(struct mk_rig_config *config);
 
 struct mk_rig;
 
+/* MK_ERR_RANGE for a model too stiff to be followed, MK_ERR_NOMEM, and what mk_sim_create returns.
+ */
 MK_NODISCARD enum mk_status mk_rig_create(const struct mk_model *model,
                                           const struct mk_rig_config *config, struct mk_rig **out,
                                           struct mk_error *err);

@@ -20,12 +20,15 @@ extern "C" {
     X(JUMP, "encoder-jump", "an encoder jumped further than a joint can move in a sample")         \
     X(STUCK, "encoder-stuck", "an encoder stands still although the motor drives hard")            \
     X(RUNAWAY, "runaway", "the motor joint runs away against the sign of the command")             \
+    X(DRIVEN, "driven", "the motor joint gains speed that its command does not give it")           \
     X(COMMAND, "command", "the controller returned a command that is not a number")                \
     X(OVERRUN, "overrun", "too many samples came late")                                            \
     X(LINK, "link", "too many exchanges with the board failed")                                    \
     X(UNPLUGGED, "unplugged", "the board is gone")                                                 \
     X(WATCHDOG, "watchdog", "the board's watchdog fired")                                          \
     X(BOARD, "board", "the board reports a fault")                                                 \
+    X(DISOBEYED, "disobeyed", "the board drives the motor otherwise than it was told")             \
+    X(STALE, "stale", "the board's exchange numbers or its clock do not go on as they must")       \
     X(LOG, "log", "the log cannot be written")                                                     \
     X(NOT_HANGING, "not-hanging", "the links do not hang straight down")                           \
     X(ESTOP, "e-stop", "stopped by the operator")
@@ -48,8 +51,15 @@ struct mk_safety_limits {
     double stuck_u;   /* .. at |u| above this: stuck; motor joint only */
     double runaway_s; /* motor joint leaving its rest against u after so long .. */
     double runaway_u; /* .. of |u| above this with one sign */
-    int late_limit;   /* consecutive late samples that latch OVERRUN */
-    int lost_limit;   /* consecutive failed exchanges that latch LINK */
+    /* How far the believed model may be off before a reading that contradicts it is a fault
+     * (docs/safety.md); from a share of 1 on readings are not held against the model. */
+    double model_share;              /* of every parameter */
+    double model_reserve;            /* torque at every joint that it knows nothing of */
+    double still_way[MK_MAX_JOINTS]; /* an unmoved joint that must have gone so far: STUCK */
+    /* Late samples in a row that latch OVERRUN, failed exchanges in a row that latch LINK; and as
+     * many that good ones do not make up for (mk_safety_level). */
+    int late_limit, lost_limit;
+    int stale_limit; /* readings in a row that do not go on: STALE, by such a level too */
     double
         rest_tolerance[MK_MAX_JOINTS]; /* pre-start: how far from hanging, rad (not for wheels) */
 };
@@ -70,7 +80,7 @@ struct mk_safety {
     double drive_for; /* s under a command of one sign */
     double run_from;  /* angle of the motor joint at its first sample, rad */
     bool sign_known;  /* the motor joint has left its rest: RUNAWAY is settled for this run */
-    int late, lost;   /* consecutive */
+    int late, lost;   /* levels */
     bool primed;
 };
 
@@ -84,7 +94,18 @@ enum mk_fault mk_safety_latch(struct mk_safety *s, enum mk_fault fault, double t
  * since the last good one. TRAVEL, SPEED, JUMP, STUCK, RUNAWAY. Returns the latched fault. */
 enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const double *q,
                               const double *v, double u);
-/* Counts late samples and failed exchanges; OVERRUN and LINK after the limit in a row. */
+/* A level that leaks: a bad sample raises it by `rise`, a good one lowers it by 1, not below 0. It
+ * reaches limit * rise after `limit` bad ones in a row, and in the end wherever more than one in
+ * 1 + rise is bad. */
+#define MK_SAFETY_RISE_LATE 1 /* more than every second */
+#define MK_SAFETY_RISE_LOST 4 /* more than every fifth */
+static inline int mk_safety_level(int level, bool bad, int rise)
+{
+    if (bad)
+        return level + rise;
+    return level > 0 ? level - 1 : 0;
+}
+/* Late samples and failed exchanges, by such levels: OVERRUN and LINK. */
 enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late);
 enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost);
 /* Before start: NOT_HANGING when a joint is away from rest; sets fault_joint. */

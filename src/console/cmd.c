@@ -105,6 +105,13 @@ static enum mk_status need_run(const struct session *s, struct mk_error *err)
     return s->running ? MK_OK : mk_error_set(err, MK_ERR_STATE, "nothing runs: start first");
 }
 
+/* What may have made samples late: a run that was not granted real time. */
+static const char *why_late(enum mk_fault fault, const struct mk_loop_stats *stats)
+{
+    bool timing = fault == MK_FAULT_OVERRUN || fault == MK_FAULT_WATCHDOG || fault == MK_FAULT_LINK;
+    return timing && !stats->realtime ? stats->note : "";
+}
+
 static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct mk_error *err)
 {
     if (st == MK_ERR_FAULT) {
@@ -113,8 +120,12 @@ static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct
         char joint[32] = "";
         if (snap.fault_joint > 0)
             snprintf(joint, sizeof joint, " (joint %d)", snap.fault_joint);
-        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s; the motor is off",
-                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault));
+        struct mk_loop_stats stats;
+        mk_loop_get_stats(s->loop, &stats);
+        const char *why = why_late(snap.fault, &stats);
+        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s; the motor is off%s%s",
+                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault),
+                     why[0] ? ". The run had " : "", why);
     }
     if (st == MK_ERR_INTR)
         mk_error_set(err, MK_ERR_INTR, "interrupted; the motor is off");

@@ -101,6 +101,7 @@ static const struct {
               {"rest2", offsetof(struct mk_safety_limits, rest_tolerance[1])},
               {"stuck_s", offsetof(struct mk_safety_limits, stuck_s)},
               {"stuck_u", offsetof(struct mk_safety_limits, stuck_u)},
+              {"model_share", offsetof(struct mk_safety_limits, model_share)},
               {"runaway_s", offsetof(struct mk_safety_limits, runaway_s)}};
 #define LIMITS ((int)(sizeof limits / sizeof limits[0]))
 
@@ -112,7 +113,7 @@ const char *cmd_limit_name(int index)
 enum mk_status cmd_find_limit(struct mk_safety_limits *in, const char *name, double **at,
                               struct mk_error *err)
 {
-    char known[200] = "";
+    char known[256] = "";
     for (int i = 0; i < LIMITS; i++) {
         size_t used = strlen(known);
         if (strcmp(limits[i].name, name) == 0) {

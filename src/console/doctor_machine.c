@@ -69,8 +69,8 @@ static void say_priority(struct doctor *d, const struct jitter *j)
         doctor_say(d, DOCTOR_OK, "real-time priority", "", "SCHED_FIFO %d granted", PRIORITY);
     else
         doctor_say(d, DOCTOR_PROBLEM, "real-time priority",
-                   "put '@realtime - rtprio 80' and '@realtime - memlock unlimited' into "
-                   "/etc/security/limits.d/mechkit.conf, join that group, log in again",
+                   "install udev/mechkit-limits.conf as /etc/security/limits.d/mechkit.conf (the "
+                   "package does), join the group plugdev, log in again",
                    "SCHED_FIFO %d refused: %s", PRIORITY, strerror(j->refused));
 }
 
@@ -82,8 +82,8 @@ static void say_memory(struct doctor *d)
         doctor_say(d, DOCTOR_OK, "locked memory", "", "no limit");
     else
         doctor_say(d, DOCTOR_PROBLEM, "locked memory",
-                   "ulimit -l unlimited, or '@realtime - memlock unlimited' as above",
-                   "limited to %llu kB", (unsigned long long)limit.rlim_cur / 1024);
+                   "ulimit -l unlimited, or the same file and group", "limited to %llu kB",
+                   (unsigned long long)limit.rlim_cur / 1024);
 }
 
 void doctor_machine(struct doctor *d, double seconds)

@@ -272,6 +272,7 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
         s->config.rate_hz = s->options.rate_hz;
     s->config.tap = s->options.tap;
     s->config.stream = s->options.stream;
+    s->config.cancel = s->options.cancel;
     mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
     const struct mk_model *believed = s->have_believed ? &s->believed : &s->model;
     st = mk_ctrl_create(ops, believed, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);

@@ -92,7 +92,9 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
     loop->dt = 1.0 / config->rate_hz;
     loop->simulated = board->clock->ops->simulated;
     loop->host.dma_latency_fd = -1;
+    loop->has_rig = !(board->ops->capabilities & MK_BOARD_CAP_NO_RIG);
     mk_safety_init(&loop->safety, &ctrl->model, &loop->config.limits);
+    mk_residual_init(&loop->residual, &ctrl->model, &loop->config.limits);
     mk_histogram_clear(&loop->lateness);
     mk_histogram_clear(&loop->busy);
 
@@ -343,6 +345,8 @@ void mk_loop_acknowledge(struct mk_loop *loop)
     case MK_FAULT_LINK:
     case MK_FAULT_UNPLUGGED:
     case MK_FAULT_BOARD:
+    case MK_FAULT_DISOBEYED:
+    case MK_FAULT_STALE:
         loop->host.zeroed = false;
         break;
     default:

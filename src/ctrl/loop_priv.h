@@ -15,6 +15,8 @@
 #include <semaphore.h>
 #include <stdatomic.h>
 
+#include "ctrl/board_watch.h"
+#include "ctrl/residual.h"
 #include "mechkit/loop.h"
 #include "mechkit/ring.h"
 
@@ -102,6 +104,7 @@ struct mk_loop_run {   /* the loop thread's */
     int64_t begin_ns;  /* when the work of this tick began */
     double since_good; /* s since the last good sample */
     uint32_t sequence;
+    struct mk_board_watch watch;
     int32_t raw[MK_MAX_JOINTS];   /* counter as read last */
     int32_t total[MK_MAX_JOINTS]; /* counts from the zero of this run, unwrapped */
     struct mk_velocity speed[MK_MAX_JOINTS];
@@ -119,6 +122,8 @@ struct mk_loop {
     bool simulated;
 
     struct mk_safety safety; /* the loop thread's while running */
+    struct mk_residual residual;
+    bool has_rig; /* the board's counters are of something that moves */
     struct mk_loop_run run;
 
     /* Doors between the threads. */

@@ -50,6 +50,8 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
             mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, 0.0, 0);
             return mk_loop_fault_error(MK_FAULT_ESTOP, 0.0, 0, err);
         }
+        if (loop->config.cancel && __atomic_load_n(loop->config.cancel, __ATOMIC_RELAXED))
+            return mk_error_set(err, MK_ERR_INTR, "interrupted");
         double since_s = 1e-9 * (double)(mk_clock_now_ns(clock) - t0_ns);
         if (since_s > REST_LIMIT_S) {
             mk_safety_latch(&loop->safety, MK_FAULT_OVERRUN, since_s, 0);
@@ -62,6 +64,10 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
             return link_failed(loop, st, err);
         if (lost)
             continue;
+        if (!mk_board_watch_obeys(0.0, w->last.u_applied)) {
+            mk_safety_latch(&loop->safety, MK_FAULT_DISOBEYED, 0.0, 0);
+            return mk_loop_fault_error(MK_FAULT_DISOBEYED, 0.0, 0, err);
+        }
         if (!have)
             memcpy(first, w->last.count, sizeof first);
         have = true;
@@ -169,6 +175,7 @@ static void forget_last_run(struct mk_loop *loop)
     mk_histogram_clear(&loop->lateness);
     mk_histogram_clear(&loop->busy);
     mk_safety_clear(&loop->safety);
+    mk_residual_init(&loop->residual, &loop->ctrl->model, &loop->config.limits);
     mk_ctrl_reset(loop->ctrl);
 }
 
@@ -182,6 +189,7 @@ enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
         st = ops->stream(loop->board, (uint32_t)lround(1e6 * loop->dt), err);
         loop->run.streaming = st == MK_OK;
     }
+    mk_board_watch_reset(&loop->run.watch, loop->run.streaming, loop->config.limits.stale_limit);
     loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
     /* In real time the first sample gets a period to wake up properly. */
     if (!loop->simulated)

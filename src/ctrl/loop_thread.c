@@ -95,14 +95,17 @@ static void explain_grants(struct mk_loop *loop, int lock_error)
 {
     const char *sched = "", *memory = "", *both = "";
     if (loop->config.priority > 0 && !loop->host.realtime)
-        sched = "no real-time priority (needs 'ulimit -r 80' or CAP_SYS_NICE)";
+        sched = "no real-time priority (ulimit -r 80)";
     if (!MAY_LOCK_MEMORY)
         memory = "memory not locked (sanitizer build)";
     else if (lock_error)
-        memory = "memory not locked (needs 'ulimit -l unlimited' or CAP_IPC_LOCK)";
+        memory = "memory not locked (ulimit -l unlimited)";
     if (sched[0] && memory[0])
         both = "; ";
-    snprintf(loop->host.note, sizeof loop->host.note, "%s%s%s", sched, both, memory);
+    const char *remedy = sched[0] || lock_error ? ": join plugdev, log in again; docs/boards.md, "
+                                                  "Real time"
+                                                : "";
+    snprintf(loop->host.note, sizeof loop->host.note, "%s%s%s%s", sched, both, memory, remedy);
 }
 
 /* --- the thread's life ----------------------------------------------------------------------- */

@@ -100,6 +100,18 @@ static uint64_t tick_of(const struct mk_loop *loop, const struct mk_board_sample
     return t > 0.0 ? (uint64_t)llround(t * loop->config.rate_hz) : 0;
 }
 
+/* A board whose clock stands still, or leaps, would make the host wait for ever, or be years late:
+ * so many old samples at a time, and so far ahead, are looked at. */
+#define OLD_SAMPLES_MAX 16
+#define AHEAD_MAX_S 2.0
+
+static bool is_next(const struct mk_loop *loop, const struct mk_board_sample *b)
+{
+    double ahead_s = (double)b->board_ns * 1e-9 - (double)loop->run.zero_ns * 1e-9 -
+                     (double)loop->run.tick * loop->dt;
+    return ahead_s > -0.5 * loop->dt && ahead_s < AHEAD_MAX_S;
+}
+
 /* Waits for the board's next sample: its time says which tick this is. One that comes after its row
  * has been written off is let go. */
 static enum mk_status await_sample(struct mk_loop *loop, struct mk_board_sample *b,
@@ -109,12 +121,16 @@ static enum mk_status await_sample(struct mk_loop *loop, struct mk_board_sample 
     struct mk_loop_run *r = &loop->run;
     enum mk_status st;
     r->missed = 0;
+    int looks = 0;
     do
         st = mk_board_exchange(loop->board, r->u_next, b);
-    while (st == MK_OK && !(b->status & ended) && r->timed && tick_of(loop, b) < r->tick);
+    while (st == MK_OK && !(b->status & ended) && r->timed && tick_of(loop, b) < r->tick &&
+           ++looks < OLD_SAMPLES_MAX);
     r->begin_ns = mk_clock_now_ns(loop->board->clock);
     if (st != MK_OK || (b->status & ended))
         return st;
+    if (r->timed && !is_next(loop, b))
+        return MK_ERR_PROTO;
     int64_t ahead_ns = r->begin_ns - b->board_ns, drift_ns = (int64_t)(DRIFT_PPM * 1e3 * loop->dt);
     if (!r->timed) {
         r->timed = true;
@@ -157,11 +173,20 @@ void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s)
     }
 }
 
+/* Exchanges that the board may have counted since the last good one and nobody saw. */
+static uint64_t unseen(const struct mk_loop_run *r)
+{
+    return (uint64_t)r->lost_since + (r->streaming ? r->missed : 0);
+}
+
 /* A good reading: unwraps the counters and advances the speed estimates. */
 static void take_reading(struct mk_loop *loop, const struct mk_board_sample *b, struct mk_sample *s)
 {
     struct mk_loop_run *r = &loop->run;
     uint32_t step = b->sequence - r->sequence;
+    const struct mk_board_watch_sample sample = {
+        .reading = b, .sent = r->u_next, .unseen = unseen(r), .host_ns = r->begin_ns};
+    mk_safety_latch(&loop->safety, mk_board_watch_step(&r->watch, &sample), s->t, 0);
     if (step < 1 || step > 1u + (uint32_t)r->lost_since) {
         s->flags |= MK_FLAG_GAP;
         count_up(&loop->gaps, 1);
@@ -211,6 +236,14 @@ static void check_link(struct mk_loop *loop, enum mk_status st, uint32_t board_s
     mk_safety_link(safety, t, lost);
 }
 
+static void check_model(struct mk_loop *loop, const struct mk_sample *s)
+{
+    int joint = 0;
+    enum mk_fault fault =
+        mk_residual_step(&loop->residual, s->t, loop->run.since_good, s->q, s->v, s->u, &joint);
+    mk_safety_latch(&loop->safety, fault, s->t, joint);
+}
+
 static void exchange(struct mk_loop *loop, struct mk_sample *s)
 {
     struct mk_loop_run *r = &loop->run;
@@ -234,6 +267,8 @@ static void exchange(struct mk_loop *loop, struct mk_sample *s)
     mk_safety_timing(&loop->safety, s->t, (s->flags & MK_FLAG_LATE) != 0);
     if (st == MK_OK) {
         mk_safety_check(&loop->safety, s->t, r->since_good, s->q, s->v, s->u);
+        if (loop->has_rig)
+            check_model(loop, s);
         r->since_good = 0.0;
     }
 }

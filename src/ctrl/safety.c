@@ -11,6 +11,10 @@
  * near enough that gravity cannot yet outweigh runaway_u. */
 #define RUNAWAY_TRAVEL_RAD 0.05
 
+/* A joint that must have gone so far while no count came from it has an encoder that is dead. */
+#define STILL_WAY_RAD 0.02
+#define STILL_WAY_COUNTS 3.0
+
 const char *mk_fault_name(enum mk_fault fault)
 {
     switch (fault) {
@@ -56,13 +60,17 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
         out->v_max[j] = speed * (either ? size : 1.0);
         out->jump_rad[j] = 1.25 * out->v_max[j] * dt + 4.0 * count;
         out->rest_tolerance[j] = plant->joint_is_level[j] ? (double)INFINITY : 0.1 * size;
+        out->still_way[j] = fmax(STILL_WAY_RAD * size, STILL_WAY_COUNTS * count);
     }
     out->stuck_s = 0.3;
     out->stuck_u = 0.8 * model->u_max;
+    out->model_share = 0.25;
+    out->model_reserve = 0.03 * model->u_max;
     out->runaway_s = 0.003;
     out->runaway_u = 0.1 * model->u_max;
     out->late_limit = 10;
     out->lost_limit = 5;
+    out->stale_limit = 5;
 }
 
 void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
@@ -164,16 +172,16 @@ enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const do
 
 enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late)
 {
-    s->late = late ? s->late + 1 : 0;
-    if (s->late >= s->limits.late_limit)
+    s->late = mk_safety_level(s->late, late, MK_SAFETY_RISE_LATE);
+    if (s->late >= s->limits.late_limit * MK_SAFETY_RISE_LATE)
         mk_safety_latch(s, MK_FAULT_OVERRUN, t, 0);
     return s->fault;
 }
 
 enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost)
 {
-    s->lost = lost ? s->lost + 1 : 0;
-    if (s->lost >= s->limits.lost_limit)
+    s->lost = mk_safety_level(s->lost, lost, MK_SAFETY_RISE_LOST);
+    if (s->lost >= s->limits.lost_limit * MK_SAFETY_RISE_LOST)
         mk_safety_latch(s, MK_FAULT_LINK, t, 0);
     return s->fault;
 }

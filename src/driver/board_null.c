@@ -60,7 +60,7 @@ static void null_close(struct mk_board *board)
 const struct mk_board_ops mk_board_null_ops = {
     .name = "null",
     .help = "no rig at all: links that hang still, commands that go nowhere",
-    .capabilities = MK_BOARD_CAP_SIMULATED | MK_BOARD_CAP_FAST,
+    .capabilities = MK_BOARD_CAP_SIMULATED | MK_BOARD_CAP_FAST | MK_BOARD_CAP_NO_RIG,
     .private_size = sizeof(struct null_board),
     .open = null_open,
     .identify = null_identify,

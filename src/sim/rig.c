@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/random.h"
+#include "sim/stiffness.h"
 
 struct mk_rig {
     struct mk_model given; /* with spreads from log to log */
@@ -41,6 +42,9 @@ enum mk_status mk_rig_create(const struct mk_model *model, const struct mk_rig_c
                              struct mk_rig **out, struct mk_error *err)
 {
     *out = NULL;
+    enum mk_status st = mk_model_check_stiffness(model, err);
+    if (st != MK_OK)
+        return st;
     struct mk_rig *rig = calloc(1, sizeof *rig);
     if (!rig)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the virtual rig");
@@ -52,7 +56,7 @@ enum mk_status mk_rig_create(const struct mk_model *model, const struct mk_rig_c
         rig->count[j] = mk_model_count(model, j);
         rig->rest[j] = mk_plant(model->plant)->rest[j];
     }
-    enum mk_status st = mk_rig_restart(rig, err);
+    st = mk_rig_restart(rig, err);
     if (st != MK_OK) {
         mk_rig_destroy(rig);
         return st;

@@ -13,6 +13,7 @@
 static void law_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
                      struct mk_ctrl_output *out)
 {
+    bench.told_s += in->dt;
     out->u = ctrl->value[BIAS] * ctrl->value[SCALE];
     out->ref = (double)in->tick;
     out->phase = in->tick >= 100 ? MK_PHASE_BALANCE : MK_PHASE_SWINGUP;

@@ -12,6 +12,7 @@ struct bench {
     struct mk_loop_config config;
     struct mk_board_config board_config;
     struct mk_loop *loop;
+    double told_s; /* sum of the time steps that the law was told */
     char path[64];
 };
 extern struct bench bench;

@@ -1,0 +1,268 @@
+/* Encoders that lie, found by the believed model; and rigs that are off the model, left alone. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "console/robustness.h"
+#include "ctrl/residual.h"
+#include "mechkit/loop.h"
+#include "support/bench.h"
+
+#define DT 0.002
+
+/* --- whole runs --- */
+
+#define SETUP_COUNT 4
+static const struct {
+    const char *setup;
+    enum mk_plant_kind plant;
+} setups[SETUP_COUNT] = {{"pendubot-mid", MK_PLANT_PENDUBOT},
+                         {"pendubot-top", MK_PLANT_PENDUBOT},
+                         {"reaction-wheel", MK_PLANT_REACTION_WHEEL},
+                         {"furuta", MK_PLANT_FURUTA}};
+
+/* Runs a setup on the nominal virtual rig under a fault script for at most `seconds`. */
+static struct mk_loop_snapshot run_with(int setup, const char *faults, double seconds)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_model model;
+    struct mk_clock clock;
+    struct mk_ctrl *ctrl = NULL;
+    struct mk_board *board = NULL;
+    struct mk_loop *loop = NULL;
+    struct mk_loop_config config;
+    struct mk_loop_snapshot last;
+    mk_model_default(setups[setup].plant, &model);
+    mk_clock_init_simulated(&clock);
+    mk_loop_config_default(&model, &config);
+    const struct mk_board_config board_config = {
+        .model = &model, .clock = &clock, .fault_script = faults};
+    ck_assert_int_eq(
+        mk_board_open(mk_board_backend_by_name("virtual"), &board_config, &board, &err), MK_OK);
+    ck_assert_int_eq(
+        mk_ctrl_create(mk_ctrl_setup_by_name(setups[setup].setup), &model, DT, NULL, &ctrl, &err),
+        MK_OK);
+    ck_assert_int_eq(mk_loop_create(board, ctrl, &config, &loop, &err), MK_OK);
+    ck_assert_int_eq(mk_loop_start(loop, NULL, NULL, 0, &err), MK_OK);
+    enum mk_status st = mk_loop_wait(loop, seconds, NULL, NULL, NULL, &err);
+    mk_loop_get_snapshot(loop, &last);
+    ck_assert_int_eq(st, last.fault ? MK_ERR_FAULT : MK_OK);
+    mk_loop_destroy(loop);
+    mk_ctrl_destroy(ctrl);
+    mk_board_close(board);
+    return last;
+}
+
+/* Seconds that docs/safety.md promises: while a rig swings up or is caught, and while it is held so
+ * quietly that the other encoder alone balances it. */
+#define FOUND_SWINGING_S 0.35
+#define FOUND_HELD_S 6.0
+
+START_TEST(a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor)
+{
+    static const int at[] = {500, 1500, 4000};
+    for (int joint = 1; joint <= 2; joint++)
+        for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
+            char script[40];
+            snprintf(script, sizeof script, "at %d stuck %d", at[k], joint);
+            struct mk_loop_snapshot end = run_with(_i, script, at[k] * DT + FOUND_HELD_S);
+            double took_s = end.fault_t - at[k] * DT;
+            ck_assert_msg(end.fault == MK_FAULT_STUCK && end.fault_joint == joint,
+                          "%s, %s: %s, joint %d", setups[_i].setup, script,
+                          mk_fault_name(end.fault), end.fault_joint);
+            ck_assert_msg(took_s <= (at[k] == 500 ? FOUND_SWINGING_S : FOUND_HELD_S),
+                          "%s, %s: after %.3f s", setups[_i].setup, script, took_s);
+            ck_assert_double_eq(end.sample.u, 0.0);
+        }
+}
+END_TEST
+
+START_TEST(an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once)
+{
+    for (int joint = 1; joint <= 2; joint++) {
+        char script[40];
+        snprintf(script, sizeof script, "at 4000 jump %d by 50", joint);
+        struct mk_loop_snapshot end = run_with(_i, script, 9.0);
+        ck_assert_msg(end.fault == MK_FAULT_JUMP, "%s, %s: %s", setups[_i].setup, script,
+                      mk_fault_name(end.fault));
+        ck_assert_int_eq(end.fault_joint, joint);
+        ck_assert_double_eq_tol(end.fault_t, 8.0, 1e-9);
+    }
+}
+END_TEST
+
+START_TEST(rigs_that_are_off_the_model_are_not_stopped)
+{
+    struct trial_spread spread;
+    trial_spread_default(&spread);
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        struct mk_model believed;
+        struct trial t;
+        mk_model_default(setups[_i].plant, &believed);
+        ck_assert_int_eq(
+            trial_run(mk_ctrl_setup_by_name(setups[_i].setup), &believed, &spread, seed, &t, NULL),
+            MK_OK);
+        ck_assert_msg(strncmp(t.fault, "encoder", 7) != 0, "%s, seed %d: %s", setups[_i].setup,
+                      (int)seed, t.fault);
+    }
+}
+END_TEST
+
+START_TEST(noise_of_two_counts_is_no_jump)
+{
+    struct mk_loop_snapshot end = run_with(_i, "from 2000 to 6000 noise 2", 13.0);
+    ck_assert_msg(end.fault == MK_FAULT_NONE, "%s: %s at %.3f s", setups[_i].setup,
+                  mk_fault_name(end.fault), end.fault_t);
+}
+END_TEST
+
+START_TEST(a_wheel_that_friction_holds_is_not_stopped)
+{
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench_build(NULL);
+    bench_set_law(0.35, 1, 1e18); /* Coulomb friction: 0.3487 */
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(20), MK_OK);
+}
+END_TEST
+
+START_TEST(a_model_that_may_be_off_by_all_of_it_stops_nothing)
+{
+    bench.config.limits.model_share = 1.0;
+    bench_build("at 0 stuck 2");
+    bench_set_law(3, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(2), MK_OK);
+}
+END_TEST
+
+/* --- sample by sample --- */
+
+static struct mk_model model;
+static struct mk_safety_limits limits;
+static struct mk_residual residual;
+static double now;
+
+static void watch(enum mk_plant_kind kind)
+{
+    mk_model_default(kind, &model);
+    mk_safety_default(&model, DT, &limits);
+    mk_residual_init(&residual, &model, &limits);
+    now = 0.0;
+}
+
+static enum mk_fault look(double dt, double q1, double q2, double u, int *joint)
+{
+    const double q[MK_MAX_JOINTS] = {q1, q2}, v[MK_MAX_JOINTS] = {0.0, 0.0};
+    now += dt;
+    return mk_residual_step(&residual, now, dt, q, v, u, joint);
+}
+
+/* Samples until the fault; at most 2000. */
+static int samples_until(enum mk_fault fault, double q1, double q2, double u, int *joint)
+{
+    for (int k = 0; k < 2000; k++) {
+        enum mk_fault found = look(DT, q1, q2, u, joint);
+        if (found != MK_FAULT_NONE) {
+            ck_assert_int_eq(found, fault);
+            return k;
+        }
+    }
+    return 2000;
+}
+
+START_TEST(a_link_that_nothing_holds_up_cannot_rest_while_the_motor_drives)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    /* Link 1 turns so that its reading lives; link 2 is said to stand out sideways. */
+    int n = 0;
+    for (enum mk_fault f = MK_FAULT_NONE; f == MK_FAULT_NONE && n < 2000; n++)
+        f = look(DT, -M_PI_2 + 0.002 * n, 1.0, 1.0, &joint);
+    ck_assert_int_lt(n, 50);
+    ck_assert_int_eq(joint, 2);
+}
+END_TEST
+
+START_TEST(a_rig_that_is_held_by_hand_with_the_motor_off_is_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2, 1.0, 0.0, &joint), 2000);
+    ck_assert_int_lt(samples_until(MK_FAULT_STUCK, -M_PI_2, 1.0, 1.0, &joint), 100);
+}
+END_TEST
+
+START_TEST(links_at_rest_under_a_weak_command_are_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2, 0.0, 0.3, &joint), 2000);
+}
+END_TEST
+
+START_TEST(lost_samples_do_not_clear_what_is_known_of_a_dead_encoder)
+{
+    int joint = 0, n = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    for (enum mk_fault f = MK_FAULT_NONE; f == MK_FAULT_NONE && n < 2000; n++)
+        f = look(n % 3 ? DT : 2 * DT, 0.0, 0.0, 5.0, &joint);
+    ck_assert_int_lt(n, 30);
+}
+END_TEST
+
+START_TEST(a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder)
+{
+    int joint = 0, n = 0;
+    watch(MK_PLANT_REACTION_WHEEL);
+    for (int k = 0; k < 50; k++)
+        ck_assert_int_eq(look(DT, 0.001 * k, 0.4 * k, 0.5, &joint), MK_FAULT_NONE);
+    enum mk_fault f = MK_FAULT_NONE;
+    for (; f == MK_FAULT_NONE && n < 100; n++)
+        f = look(DT, 0.05 + 0.001 * n, 0.4 * 49, 0.5, &joint);
+    ck_assert_int_lt(n, 5);
+    ck_assert_int_eq(joint, 2);
+}
+END_TEST
+
+START_TEST(a_link_that_rebounds_from_a_stop_has_not_jumped)
+{
+    int joint = 0;
+    double q = 0.0, v = 5.0;
+    watch(MK_PLANT_PENDUBOT);
+    for (int k = 0; k < 100; k++) {
+        if (q > 0.5)
+            v = -5.0;
+        q += v * DT;
+        ck_assert_int_eq(look(DT, -M_PI_2 + 0.002 * k, q, 1.0, &joint), MK_FAULT_NONE);
+    }
+}
+END_TEST
+
+Suite *suite_residual(void)
+{
+    Suite *s = suite_create("residual");
+    TCase *t = tcase_create("runs");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 60);
+    tcase_add_loop_test(t, a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor, 0,
+                        SETUP_COUNT);
+    tcase_add_loop_test(t, an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once, 0,
+                        SETUP_COUNT);
+    tcase_add_loop_test(t, rigs_that_are_off_the_model_are_not_stopped, 0, SETUP_COUNT);
+    tcase_add_loop_test(t, noise_of_two_counts_is_no_jump, 0, SETUP_COUNT);
+    tcase_add_test(t, a_wheel_that_friction_holds_is_not_stopped);
+    tcase_add_test(t, a_model_that_may_be_off_by_all_of_it_stops_nothing);
+    suite_add_tcase(s, t);
+    t = tcase_create("samples");
+    tcase_add_test(t, a_link_that_nothing_holds_up_cannot_rest_while_the_motor_drives);
+    tcase_add_test(t, a_rig_that_is_held_by_hand_with_the_motor_off_is_left_alone);
+    tcase_add_test(t, links_at_rest_under_a_weak_command_are_left_alone);
+    tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
+    tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
+    tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
+    suite_add_tcase(s, t);
+    return s;
+}
