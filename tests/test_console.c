@@ -499,6 +499,33 @@ START_TEST(a_failing_command_is_1_with_its_line)
 }
 END_TEST
 
+/* Steps while it runs: logged sample by sample, and marked where they begin. */
+START_TEST(references_and_inputs_change_while_it_runs)
+{
+    const char *script = scratch_text("r.cmd", "setup pi-speed\nref 20\nstart\nwait 2\nref 60\n"
+                                               "wait 2\nhalt\nsave r.csv\n"
+                                               "setup open-loop\ninput 1\nstart\nwait 1\n"
+                                               "input 0.25\nwait 1\nhalt\nsave i.csv\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("refs"), "--model",
+                               MK_SOURCE_DIR "/models/inertia-wheel.ini");
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(scratch("refs/r.csv"), &log, NULL), MK_OK);
+    const double *ref = mk_log_get(log, "ref"), *v = mk_log_get(log, "dq1");
+    ck_assert_double_eq(ref[999], 20.0);
+    ck_assert_double_eq(ref[1000], 60.0);
+    ck_assert_double_eq_tol(v[999], 20.0, 1.0);
+    ck_assert_double_eq_tol(v[log->rows - 1], 60.0, 1.0);
+    ck_assert_str_eq(mk_log_find_meta(log, "changed"), "at 2.000000 s: reference 60");
+    mk_log_free(log);
+    ck_assert_int_eq(mk_log_read(scratch("refs/i.csv"), &log, NULL), MK_OK);
+    const double *u = mk_log_get(log, "u");
+    ck_assert_double_eq_tol(u[500], 1.0, 1e-3);
+    ck_assert_double_eq_tol(u[502], 0.25, 1e-3);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(the_same_seed_gives_byte_identical_logs)
 {
     const char *script = scratch_text("d.cmd", "setup furuta\nstart\nwait 3\nhalt\nsave d.csv\n");
@@ -863,6 +890,7 @@ Suite *suite_console(void)
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
+    tcase_add_test(t, references_and_inputs_change_while_it_runs);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);

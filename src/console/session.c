@@ -172,9 +172,20 @@ void session_estop(struct session *s)
     pthread_mutex_unlock(&s->loop_lock);
 }
 
+/* After a run. */
+static void forget_old_signals(struct session *s)
+{
+    for (size_t i = 0; i < s->old_signals; i++)
+        mk_signal_destroy(s->old_signal[i]);
+    free(s->old_signal);
+    s->old_signal = NULL;
+    s->old_signals = 0;
+}
+
 static void close_setup(struct session *s)
 {
     destroy_loop(s);
+    forget_old_signals(s);
     mk_board_close(s->board); /* motor off */
     mk_ctrl_destroy(s->ctrl);
     s->board = NULL;
@@ -378,7 +389,9 @@ enum mk_status session_halt(struct session *s, struct mk_error *err)
     if (!s->loop)
         return MK_OK;
     s->running = false;
-    return mk_loop_halt(s->loop, err);
+    enum mk_status st = mk_loop_halt(s->loop, err);
+    forget_old_signals(s);
+    return st;
 }
 
 enum mk_status session_wait(struct session *s, double seconds,
@@ -424,21 +437,36 @@ enum mk_status session_apply(struct session *s, struct mk_error *err)
     return MK_OK;
 }
 
+/* The run goes on with another signal; the old one is kept until its end. */
+static enum mk_status exchange_signal(struct session *s, const struct mk_signal *made,
+                                      struct mk_error *err)
+{
+    struct mk_signal **more = realloc(s->old_signal, (s->old_signals + 1) * sizeof *s->old_signal);
+    if (!more)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the signal");
+    s->old_signal = more;
+    enum mk_status st = mk_loop_set_signal(s->loop, made, err);
+    if (st == MK_OK)
+        s->old_signal[s->old_signals++] = s->signal;
+    return st;
+}
+
 enum mk_status session_set_signal(struct session *s, const char *text, struct mk_error *err)
 {
     struct mk_signal *made;
     char found[SESSION_PATH + 1];
-    if (s->running)
-        return mk_error_set(err, MK_ERR_STATE,
-                            "a signal cannot be exchanged while it runs: halt "
-                            "first");
     enum mk_status st =
         mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
-    if (st != MK_OK)
+    if (st == MK_OK && s->running)
+        st = exchange_signal(s, made, err);
+    if (st != MK_OK) {
+        mk_signal_destroy(made);
         return st;
-    if (s->ctrl)
+    }
+    if (s->ctrl && !s->running)
         s->ctrl->ref = made;
-    mk_signal_destroy(s->signal);
+    if (!s->running)
+        mk_signal_destroy(s->signal);
     s->signal = made;
     return MK_OK;
 }

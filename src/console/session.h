@@ -56,6 +56,9 @@ struct session {
     char faults[SESSION_PATH];     /* fault script of the virtual board; "": none */
     const struct mk_ctrl_ops *setup;
     struct mk_signal *signal; /* reference or open-loop command */
+    /* Signals that this run has had before: the loop's log still names them. */
+    struct mk_signal **old_signal;
+    size_t old_signals;
     struct mk_loop_config config;
     bool log_on;
     /* Only between `setup` and the next one: */
@@ -102,6 +105,7 @@ MK_NODISCARD enum mk_status session_apply(struct session *s, struct mk_error *er
 /* Gives the newest log a name: a name that exists gets -2, -3, ... unless `overwrite`. */
 MK_NODISCARD enum mk_status session_save(struct session *s, const char *name, bool overwrite,
                                          char *saved, size_t size, struct mk_error *err);
+/* Between runs or in flight: between two samples then. */
 MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *text,
                                                struct mk_error *err);
 /* A file that a command names: beside the command file if it is there, else as given. Returns buf.
