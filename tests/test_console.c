@@ -407,7 +407,7 @@ START_TEST(what_only_the_run_can_tell_is_left_to_it)
 {
     static const char *const rows[] = {
         "setup furuta\nstart\nhalt\nidentify f.ini\nbelieve f.ini\nsetup furuta\n",
-        "setup furuta\nstart\nhalt\nsave s.csv\nsetup furuta\nref @s.csv\n",
+        "setup pi-speed\nstart\nhalt\nsave s.csv\nsetup pi-speed\nref @s.csv\n",
         "model furuta.ini\nsetup open-loop\n",
         "compare nowhere.csv\n",
         "expect balanced\tfor  2\nwait-until balanced within  2\n",
@@ -523,6 +523,15 @@ START_TEST(references_and_inputs_change_while_it_runs)
     ck_assert_double_eq_tol(u[500], 1.0, 1e-3);
     ck_assert_double_eq_tol(u[502], 0.25, 1e-3);
     mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_reference_for_a_setup_without_one_is_refused)
+{
+    const char *script = scratch_text("n.cmd", "setup furuta\nref 0.3\nstart\nhalt\n");
+    struct outcome o = MECHKIT("run", "--check", script);
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_msg(strstr(o.err, "n.cmd:2") && strstr(o.err, "takes no signal"), "%s", o.err);
 }
 END_TEST
 
@@ -891,6 +900,7 @@ Suite *suite_console(void)
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
+    tcase_add_test(t, a_reference_for_a_setup_without_one_is_refused);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);

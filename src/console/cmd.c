@@ -86,8 +86,14 @@ static void say_summary(struct session *s)
 {
     struct run_summary r;
     char line[300];
-    if (s->log_path[0] && summarise(s->log_path, &r, NULL) == MK_OK)
-        session_say(s, "%s", summary_line(&r, line, sizeof line));
+    if (!s->log_path[0] || summarise(s->log_path, &r, NULL) != MK_OK)
+        return;
+    session_say(s, "%s", summary_line(&r, line, sizeof line));
+    if (s->options.show)
+        return; /* a screen shows the whole summary */
+    for (size_t i = 0; i < r.steps && i < SUMMARY_STEPS; i++)
+        session_say(s, "  %s",
+                    step_response_line(&r.step[i], summary_speed_unit(&r), line, sizeof line));
 }
 
 static enum mk_status do_halt(struct session *s, int argc, char **argv, struct mk_error *err)

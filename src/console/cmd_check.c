@@ -288,12 +288,14 @@ enum mk_status cmd_check_signal(struct cmd_known *known, int argc, char **argv,
     struct mk_signal *made;
     char found[SESSION_PATH + 1];
     (void)argc;
+    enum mk_status st = session_takes_signal(known ? known->setup : NULL, err);
+    if (st != MK_OK)
+        return st;
     bool in_file = argv[0][strspn(argv[0], " \t")] == '@';
     if (in_file && (!known || known->may_write_logs))
         return MK_OK; /* it may not exist yet */
     const char *folder = known ? known->folder : NULL;
-    enum mk_status st =
-        mk_signal_create(session_signal(folder, argv[0], found, sizeof found), &made, err);
+    st = mk_signal_create(session_signal(folder, argv[0], found, sizeof found), &made, err);
     mk_signal_destroy(made);
     return st;
 }

@@ -437,6 +437,16 @@ enum mk_status session_apply(struct session *s, struct mk_error *err)
     return MK_OK;
 }
 
+enum mk_status session_takes_signal(const struct mk_ctrl_ops *setup, struct mk_error *err)
+{
+    if (!setup || setup->takes_signal)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_USAGE,
+                        "setup %s takes no signal: it holds its equilibrium; pi-speed follows a "
+                        "reference, open-loop drives the motor with it",
+                        setup->name);
+}
+
 /* The run goes on with another signal; the old one is kept until its end. */
 static enum mk_status exchange_signal(struct session *s, const struct mk_signal *made,
                                       struct mk_error *err)
@@ -455,8 +465,10 @@ enum mk_status session_set_signal(struct session *s, const char *text, struct mk
 {
     struct mk_signal *made;
     char found[SESSION_PATH + 1];
-    enum mk_status st =
-        mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
+    enum mk_status st = session_takes_signal(s->setup, err);
+    if (st != MK_OK)
+        return st;
+    st = mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
     if (st == MK_OK && s->running)
         st = exchange_signal(s, made, err);
     if (st != MK_OK) {

@@ -113,6 +113,10 @@ MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *te
 const char *session_find(const struct session *s, const char *path, char *buf, size_t size);
 /* The same beside any folder; NULL or "": none. */
 const char *session_beside(const char *folder, const char *path, char *buf, size_t size);
+/* Whether a setup (NULL: not known yet) goes by a signal; MK_ERR_USAGE says what it holds instead.
+ */
+MK_NODISCARD enum mk_status session_takes_signal(const struct mk_ctrl_ops *setup,
+                                                 struct mk_error *err);
 /* The text of a signal, its file (@FILE) looked for in this way: `text` or buf. */
 const char *session_signal(const char *folder, const char *text, char *buf, size_t size);
 /* MK_ERR_NOTFOUND (and *out NULL) says which setups there are. */

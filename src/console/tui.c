@@ -56,6 +56,14 @@ static void card_line(struct tui_card *card, const char *fmt, ...)
     va_end(args);
 }
 
+static void show_steps(struct tui_card *card, const struct run_summary *r)
+{
+    char line[200];
+    for (size_t i = 0; i < r->steps && i < SUMMARY_STEPS; i++)
+        card_line(card, "%s",
+                  step_response_line(&r->step[i], summary_speed_unit(r), line, sizeof line));
+}
+
 /* What a run was like, in words. */
 static void show_summary(struct tui *t)
 {
@@ -78,8 +86,9 @@ static void show_summary(struct tui *t)
             card_line(card, "stillness q%d within %.4f %s rms", j + 1, r->rms[j],
                       summary_unit(r, j));
     if (!isnan(r->track_rms))
-        card_line(card, "tracking  speed error %.3f %s/s rms at the end", r->track_rms,
-                  summary_unit(r, 0));
+        card_line(card, "tracking  speed error %.3f %s rms at the end", r->track_rms,
+                  summary_speed_unit(r));
+    show_steps(card, r);
     card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
     card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
               r->lost, r->rows);

@@ -195,7 +195,7 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
 /* clang-format on */
 
 #define COMMON_OPS                                                                                 \
-    .plants = MK_CTRL_PLANT(PENDUBOT), .private_size = sizeof(struct pendubot),                    \
+    .plants = MK_CTRL_PLANT(PENDUBOT), .private_size = sizeof(struct pendubot), .output = "q1",    \
     .param_count = PARAM_COUNT, .create = pendubot_create, .reset = pendubot_reset,                \
     .changed = pendubot_changed, .step = pendubot_step
 

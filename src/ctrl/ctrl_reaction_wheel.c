@@ -189,6 +189,7 @@ const struct mk_ctrl_ops mk_ctrl_reaction_wheel =
         .name = "reaction-wheel",
         .help = "reaction-wheel pendulum: the pendulum up",
         .plants = MK_CTRL_PLANT(REACTION_WHEEL),
+        .output = "q1",
         .private_size = sizeof(struct reaction_wheel),
         .param_count = PARAM_COUNT,
         .param =
