@@ -762,6 +762,24 @@ START_TEST(simulate_writes_the_log_s_own_time_base)
 }
 END_TEST
 
+/* Whether an error is large is seen beside what no model can predict. */
+START_TEST(simulate_prints_figures_beside_the_noise_with_or_without_a_file)
+{
+    const char *script = scratch_text(
+        "no.cmd", "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 3\nhalt\nsave no.csv\n");
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    ck_assert_int_eq(
+        MECHKIT("run", script, "--fast", "--model", model, "--out", scratch("no")).code, 0);
+    struct outcome o = MECHKIT("simulate", "--model", model, "--input", scratch("no/no.csv"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    const char *error = strstr(o.out, "q1: rms error "), *noise = strstr(o.out, "own noise ");
+    ck_assert_msg(error && noise, "%s", o.out);
+    double rms = strtod(error + 14, NULL), own = strtod(noise + 10, NULL);
+    /* The model is the rig: its error is the noise. */
+    ck_assert_msg(rms > 0.5 * own && rms < 2.0 * own, "%s", o.out);
+}
+END_TEST
+
 START_TEST(commands_that_are_missing_are_not_made_up)
 {
     const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
@@ -907,6 +925,7 @@ Suite *suite_console(void)
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, a_log_can_be_filed_by_what_it_says);
+    tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
     tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
     tcase_add_test(t, faults_after_a_setup_say_when_they_begin);

@@ -571,6 +571,33 @@ START_TEST(the_cursor_reads_out_the_samples)
 }
 END_TEST
 
+/* Reached the other way round, upright is a whole turn on for the counter. */
+START_TEST(an_upright_furuta_shows_0_whichever_way_it_went_up)
+{
+    choose("furuta", MK_PLANT_FURUTA);
+    status.running = true;
+    tui_set_status(tui, &status);
+    for (int k = 0; k <= 1000; k++) {
+        struct mk_sample m = {.t = k / 500.0, .ref = 0.0, .phase = MK_PHASE_SWINGUP};
+        m.q[0] = 7.0; /* the arm keeps its turns: its cable does */
+        m.q[1] = M_PI + M_PI * k / 1000.0;
+        if (k == 1000)
+            m.phase = MK_PHASE_BALANCE, m.q[1] = 2.0 * M_PI + 0.0125;
+        tui_add_sample(tui, &m);
+        if (k == 900)
+            ck_assert_double_eq_tol((double)scope_find(&tui->live, 9.0)->y[CH_Q2], 1.9 * M_PI,
+                                    1e-3);
+    }
+    ck_assert(drawn(24, 80, "q2     0.0125"));
+    ck_assert(drawn(24, 80, "q1     7.0000"));
+    /* The trace goes on where it was: nothing jumps. */
+    for (size_t i = 1; i < tui->live.count; i++) {
+        float step = scope_at(&tui->live, i)->y[CH_Q2] - scope_at(&tui->live, i - 1)->y[CH_Q2];
+        ck_assert_double_lt(fabs((double)step), 0.1);
+    }
+}
+END_TEST
+
 START_TEST(a_peak_of_one_sample_is_seen)
 {
     struct scope s;
@@ -698,6 +725,7 @@ Suite *suite_tui(void)
     tcase_add_test(t, a_text_is_edited_by_characters_not_bytes);
     tcase_add_test(t, the_trigger_holds_the_picture_where_it_was_caught);
     tcase_add_test(t, the_cursor_reads_out_the_samples);
+    tcase_add_test(t, an_upright_furuta_shows_0_whichever_way_it_went_up);
     tcase_add_test(t, a_peak_of_one_sample_is_seen);
     tcase_add_test(t, poles_are_those_of_the_design_at_a_high_rate);
     tcase_add_test(t, too_slow_a_rate_is_seen_to_be_unstable);
