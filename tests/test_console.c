@@ -526,6 +526,23 @@ START_TEST(references_and_inputs_change_while_it_runs)
 }
 END_TEST
 
+START_TEST(a_fault_is_told_with_its_value_its_limit_and_its_log)
+{
+    const char *script =
+        scratch_text("fv.cmd", "setup pi-speed\nlimit dq1_max 30\nref 50\nstart\nwait 5\nhalt\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
+    ck_assert_int_eq(o.code, 1);
+    const char *value = strstr(o.err, "dq1 3"); /* just above */
+    ck_assert_msg(value && strtod(value + 4, NULL) > 30.0 && strtod(value + 4, NULL) < 35.0, "%s",
+                  o.err);
+    ck_assert_msg(strstr(o.err, "limit 30 rad/s"), "%s", o.err);
+    ck_assert_msg(strstr(o.err, "log ") && strstr(o.err, "fv/run-001.csv"), "%s", o.err);
+    script = scratch_text("ft.cmd", "setup furuta\nlimit q2_max 3.2\nstart\nwait 5\nhalt\n");
+    o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
+    ck_assert_msg(strstr(o.err, "q2 3.2") && strstr(o.err, ".. 3.2 rad"), "%s", o.err);
+}
+END_TEST
+
 START_TEST(a_reference_for_a_setup_without_one_is_refused)
 {
     const char *script = scratch_text("n.cmd", "setup furuta\nref 0.3\nstart\nhalt\n");
@@ -918,6 +935,7 @@ Suite *suite_console(void)
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
+    tcase_add_test(t, a_fault_is_told_with_its_value_its_limit_and_its_log);
     tcase_add_test(t, a_reference_for_a_setup_without_one_is_refused);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);

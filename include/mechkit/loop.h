@@ -90,6 +90,7 @@ struct mk_loop_snapshot {
     enum mk_fault fault;
     double fault_t;
     int fault_joint;
+    struct mk_sample at_fault; /* the sample that tripped it; a fault of the start has none */
     uint64_t ticks, late, overruns, lost;
     double balanced_since; /* s; NAN when not balancing now */
     double caught_t;       /* s; first time of BALANCE in this run, NAN: never */

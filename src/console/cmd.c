@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "console/condition.h"
+#include "console/fault_text.h"
 #include "console/summary.h"
 
 /* --- choosing ---------------------------------------------------------------------------- */
@@ -116,11 +117,13 @@ static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct
     if (st == MK_ERR_FAULT) {
         struct mk_loop_snapshot snap;
         mk_loop_get_snapshot(s->loop, &snap);
-        char joint[32] = "";
+        char joint[32] = "", value[160];
         if (snap.fault_joint > 0)
             snprintf(joint, sizeof joint, " (joint %d)", snap.fault_joint);
-        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s; the motor is off",
-                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault));
+        fault_value(&snap, &s->config.limits, &s->model, value, sizeof value);
+        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s%s%s; the motor is off%s%s",
+                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault),
+                     value[0] ? ": " : "", value, s->log_path[0] ? "; log " : "", s->log_path);
     }
     if (st == MK_ERR_INTR)
         mk_error_set(err, MK_ERR_INTR, "interrupted; the motor is off");

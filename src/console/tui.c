@@ -1,4 +1,5 @@
 #include "console/tui.h"
+#include "console/fault_text.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -64,6 +65,17 @@ static void show_steps(struct tui_card *card, const struct run_summary *r)
                   step_response_line(&r->step[i], summary_speed_unit(r), line, sizeof line));
 }
 
+static void show_fault(const struct tui *t, struct tui_card *card)
+{
+    const struct host_status *st = &t->status;
+    char value[160] = "";
+    if (st->have_loop)
+        fault_value(&st->snap, &st->config.limits, &st->model, value, sizeof value);
+    card_line(card, "FAULT     %.120s", st->summary.fault);
+    if (value[0])
+        card_line(card, "          %s", value);
+}
+
 /* What a run was like, in words. */
 static void show_summary(struct tui *t)
 {
@@ -72,7 +84,7 @@ static void show_summary(struct tui *t)
     *card = (struct tui_card){.shown = true};
     snprintf(card->title, sizeof card->title, "after the run: %s, %.2f s", r->setup, r->seconds);
     if (r->fault[0])
-        card_line(card, "FAULT     %.120s", r->fault);
+        show_fault(t, card);
     if (!isnan(r->caught_t))
         card_line(card, "caught    at %.2f s; %s %.2f s", r->caught_t,
                   r->balanced_at_end ? "then held for"

@@ -328,6 +328,7 @@ bool mk_loop_tick(struct mk_loop *loop)
         s.phase = MK_PHASE_IDLE;
         r->u_next = 0.0;
         if (was_well) {
+            r->shown.at_fault = s;
             mk_loop_trip(loop, loop->safety.fault, s.t, loop->safety.fault_joint);
             s.u = 0.0; /* the exchange's command lasted for microseconds */
         }
