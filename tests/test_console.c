@@ -526,6 +526,72 @@ START_TEST(references_and_inputs_change_while_it_runs)
 }
 END_TEST
 
+/* Whatever has a name: what is near to it is offered. */
+START_TEST(a_misspelt_name_is_met_with_the_one_that_was_meant)
+{
+    static const struct {
+        const char *script, *says;
+    } rows[] = {{"setpu furuta\n", "did you mean setup?"},
+                {"setup furuat\n", "did you mean furuta?"},
+                {"setup furuta\nset fricton 1\n", "did you mean friction?"},
+                {"setup furuta\nlimit q1max 1\n", "did you mean q1_max?"},
+                {"setup furuta\nstart\nwait-until balancd within 5\n", "did you mean balanced?"},
+                {"setup furuta\nstart\nexpect encoder-jmp\n", "did you mean encoder-jump?"},
+                {"setup open-loop\ninput sinn(t)\n", "did you mean sin?"},
+                {"setup furuta\nset friction 0,5\n", "decimals come after a point: 0.5"}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct outcome o = MECHKIT("run", "--check", scratch_text("meant.cmd", rows[i].script));
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].script, o.err);
+    }
+    /* What is near to nothing is not guessed at. */
+    struct outcome o = MECHKIT("run", "--check", scratch_text("meant.cmd", "xyzzy 3\n"));
+    ck_assert_msg(!strstr(o.err, "did you mean"), "%s", o.err);
+}
+END_TEST
+
+START_TEST(a_misspelt_model_is_met_with_what_was_meant)
+{
+    static const struct {
+        const char *lines, *says;
+    } rows[] = {{"[effect.stribek]\njoint = 2\n", "did you mean stribeck?"},
+                {"[effect.coulomb]\njoint = 2\nlevell = 1\n", "did you mean level?"},
+                {"[rig]\nu_mx = 5\n", "did you mean u_max?"},
+                {"[effect.coulomb]\njoint = 2\nlevel = 0,054\n", "after a point: 0.054"}};
+    const char *script = scratch_text("any.cmd", "setup furuta\nstart\nwait 0.1\nhalt\n");
+    char *whole = slurp_file(MK_SOURCE_DIR "/models/furuta.ini"), text[6000], path[256];
+    snprintf(path, sizeof path, "%s", script);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(text, sizeof text, "%s\n%s", whole, rows[i].lines);
+        struct outcome o =
+            MECHKIT("run", "--check", path, "--model", scratch_text("meant.ini", text));
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].lines, o.err);
+    }
+    free(whole);
+}
+END_TEST
+
+START_TEST(another_program_s_file_is_sent_to_import)
+{
+    const char *model = MK_SOURCE_DIR "/models/furuta.ini";
+    static const char *const files[] = {"Time [s],Arm [deg],Voltage\n0,0,180\n0.01,0.1,180\n",
+                                        "Zeit;Arm\n0,01;1,5\n0,02;1,6\n",
+                                        "t,arm,pendulum,u\n0,0,0,0\n0.01,0,0,0\n0.02,0,0,1\n"};
+    for (size_t i = 0; i < 3; i++) {
+        char log[256];
+        snprintf(log, sizeof log, "%s", scratch_text("foreign.csv", files[i]));
+        struct outcome o = MECHKIT("identify", "--model", model, "--out", scratch("f.ini"), log);
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, "mechkit import"), "%s", o.err);
+        o = MECHKIT("explain", "--model", model, "--out", scratch("f"), log);
+        ck_assert_msg(o.code == 3 && strstr(o.err, "mechkit import"), "%s", o.err);
+        o = MECHKIT("simulate", "--model", model, "--input", log);
+        ck_assert_msg(o.code == 3 && strstr(o.err, "mechkit import"), "%s", o.err);
+    }
+}
+END_TEST
+
 START_TEST(a_fault_is_told_with_its_value_its_limit_and_its_log)
 {
     const char *script =
@@ -935,6 +1001,9 @@ Suite *suite_console(void)
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
+    tcase_add_test(t, a_misspelt_name_is_met_with_the_one_that_was_meant);
+    tcase_add_test(t, a_misspelt_model_is_met_with_what_was_meant);
+    tcase_add_test(t, another_program_s_file_is_sent_to_import);
     tcase_add_test(t, a_fault_is_told_with_its_value_its_limit_and_its_log);
     tcase_add_test(t, a_reference_for_a_setup_without_one_is_refused);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "console/cmd_priv.h"
 #include "console/condition.h"
 #include "ctrl/ctrl_rig.h"
@@ -17,7 +18,9 @@ enum mk_status cmd_number(const char *text, double *out, struct mk_error *err)
 {
     if (mk_parse_double_z(text, out) && isfinite(*out))
         return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number", text);
+    char comma[120];
+    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number%s", text,
+                        mk_comma_text(text, comma, sizeof comma));
 }
 
 enum mk_status cmd_rate(const char *text, double *out, struct mk_error *err)

@@ -1,4 +1,5 @@
 #include "console/session.h"
+#include "base/text.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -209,7 +210,8 @@ void session_close(struct session *s)
 enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **out,
                                   struct mk_error *err)
 {
-    char known[300] = "";
+    char known[300] = "", text[80];
+    struct mk_meant meant = {.word = name};
     const struct mk_ctrl_ops *row;
     *out = mk_ctrl_setup_by_name(name);
     if (*out)
@@ -217,8 +219,11 @@ enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **o
     for (int i = 0; (row = mk_ctrl_setup(i)) != NULL; i++) {
         size_t used = strlen(known);
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", row->name);
+        mk_meant_try(&meant, row->name);
     }
-    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'; there are %s", name, known);
+    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'%s%s %s", name,
+                        mk_meant_text(&meant, text, sizeof text),
+                        meant.name ? " There are" : "; there are", known);
 }
 
 enum mk_status session_own_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind *out,
