@@ -235,7 +235,7 @@ static int run(int argc, char **argv)
     guard_stop();
     host_destroy(host);
     if (st != MK_OK)
-        return report_error(&err);
+        return report_error_of(&err, o.session.out);
     if (why)
         fprintf(stderr, "mechkit: ended by %s; motor off, log kept\n", why);
     return why ? EXIT_RUN_FAILED : EXIT_OK;

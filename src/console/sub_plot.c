@@ -145,5 +145,5 @@ static int run(int argc, char **argv)
     mk_log_free(with);
     if (st == MK_OK)
         return EXIT_OK;
-    return o.out && strcmp(err.file, o.out) == 0 ? report_output_error(&err) : report_error(&err);
+    return report_error_of(&err, o.out);
 }

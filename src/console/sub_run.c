@@ -104,7 +104,7 @@ static int execute(struct options *o, const struct cmdfile *file)
     o->session.cancel = &cancelled;
     signals_catch(on_signal);
     enum mk_status st = session_open(&session, &o->session, &err);
-    int code = st == MK_OK ? EXIT_OK : report_error(&err);
+    int code = st == MK_OK ? EXIT_OK : report_error_of(&err, o->session.out);
     if (st == MK_OK) {
         st = cmdfile_execute(file, &session, &err);
         if (st != MK_OK) {
