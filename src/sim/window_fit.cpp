@@ -4,6 +4,7 @@
 // window: over a short one the trajectory is nearly linear in its start state, and its optimum is
 // where the next one starts (a progressive horizon).
 #include "sim/window_fit.hpp"
+#include "base/dense.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -107,7 +108,7 @@ bool WindowFit::descend(VectorXd &x, const VectorXd &known, size_t last, double 
         MatrixXd damped = now.H;
         damped.diagonal() *= 1.0 + damping;
         damped.diagonal().head(2 * joints).array() += 1e-9;
-        const VectorXd trial = x + damped.ldlt().solve(now.g);
+        const VectorXd trial = x + dense::solve_symmetric(damped, now.g);
         if (!trial.allFinite() || !normal_equations(trial, known, last, there) ||
             !(there.squares <= now.squares)) {
             damping *= HARDER;
