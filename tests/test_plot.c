@@ -255,6 +255,9 @@ START_TEST(a_ramp_is_no_step_and_what_never_arrives_is_not_settled)
         step_y[i] = 0.0;
     }
     ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 0);
+    for (int i = STEP_ROWS / 2; i < STEP_ROWS; i++)
+        step_ref[i] = step_ref[STEP_ROWS / 2]; /* nor is its end */
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 0);
     for (int i = 0; i < STEP_ROWS; i++)
         step_ref[i] = 5.0, step_y[i] = i ? 2.0 : 0.0;
     ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 1);

@@ -6,6 +6,8 @@
 
 /* Smaller jumps, as a share of what is left to go, are rounding. */
 #define JUMP_LEAST 1e-9
+/* Times the change from one sample to the next of a ramp that ends there. */
+#define RAMP_CORNER 3.0
 
 /* The readings of one step: rows [first, last) with the same reference. */
 struct stretch {
@@ -65,11 +67,17 @@ static double value_at(const double *y, size_t row)
     return y[row];
 }
 
+/* A jump; not the corner where a ramp ends, which changes as much as the samples before it. */
 static bool is_jump(const double *ref, size_t row)
 {
-    return !isnan(ref[row]) &&
-           (row == 0 || isnan(ref[row - 1]) ||
-            fabs(ref[row] - ref[row - 1]) > JUMP_LEAST * (fabs(ref[row]) + fabs(ref[row - 1])));
+    if (isnan(ref[row]))
+        return false;
+    if (row == 0 || isnan(ref[row - 1]))
+        return true;
+    double change = fabs(ref[row] - ref[row - 1]);
+    double before = row > 1 ? fabs(ref[row - 1] - ref[row - 2]) : 0.0;
+    return change > JUMP_LEAST * (fabs(ref[row]) + fabs(ref[row - 1])) &&
+           !(change <= RAMP_CORNER * before);
 }
 
 static struct step_response measure(const struct stretch *s)
