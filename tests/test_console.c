@@ -15,6 +15,7 @@
 #include "console/cmd.h"
 #include "console/cmdfile.h"
 #include "console/condition.h"
+#include "console/progress.h"
 #include "mechkit/json.h"
 #include "mechkit/log.h"
 #include "support/files.h"
@@ -551,6 +552,48 @@ START_TEST(a_misspelt_name_is_met_with_the_one_that_was_meant)
 }
 END_TEST
 
+/* A report is what explain writes; the thesis that laws and numbers come from has its author's
+ * name. */
+/* Phases of a calculation count anew; the line does not. */
+START_TEST(progress_only_rises_and_tells_the_time)
+{
+    struct progress p = {0};
+    char text[120];
+    static const double done[] = {0.0, 0.02, 0.2, 0.1, 0.4, 0.3, 0.95, 1.2};
+    double last = 0.0;
+    for (size_t i = 0; i < sizeof done / sizeof done[0]; i++) {
+        progress_text(&p, 10.0, done[i], "fitting", text, sizeof text);
+        double share = strstr(text, "%") ? strtod(text, NULL) : 0.0;
+        ck_assert_msg(share >= last && share <= 100.0, "%s", text);
+        last = share;
+    }
+    p = (struct progress){0};
+    ck_assert_str_eq(progress_text(&p, 12.0, 0.0, "fitting", text, sizeof text), "12 s: fitting");
+    ck_assert_str_eq(progress_text(&p, 12.0, 0.4, "fitting", text, sizeof text),
+                     " 40 %, 12 s of about 30 s: fitting");
+    ck_assert_str_eq(progress_text(&p, 16.0, 0.1, "holding out", text, sizeof text),
+                     " 40 %, 16 s of about 40 s: holding out");
+}
+END_TEST
+
+START_TEST(the_thesis_is_not_called_a_report)
+{
+    static const char *const setups[] = {"pendubot-mid", "pendubot-top", "reaction-wheel", "furuta",
+                                         "pi-speed"};
+    for (size_t i = 0; i < sizeof setups / sizeof setups[0]; i++) {
+        char text[100];
+        snprintf(text, sizeof text, "setup %s\nshow gains\n", setups[i]);
+        struct outcome o = MECHKIT("run", scratch_text("th.cmd", text), "--fast");
+        ck_assert_int_eq(o.code, 0);
+        ck_assert_msg(!strstr(o.out, "report"), "%s", o.out);
+        ck_assert_msg(i > 2 || strstr(o.out, "Meesters' box"), "%s", o.out);
+    }
+    static const char *const subs[] = {"run", "console", "standalone", "doctor"};
+    for (size_t i = 0; i < sizeof subs / sizeof subs[0]; i++)
+        ck_assert_ptr_null(strstr(MECHKIT(subs[i], "--help").out, "the report's"));
+}
+END_TEST
+
 START_TEST(a_misspelt_model_is_met_with_what_was_meant)
 {
     static const struct {
@@ -1003,6 +1046,8 @@ Suite *suite_console(void)
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
     tcase_add_test(t, a_misspelt_name_is_met_with_the_one_that_was_meant);
+    tcase_add_test(t, progress_only_rises_and_tells_the_time);
+    tcase_add_test(t, the_thesis_is_not_called_a_report);
     tcase_add_test(t, a_misspelt_model_is_met_with_what_was_meant);
     tcase_add_test(t, another_program_s_file_is_sent_to_import);
     tcase_add_test(t, a_fault_is_told_with_its_value_its_limit_and_its_log);

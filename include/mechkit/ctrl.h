@@ -40,7 +40,7 @@ struct mk_ctrl_param {
     const char *unit;
     const char *help;
     double min, max;
-    double initial; /* the report's or designed value for the default model; NAN: designed from the
+    double initial; /* Meesters' or designed value for the default model; NAN: designed from the
                        believed model at creation */
     bool gain;
 };

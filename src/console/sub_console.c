@@ -20,7 +20,7 @@ struct options {
 };
 
 static const struct option_row option_rows[] = {
-    SESSION_OPTIONS("the rig; default: the rig of the setup with the report's parameters",
+    SESSION_OPTIONS("the rig; default: the rig of the setup with Meesters' parameters",
                     "virtual board in simulated time, ten times as fast as the clock"),
     {"setup", OPTION_TEXT(setup), "NAME", "choose this setup at once"},
     {"replay", OPTION_TEXT(replay), "LOG", "show a log; no board is needed"},

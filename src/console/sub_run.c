@@ -26,7 +26,7 @@ struct options {
 
 static const struct option_row option_rows[] = {
     SESSION_OPTIONS("the rig, before what the file says; default: the rig of the setup with the "
-                    "report's parameters",
+                    "Meesters' parameters",
                     "virtual board in simulated time, as fast as it goes"),
     {"check", OPTION_FLAG(check), NULL,
      "report every mistake in the script that shows without a board, run nothing"},
