@@ -13,6 +13,7 @@ B       := $(BUILD)/$(VARIANT)
 CC        ?= cc
 CXX       ?= c++
 AR        ?= ar
+STRIP     ?= strip
 PKGCONFIG ?= pkg-config
 PYTHON    ?= python3
 CLANG     ?= clang
@@ -306,7 +307,7 @@ $(B)/shots: $(SHOTS_OBJ)
 	$(call say,LD)$(CC) $(OPT) $(HARDEN_LD) $(LDFLAGS) -o $@ $^
 
 .PHONY: demo
-demo: ## run every setup on the virtual board, with logs and plots in build/demo
+demo: ## run every setup on the virtual board, explain a rig; a page of it all in build/demo
 	@tools/deps.sh
 	@mkdir -p $(BUILD)
 	@echo "building (the first time this takes minutes) ..."
@@ -372,6 +373,7 @@ measured: $(APP) ## fits of rigs that others measured beside their published par
 	@tools/measured.py $< build/measured.json
 
 .PHONY: install install-strip uninstall
+# Without debug information, which is four fifths of it; INSTALL_DEBUG=1 keeps it (packages split it off).
 install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR
 	install -d $(DESTDIR)$(BINDIR) $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(MANDIR)/man1 \
 		$(DESTDIR)$(INCLUDEDIR)/mechkit $(DESTDIR)$(DATADIR)/mechkit/models/measured \
@@ -399,9 +401,11 @@ install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), stage
 	install -m 644 udev/mechkit-limits.conf $(DESTDIR)$(SYSCONFDIR)/security/limits.d/mechkit.conf
 	sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' \
 		-e 's|@VERSION@|$(VERSION)|' -e 's|@PRIVATE_LIBS@|$(SUN_LIBS) $(PKG_LIBS)|' mechkit.pc.in >$(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc
-install-strip: install ## the same without debug information: a twentieth of the size
-	strip --strip-unneeded $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/$(notdir $(SO))
-	strip --strip-debug $(DESTDIR)$(LIBDIR)/libmechkit.a
+ifneq ($(INSTALL_DEBUG),1)
+	$(STRIP) --strip-unneeded $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/$(notdir $(SO))
+	$(STRIP) --strip-debug $(DESTDIR)$(LIBDIR)/libmechkit.a
+endif
+install-strip: install
 uninstall: ## remove what install put there
 	rm -rf $(DESTDIR)$(BINDIR)/mechkit $(DESTDIR)$(LIBDIR)/libmechkit.a \
 		$(DESTDIR)$(LIBDIR)/libmechkit.so* $(DESTDIR)$(LIBDIR)/pkgconfig/mechkit.pc $(DESTDIR)$(MANDIR)/man1/mechkit*.1 \

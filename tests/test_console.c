@@ -16,6 +16,7 @@
 #include "console/cmd.h"
 #include "console/cmdfile.h"
 #include "console/condition.h"
+#include "console/progress.h"
 #include "mechkit/json.h"
 #include "mechkit/log.h"
 #include "support/files.h"
@@ -408,7 +409,7 @@ START_TEST(what_only_the_run_can_tell_is_left_to_it)
 {
     static const char *const rows[] = {
         "setup furuta\nstart\nhalt\nidentify f.ini\nbelieve f.ini\nsetup furuta\n",
-        "setup furuta\nstart\nhalt\nsave s.csv\nsetup furuta\nref @s.csv\n",
+        "setup pi-speed\nstart\nhalt\nsave s.csv\nsetup pi-speed\nref @s.csv\n",
         "model furuta.ini\nsetup open-loop\n",
         "compare nowhere.csv\n",
         "expect balanced\tfor  2\nwait-until balanced within  2\n",
@@ -479,9 +480,10 @@ START_TEST(a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves)
     const char *script = scratch_text("fine.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n");
     const char *file = scratch_text("taken", "a file\n");
     struct outcome o = MECHKIT("run", script, "--fast", "--out", file);
-    ck_assert_int_eq(o.code, 3);
+    ck_assert_int_eq(o.code, 1); /* an output that cannot be made is no bad input */
     ck_assert_ptr_nonnull(strstr(o.err, "taken: cannot write logs there: Not a directory"));
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", "/proc/nobody/runs").code, 3);
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", "/proc/nobody/runs").code, 1);
+    ck_assert_int_eq(MECHKIT("console", "--out", file).code, 1);
 }
 END_TEST
 
@@ -497,6 +499,167 @@ START_TEST(a_failing_command_is_1_with_its_line)
     ck_assert_msg(strstr(o.err, "g.cmd:2: expect: expected running, but"), "%s", o.err);
     const char *idle = scratch_text("i.cmd", "wait 1\n");
     ck_assert_int_eq(MECHKIT("run", idle, "--fast").code, 1);
+}
+END_TEST
+
+/* Steps while it runs: logged sample by sample, and marked where they begin. */
+START_TEST(references_and_inputs_change_while_it_runs)
+{
+    const char *script = scratch_text("r.cmd", "setup pi-speed\nref 20\nstart\nwait 2\nref 60\n"
+                                               "wait 2\nhalt\nsave r.csv\n"
+                                               "setup open-loop\ninput 1\nstart\nwait 1\n"
+                                               "input 0.25\nwait 1\nhalt\nsave i.csv\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("refs"), "--model",
+                               MK_SOURCE_DIR "/models/inertia-wheel.ini");
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(scratch("refs/r.csv"), &log, NULL), MK_OK);
+    const double *ref = mk_log_get(log, "ref"), *v = mk_log_get(log, "dq1");
+    ck_assert_double_eq(ref[999], 20.0);
+    ck_assert_double_eq(ref[1000], 60.0);
+    ck_assert_double_eq_tol(v[999], 20.0, 1.0);
+    ck_assert_double_eq_tol(v[log->rows - 1], 60.0, 1.0);
+    ck_assert_str_eq(mk_log_find_meta(log, "changed"), "at 2.000000 s: reference 60");
+    mk_log_free(log);
+    ck_assert_int_eq(mk_log_read(scratch("refs/i.csv"), &log, NULL), MK_OK);
+    const double *u = mk_log_get(log, "u");
+    ck_assert_double_eq_tol(u[500], 1.0, 1e-3);
+    ck_assert_double_eq_tol(u[502], 0.25, 1e-3);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Whatever has a name: what is near to it is offered. */
+START_TEST(a_misspelt_name_is_met_with_the_one_that_was_meant)
+{
+    static const struct {
+        const char *script, *says;
+    } rows[] = {{"setpu furuta\n", "did you mean setup?"},
+                {"setup furuat\n", "did you mean furuta?"},
+                {"setup furuta\nset fricton 1\n", "did you mean friction?"},
+                {"setup furuta\nlimit q1max 1\n", "did you mean q1_max?"},
+                {"setup furuta\nstart\nwait-until balancd within 5\n", "did you mean balanced?"},
+                {"setup furuta\nstart\nexpect encoder-jmp\n", "did you mean encoder-jump?"},
+                {"setup open-loop\ninput sinn(t)\n", "did you mean sin?"},
+                {"setup furuta\nset friction 0,5\n", "decimals come after a point: 0.5"}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct outcome o = MECHKIT("run", "--check", scratch_text("meant.cmd", rows[i].script));
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].script, o.err);
+    }
+    /* What is near to nothing is not guessed at. */
+    struct outcome o = MECHKIT("run", "--check", scratch_text("meant.cmd", "xyzzy 3\n"));
+    ck_assert_msg(!strstr(o.err, "did you mean"), "%s", o.err);
+}
+END_TEST
+
+/* A report is what explain writes; the thesis that laws and numbers come from has its author's
+ * name. */
+/* Phases of a calculation count anew; the line does not. */
+START_TEST(progress_only_rises_and_tells_the_time)
+{
+    struct progress p = {0};
+    char text[120];
+    static const double done[] = {0.0, 0.02, 0.2, 0.1, 0.4, 0.3, 0.95, 1.2};
+    double last = 0.0;
+    for (size_t i = 0; i < sizeof done / sizeof done[0]; i++) {
+        progress_text(&p, 10.0, done[i], "fitting", text, sizeof text);
+        double share = strstr(text, "%") ? strtod(text, NULL) : 0.0;
+        ck_assert_msg(share >= last && share <= 100.0, "%s", text);
+        last = share;
+    }
+    p = (struct progress){0};
+    ck_assert_str_eq(progress_text(&p, 12.0, 0.0, "fitting", text, sizeof text), "12 s: fitting");
+    ck_assert_str_eq(progress_text(&p, 12.0, 0.4, "fitting", text, sizeof text),
+                     " 40 %, 12 s of about 30 s: fitting");
+    ck_assert_str_eq(progress_text(&p, 16.0, 0.1, "holding out", text, sizeof text),
+                     " 40 %, 16 s of about 40 s: holding out");
+}
+END_TEST
+
+START_TEST(the_thesis_is_not_called_a_report)
+{
+    static const char *const setups[] = {"pendubot-mid", "pendubot-top", "reaction-wheel", "furuta",
+                                         "pi-speed"};
+    for (size_t i = 0; i < sizeof setups / sizeof setups[0]; i++) {
+        char text[100];
+        snprintf(text, sizeof text, "setup %s\nshow gains\n", setups[i]);
+        struct outcome o = MECHKIT("run", scratch_text("th.cmd", text), "--fast");
+        ck_assert_int_eq(o.code, 0);
+        ck_assert_msg(!strstr(o.out, "report"), "%s", o.out);
+        ck_assert_msg(i > 2 || strstr(o.out, "Meesters' box"), "%s", o.out);
+    }
+    static const char *const subs[] = {"run", "console", "standalone", "doctor"};
+    for (size_t i = 0; i < sizeof subs / sizeof subs[0]; i++)
+        ck_assert_ptr_null(strstr(MECHKIT(subs[i], "--help").out, "the report's"));
+}
+END_TEST
+
+START_TEST(a_misspelt_model_is_met_with_what_was_meant)
+{
+    static const struct {
+        const char *lines, *says;
+    } rows[] = {{"[effect.stribek]\njoint = 2\n", "did you mean stribeck?"},
+                {"[effect.coulomb]\njoint = 2\nlevell = 1\n", "did you mean level?"},
+                {"[rig]\nu_mx = 5\n", "did you mean u_max?"},
+                {"[effect.coulomb]\njoint = 2\nlevel = 0,054\n", "after a point: 0.054"}};
+    const char *script = scratch_text("any.cmd", "setup furuta\nstart\nwait 0.1\nhalt\n");
+    char *whole = slurp_file(MK_SOURCE_DIR "/models/furuta.ini"), text[6000], path[256];
+    snprintf(path, sizeof path, "%s", script);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(text, sizeof text, "%s\n%s", whole, rows[i].lines);
+        struct outcome o =
+            MECHKIT("run", "--check", path, "--model", scratch_text("meant.ini", text));
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].lines, o.err);
+    }
+    free(whole);
+}
+END_TEST
+
+START_TEST(another_program_s_file_is_sent_to_import)
+{
+    const char *model = MK_SOURCE_DIR "/models/furuta.ini";
+    static const char *const files[] = {"Time [s],Arm [deg],Voltage\n0,0,180\n0.01,0.1,180\n",
+                                        "Zeit;Arm\n0,01;1,5\n0,02;1,6\n",
+                                        "t,arm,pendulum,u\n0,0,0,0\n0.01,0,0,0\n0.02,0,0,1\n"};
+    for (size_t i = 0; i < 3; i++) {
+        char log[256];
+        snprintf(log, sizeof log, "%s", scratch_text("foreign.csv", files[i]));
+        struct outcome o = MECHKIT("identify", "--model", model, "--out", scratch("f.ini"), log);
+        ck_assert_int_eq(o.code, 3);
+        ck_assert_msg(strstr(o.err, "mechkit import"), "%s", o.err);
+        o = MECHKIT("explain", "--model", model, "--out", scratch("f"), log);
+        ck_assert_msg(o.code == 3 && strstr(o.err, "mechkit import"), "%s", o.err);
+        o = MECHKIT("simulate", "--model", model, "--input", log);
+        ck_assert_msg(o.code == 3 && strstr(o.err, "mechkit import"), "%s", o.err);
+    }
+}
+END_TEST
+
+START_TEST(a_fault_is_told_with_its_value_its_limit_and_its_log)
+{
+    const char *script =
+        scratch_text("fv.cmd", "setup pi-speed\nlimit dq1_max 30\nref 50\nstart\nwait 5\nhalt\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
+    ck_assert_int_eq(o.code, 1);
+    const char *value = strstr(o.err, "dq1 3"); /* just above */
+    ck_assert_msg(value && strtod(value + 4, NULL) > 30.0 && strtod(value + 4, NULL) < 35.0, "%s",
+                  o.err);
+    ck_assert_msg(strstr(o.err, "limit 30 rad/s"), "%s", o.err);
+    ck_assert_msg(strstr(o.err, "log ") && strstr(o.err, "fv/run-001.csv"), "%s", o.err);
+    script = scratch_text("ft.cmd", "setup furuta\nlimit q2_max 3.2\nstart\nwait 5\nhalt\n");
+    o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
+    ck_assert_msg(strstr(o.err, "q2 3.2") && strstr(o.err, ".. 3.2 rad"), "%s", o.err);
+}
+END_TEST
+
+START_TEST(a_reference_for_a_setup_without_one_is_refused)
+{
+    const char *script = scratch_text("n.cmd", "setup furuta\nref 0.3\nstart\nhalt\n");
+    struct outcome o = MECHKIT("run", "--check", script);
+    ck_assert_int_eq(o.code, 3);
+    ck_assert_msg(strstr(o.err, "n.cmd:2") && strstr(o.err, "takes no signal"), "%s", o.err);
 }
 END_TEST
 
@@ -734,6 +897,24 @@ START_TEST(simulate_writes_the_log_s_own_time_base)
 }
 END_TEST
 
+/* Whether an error is large is seen beside what no model can predict. */
+START_TEST(simulate_prints_figures_beside_the_noise_with_or_without_a_file)
+{
+    const char *script = scratch_text(
+        "no.cmd", "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 3\nhalt\nsave no.csv\n");
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    ck_assert_int_eq(
+        MECHKIT("run", script, "--fast", "--model", model, "--out", scratch("no")).code, 0);
+    struct outcome o = MECHKIT("simulate", "--model", model, "--input", scratch("no/no.csv"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    const char *error = strstr(o.out, "q1: rms error "), *noise = strstr(o.out, "own noise ");
+    ck_assert_msg(error && noise, "%s", o.out);
+    double rms = strtod(error + 14, NULL), own = strtod(noise + 10, NULL);
+    /* The model is the rig: its error is the noise. */
+    ck_assert_msg(rms > 0.5 * own && rms < 2.0 * own, "%s", o.out);
+}
+END_TEST
+
 START_TEST(commands_that_are_missing_are_not_made_up)
 {
     const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
@@ -871,12 +1052,21 @@ Suite *suite_console(void)
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
+    tcase_add_test(t, references_and_inputs_change_while_it_runs);
+    tcase_add_test(t, a_misspelt_name_is_met_with_the_one_that_was_meant);
+    tcase_add_test(t, progress_only_rises_and_tells_the_time);
+    tcase_add_test(t, the_thesis_is_not_called_a_report);
+    tcase_add_test(t, a_misspelt_model_is_met_with_what_was_meant);
+    tcase_add_test(t, another_program_s_file_is_sent_to_import);
+    tcase_add_test(t, a_fault_is_told_with_its_value_its_limit_and_its_log);
+    tcase_add_test(t, a_reference_for_a_setup_without_one_is_refused);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, a_log_can_be_filed_by_what_it_says);
+    tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
     tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
     tcase_add_test(t, faults_after_a_setup_say_when_they_begin);

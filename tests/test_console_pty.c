@@ -131,7 +131,7 @@ START_TEST(a_whole_experiment_goes_by_keys)
     pty_type(&term, "r");
     shows("RUNNING  balance"); /* see it catch */
     pty_type(&term, "g");
-    shows("gains and parameters of pendubot-mid, RUNNING");
+    shows("gains of pendubot-mid, RUNNING");
     pty_type(&term, "\x1b[B9.5\rd"); /* second gain, another value, download */
     shows("sent");
     pty_type(&term, "90\rd");

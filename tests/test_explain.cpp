@@ -186,6 +186,28 @@ static double least_chance(const mk_explanation &e, bool extended)
     return p * e.residual_test_count;
 }
 
+// A free run from the catch of a double inverted pendulum grows from the smallest error at its
+// start, in the training data as well as in held-out data.
+START_TEST(upright_runs_of_the_exact_model_raise_no_doubt)
+{
+    static char out[16384];
+    std::string folder = scratch("upright"), model = MK_SOURCE_DIR "/models/pendubot.ini";
+    for (const char *hold : {"1", "2"}) {
+        std::string text = "setup pendubot-top\nstart\nwait-until balanced within 15\nwait ";
+        text = text + hold + "\nhalt\nsave t" + hold + ".csv\n";
+        std::string script = scratch_text("upright.cmd", text.c_str());
+        ck_assert_int_eq(run_mechkit(out, sizeof out, "run %s --fast --model %s --out %s",
+                                     script.c_str(), model.c_str(), folder.c_str()),
+                         0);
+    }
+    int code = run_mechkit(out, sizeof out,
+                           "explain --model %s --out %s/report --holdout %s/t1.csv %s/t2.csv",
+                           model.c_str(), folder.c_str(), folder.c_str(), folder.c_str());
+    ck_assert_msg(code == 0 && strstr(out, "The model explains the data."), "%s", out);
+    ck_assert_msg(!strstr(out, "far worse than they are read"), "%s", out);
+}
+END_TEST
+
 START_TEST(one_step_predictions_of_a_right_model_leave_white_noise)
 {
     mk_explanation right = explained({}, true);
@@ -1049,6 +1071,7 @@ Suite *suite_explain(void)
     TCase *t = tcase_create("hidden effects");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, a_right_model_raises_no_alarm);
+    tcase_add_test(t, upright_runs_of_the_exact_model_raise_no_doubt);
     tcase_add_test(t, one_step_predictions_of_a_right_model_leave_white_noise);
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 2);

@@ -107,6 +107,36 @@ START_TEST(text_where_a_number_should_be_is_told_with_its_line)
 }
 END_TEST
 
+/* The unit in a header need not be repeated in a mapping, where no other column has the name. */
+START_TEST(a_column_is_found_without_the_unit_in_its_header)
+{
+    char out[2048];
+    const char *map = scratch_text("unit.map", "[rig]\nkind = pendulum\n[t]\ncolumn = Time\n[q1]\n"
+                                               "column = Arm angle\nunit = deg\n[u]\n"
+                                               "column = Voltage\n");
+    const char *file = scratch_text(
+        "unit.csv", "Time [s],Arm angle [deg],Voltage (V)\n0,0,0\n0.01,90,1\n0.02,180,1\n");
+    int code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
+                           scratch("unit_log.csv"));
+    ck_assert_msg(code == 0, "%s", out);
+    char *log = slurp_file(scratch("unit_log.csv"));
+    ck_assert_msg(strstr(log, "0.01,1.57079") != NULL, "%s", log);
+    free(log);
+    /* Of two that differ in the unit alone neither is taken. */
+    file = scratch_text("unit.csv", "Time [s],Arm angle [deg],Arm angle [rad],Voltage\n"
+                                    "0,0,0,0\n0.01,90,1.57,1\n0.02,180,3.14,1\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
+                       scratch("unit_log.csv"));
+    ck_assert_msg(code == 3 && strstr(out, "which column is q1") && strstr(out, "Arm angle [rad]"),
+                  "%d %s", code, out);
+    /* A misspelt key. */
+    map = scratch_text("unit.map", "[rig]\nkind = pendulum\n[t]\ncolum = Time\n");
+    code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
+                       scratch("unit_log.csv"));
+    ck_assert_msg(code == 3 && strstr(out, "did you mean column?"), "%d %s", code, out);
+}
+END_TEST
+
 START_TEST(of_two_columns_of_one_name_the_mapping_says_which)
 {
     char out[2048];
@@ -916,6 +946,7 @@ Suite *suite_import(void)
     tcase_add_test(c, a_file_without_names_goes_by_numbers_of_columns);
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
+    tcase_add_test(c, a_column_is_found_without_the_unit_in_its_header);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
     tcase_add_test(c, control_characters_in_names_of_columns_are_shown);
     tcase_add_test(c, a_mat_file_that_claims_what_it_does_not_hold_is_refused);

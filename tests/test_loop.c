@@ -59,14 +59,19 @@ END_TEST
 
 START_TEST(a_tick_allocates_nothing)
 {
+    struct mk_signal *signal;
+    ck_assert_int_eq(mk_signal_create("0.1*sin(6*t)+0.01*noise(5,1)", &signal, NULL), MK_OK);
     bench_use_plant((enum mk_plant_kind)_i);
     bench_build("at 50 drop; at 60 delay 5ms; at 70 jump 1 by 1");
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_OK);
     bench_wait_for(0.01);
     bench_set_law(2, 1, 1e18);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, signal, NULL), MK_OK);
     unsigned long before = heap_allocations();
     enum mk_status st = bench_wait_for(0.5);
     unsigned long after = heap_allocations();
+    bench_drop_loop();
+    mk_signal_destroy(signal);
     ck_assert_int_eq(st, MK_OK);
     ck_assert_uint_eq(after, before);
     /* The counting itself works (volatile: the compiler leaves out what nobody looks at): */
@@ -399,6 +404,57 @@ START_TEST(new_parameters_take_effect_together_in_one_sample)
 }
 END_TEST
 
+/* The bench's law takes its bias from the signal, where there is one. */
+START_TEST(another_signal_takes_effect_in_one_sample_and_is_logged)
+{
+    struct mk_signal *first, *second;
+    ck_assert_int_eq(mk_signal_create("1", &first, NULL), MK_OK);
+    ck_assert_int_eq(mk_signal_create("3*step(0)", &second, NULL), MK_OK);
+    bench_build(NULL);
+    bench_set_law(0, 0.5, 1e18);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, first, NULL), MK_OK);
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, second, NULL), MK_OK);
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
+    for (size_t k = 1; k < log->rows; k++) {
+        ck_assert_double_eq(u[k], k <= 50 ? 0.5 : 1.5);
+        ck_assert_int_eq((int)flags[k] & (MK_FLAG_SIGNAL | MK_FLAG_PARAMS),
+                         k == 50 ? MK_FLAG_SIGNAL : 0);
+    }
+    ck_assert_str_eq(mk_log_find_meta(log, "changed"), "at 0.100000 s: reference 3*step(0)");
+    mk_log_free(log);
+    bench_drop_loop();
+    mk_signal_destroy(first);
+    mk_signal_destroy(second);
+}
+END_TEST
+
+START_TEST(parameters_and_signal_changed_at_once_are_both_taken)
+{
+    struct mk_signal *signal;
+    ck_assert_int_eq(mk_signal_create("2", &signal, NULL), MK_OK);
+    bench_build(NULL);
+    bench_set_law(1, 1, 1e18);
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, signal, NULL), MK_OK);
+    bench_set_law(1, 0.25, 1e18);
+    bench_wait_for(0.1);
+    ck_assert_double_eq(bench_look().sample.u, 0.5);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    const double *flags = mk_log_get(log, "flags");
+    ck_assert_int_eq((int)flags[50], MK_FLAG_PARAMS | MK_FLAG_SIGNAL);
+    mk_log_free(log);
+    bench_drop_loop();
+    mk_signal_destroy(signal);
+}
+END_TEST
+
 START_TEST(parameters_out_of_range_change_nothing)
 {
     const double bad[PARAM_COUNT] = {1e10, 1, 1e18};
@@ -708,6 +764,8 @@ Suite *suite_loop(void)
     tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);
     tcase_add_test(t, angles_go_on_across_the_wrap_of_the_counter);
     tcase_add_test(t, new_parameters_take_effect_together_in_one_sample);
+    tcase_add_test(t, another_signal_takes_effect_in_one_sample_and_is_logged);
+    tcase_add_test(t, parameters_and_signal_changed_at_once_are_both_taken);
     tcase_add_test(t, parameters_out_of_range_change_nothing);
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);
     tcase_add_test(t, a_lost_exchange_leaves_a_marked_empty_row);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "support/files.h"
 #include "support/program.h"
@@ -104,7 +105,7 @@ static const char *install(void)
     char out[8192];
     int code = run_command(out, sizeof out,
                            "env -u MAKEFLAGS -u MAKELEVEL make -s -C %s VARIANT=%s "
-                           "BUILD=\"$(dirname \"$(dirname %s)\")\" PREFIX=%s install-strip",
+                           "BUILD=\"$(dirname \"$(dirname %s)\")\" PREFIX=%s install",
                            MK_SOURCE_DIR, variant(), MK_TEST_APP, prefix);
     ck_assert_msg(code == 0, "%s", out);
     return prefix;
@@ -124,6 +125,47 @@ static void build_and_run_example(const char *prefix, const char *how, const cha
     ck_assert_msg(strstr(out, "caught after 1.9") != NULL, "%s: %s", how, out);
     ck_assert_msg(strstr(out, "model against log: rms 0.000") != NULL, "%s: %s", how, out);
 }
+
+/* With debug information the program alone has 35 MB. */
+/* Every setup, a prediction and an explanation, and one page that needs nothing beside it. */
+START_TEST(the_demo_ends_in_a_page_of_what_was_run)
+{
+    char out[8192];
+    if (strcmp(variant(), "release") != 0 ||
+        !have_program("gnuplot", "the_demo_ends_in_a_page_of_what_was_run"))
+        return;
+    int code = run_command(out, sizeof out, "sh %s/tools/demo.sh %s %s 2>&1", MK_SOURCE_DIR,
+                           scratch("demo"), MK_TEST_APP);
+    ck_assert_msg(code == 0 && strstr(out, "stribeck at joint 2"), "%s", out);
+    char *page = slurp_file(scratch("demo/index.html"));
+    ck_assert_ptr_nonnull(page);
+    static const char *const setups[] = {"pendubot-mid",   "pendubot-top", "furuta",
+                                         "reaction-wheel", "pi-speed",     "open-loop"};
+    for (size_t i = 0; i < sizeof setups / sizeof setups[0]; i++) {
+        char text[80];
+        snprintf(text, sizeof text, "alt=\"plot of %s\" src=\"data:image/svg+xml;base64,",
+                 setups[i]);
+        ck_assert_msg(strstr(page, text) != NULL, "%s", text);
+    }
+    ck_assert_ptr_nonnull(strstr(page, "srcdoc=\"&lt;!doctype html&gt;"));
+    ck_assert_ptr_nonnull(strstr(page, "Something is missing in the model, and has a name."));
+    ck_assert_ptr_null(strstr(page, "src=\"http"));
+    free(page);
+}
+END_TEST
+
+START_TEST(an_installed_program_has_10_mb_at_most)
+{
+    struct stat info;
+    if (!have_shared_library("pack"))
+        return;
+    const char *prefix = install();
+    char path[600];
+    snprintf(path, sizeof path, "%s/bin/mechkit", prefix);
+    ck_assert_int_eq(stat(path, &info), 0);
+    ck_assert_int_le(info.st_size, 10000000);
+}
+END_TEST
 
 START_TEST(the_example_builds_and_runs_with_what_is_installed)
 {
@@ -217,6 +259,8 @@ Suite *suite_pack(void)
     tcase_set_timeout(installed, 120);
     tcase_add_test(installed, the_package_ships_the_limits_of_real_time);
     tcase_add_test(installed, a_run_that_ends_late_without_real_time_says_what_to_do);
+    tcase_add_test(installed, an_installed_program_has_10_mb_at_most);
+    tcase_add_test(installed, the_demo_ends_in_a_page_of_what_was_run);
     tcase_add_test(installed, the_example_builds_and_runs_with_what_is_installed);
     suite_add_tcase(s, installed);
     TCase *pages = tcase_create("pages");

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/spectrum.h"
+#include "console/step_response.h"
 #include "support/files.h"
 #include "support/program.h"
 
@@ -147,7 +148,135 @@ START_TEST(a_plot_without_a_file_is_drawn_in_the_terminal)
     for (const char *line = out; *line; line += strcspn(line, "\n") + 1, lines++)
         longest = (int)strcspn(line, "\n") > longest ? (int)strcspn(line, "\n") : longest;
     ck_assert_int_le(longest, 60);
-    ck_assert_int_ge(lines, 3 * 15);
+    ck_assert_int_eq(lines, 2 * 15);
+    ck_assert_ptr_null(strchr(out, '\f'));
+}
+END_TEST
+
+/* `script` from util-linux gives the program a terminal of 24 x 80. */
+START_TEST(a_plot_in_a_terminal_fits_it)
+{
+    static char out[32768];
+    if (no_gnuplot("a_plot_in_a_terminal_fits_it") ||
+        !have_program("script", "a_plot_in_a_terminal_fits_it"))
+        return;
+    const char *log = open_loop_log("pendubot", "1.5*sin(6*t)", 1.0);
+    int code = run_command(out, sizeof out,
+                           "script -qec 'stty rows 24 cols 80; %s plot %s' /dev/null </dev/null",
+                           MK_TEST_APP, log);
+    ck_assert_msg(code == 0, "%s", out);
+    int lines = 0, longest = 0;
+    for (const char *line = out; *line; line += strcspn(line, "\n") + 1, lines++)
+        longest = (int)strcspn(line, "\r\n") > longest ? (int)strcspn(line, "\r\n") : longest;
+    ck_assert_int_le(longest, 80);
+    ck_assert_int_ge(lines, 3 * 7);
+    ck_assert_int_le(lines, 23); /* a row is the prompt's */
+}
+END_TEST
+
+/* The reference that the setup follows, and the sample from which new gains held. */
+START_TEST(a_plot_has_the_reference_and_the_changes_of_gains)
+{
+    static char out[4096];
+    if (no_gnuplot("a_plot_has_the_reference_and_the_changes_of_gains"))
+        return;
+    const char *script = scratch_text("ref.cmd", "setup pi-speed\nref 20\nstart\nwait 0.5\n"
+                                                 "gains 0.1 1\nwait 0.5\nhalt\nsave ref.csv\n");
+    ck_assert_int_eq(
+        run_mechkit(out, sizeof out, "run %s --fast --out %s", script, scratch("refs")), 0);
+    check_svg(scratch("refs/ref.csv"), (const char *const[]){"reference", "gains", NULL});
+    const char *undriven =
+        scratch_text("in.cmd", "setup open-loop\ninput 1\nstart\nwait 0.5\nhalt\nsave in.csv\n");
+    ck_assert_int_eq(run_mechkit(out, sizeof out,
+                                 "run %s --fast --model %s/models/pendulum.ini --out %s", undriven,
+                                 MK_SOURCE_DIR, scratch("refs")),
+                     0);
+    ck_assert_int_eq(
+        run_mechkit(out, sizeof out, "plot %s --out %s", scratch("refs/in.csv"), scratch("in.svg")),
+        0);
+    char *svg = slurp_file(scratch("in.svg"));
+    ck_assert_ptr_null(strstr(svg, "reference"));
+    ck_assert_ptr_null(strstr(svg, "gains"));
+    free(svg);
+}
+END_TEST
+
+/* --- steps ------------------------------------------------------------------------------- */
+
+enum { STEP_ROWS = 4000 };
+static double step_t[STEP_ROWS], step_ref[STEP_ROWS], step_y[STEP_ROWS];
+
+/* Of a first-order lag: rise T ln 9, settled to 2 % after T ln 50, no overshoot. */
+START_TEST(the_step_of_a_lag_has_the_figures_of_the_textbook)
+{
+    struct step_response s[4];
+    const double lag = 0.2;
+    for (int i = 0; i < STEP_ROWS; i++) {
+        step_t[i] = 1e-3 * i;
+        bool after = step_t[i] >= 1.0;
+        step_ref[i] = after ? 30.0 : 10.0;
+        step_y[i] = after ? 30.0 - 20.0 * exp(-(step_t[i] - 1.0) / lag) : 10.0;
+    }
+    step_y[1100] = (double)NAN;
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 1);
+    ck_assert_double_eq_tol(s[0].t, 1.0, 1e-9);
+    ck_assert_double_eq(s[0].from, 10.0);
+    ck_assert_double_eq(s[0].to, 30.0);
+    ck_assert_double_eq_tol(s[0].rise_s, lag * log(9.0), 1e-3);
+    ck_assert_double_eq_tol(s[0].settle_s, lag * log(50.0), 1.1e-3);
+    ck_assert_double_eq(s[0].overshoot, 0.0);
+}
+END_TEST
+
+/* Of a second-order lag with damping 0.5: 16.3 % overshoot, downwards as well as upwards. */
+START_TEST(the_overshoot_of_a_step_has_its_textbook_s_size)
+{
+    struct step_response s[4];
+    const double w = 20.0, z = 0.5, wd = w * sqrt(1.0 - z * z);
+    for (int i = 0; i < STEP_ROWS; i++) {
+        step_t[i] = 1e-3 * i;
+        double x = fmod(step_t[i], 2.0), size = step_t[i] < 2.0 ? 8.0 : -8.0;
+        step_ref[i] = step_t[i] < 2.0 ? 8.0 : 0.0;
+        step_y[i] = (size > 0 ? 0.0 : 8.0) +
+                    size * (1.0 - exp(-z * w * x) * (cos(wd * x) + z * w / wd * sin(wd * x)));
+    }
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 2);
+    for (int k = 0; k < 2; k++)
+        ck_assert_double_eq_tol(s[k].overshoot, exp(-M_PI * z / sqrt(1.0 - z * z)), 1e-3);
+}
+END_TEST
+
+START_TEST(a_ramp_is_no_step_and_what_never_arrives_is_not_settled)
+{
+    struct step_response s[4];
+    for (int i = 0; i < STEP_ROWS; i++) {
+        step_t[i] = 1e-3 * i;
+        step_ref[i] = step_t[i];
+        step_y[i] = 0.0;
+    }
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 0);
+    for (int i = STEP_ROWS / 2; i < STEP_ROWS; i++)
+        step_ref[i] = step_ref[STEP_ROWS / 2]; /* nor is its end */
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 0);
+    for (int i = 0; i < STEP_ROWS; i++)
+        step_ref[i] = 5.0, step_y[i] = i ? 2.0 : 0.0;
+    ck_assert_uint_eq(step_responses(step_t, step_ref, step_y, STEP_ROWS, s, 4), 1);
+    ck_assert(isnan(s[0].rise_s) && isnan(s[0].settle_s));
+}
+END_TEST
+
+START_TEST(the_summary_of_a_run_has_its_steps)
+{
+    static char out[4096];
+    const char *script = scratch_text("st.cmd", "setup pi-speed\nref 20\nstart\nwait 1\nref 40\n"
+                                                "wait 1\nhalt\nsave st.csv\n");
+    ck_assert_int_eq(
+        run_mechkit(out, sizeof out, "run %s --fast --out %s", script, scratch("steps")), 0);
+    ck_assert_msg(strstr(out, "step at 1.00 s, 20"), "%s", out);
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "summary %s", scratch("steps/st.csv")), 0);
+    ck_assert_msg(strstr(out, "step at 0.00 s, 0 to 20 rad/s: rise 0."), "%s", out);
+    ck_assert_msg(strstr(out, "step at 1.00 s, 20") && strstr(out, "within 2 % after 0."), "%s",
+                  out);
 }
 END_TEST
 
@@ -255,6 +384,12 @@ Suite *suite_plot(void)
     tcase_set_timeout(c, 120);
     tcase_add_test(c, every_kind_of_plot_is_drawn);
     tcase_add_test(c, a_plot_without_a_file_is_drawn_in_the_terminal);
+    tcase_add_test(c, a_plot_in_a_terminal_fits_it);
+    tcase_add_test(c, a_plot_has_the_reference_and_the_changes_of_gains);
+    tcase_add_test(c, the_step_of_a_lag_has_the_figures_of_the_textbook);
+    tcase_add_test(c, the_overshoot_of_a_step_has_its_textbook_s_size);
+    tcase_add_test(c, a_ramp_is_no_step_and_what_never_arrives_is_not_settled);
+    tcase_add_test(c, the_summary_of_a_run_has_its_steps);
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
     tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);

@@ -274,8 +274,64 @@ START_TEST(gains_are_shown_with_poles_and_help_with_what_can_be_done)
     run_for(1.0);
     press("g");
     golden("gains", 24, 80);
+    golden("gains-large", 40, 120);
     press("\x1b?");
     golden("help", 24, 80);
+}
+END_TEST
+
+/* A change is typed on the left and seen on the right. */
+START_TEST(the_gains_stand_beside_the_scope_and_nothing_of_them_is_cut)
+{
+    static const int sizes[][2] = {{24, 80}, {40, 120}, {16, 60}};
+    run_for(1.0);
+    press("g");
+    for (int i = 0; i < 3; i++) {
+        int rows = sizes[i][0], cols = sizes[i][1];
+        ck_assert_msg(drawn(rows, cols, "in force") && drawn(rows, cols, "scope"), "%d", cols);
+        ck_assert_msg(drawn(rows, cols, "seconds"), "%d", cols); /* the scope's axis */
+    }
+    /* The words of every description, and the last of them. */
+    for (int p = 0; p < status.setup->param_count; p++) {
+        tui_draw(tui, 24, 80);
+        char *screen = text_of(&tui->canvas), help[200], *rest = help, *word;
+        snprintf(help, sizeof help, "%s", status.setup->param[p].help);
+        while ((word = strsep(&rest, " ")) != NULL)
+            ck_assert_msg(strstr(screen, word) != NULL, "no '%s' of %s", word,
+                          status.setup->param[p].name);
+        ck_assert_msg(strstr(screen, "first"), "%s", status.setup->param[p].name);
+        free(screen);
+        tui_key(tui, TK_DOWN);
+    }
+}
+END_TEST
+
+/* More parameters than rows: marks say where the list goes on. */
+START_TEST(the_list_of_gains_says_where_it_goes_on)
+{
+    run_for(0.1);
+    press("g");
+    ck_assert(drawn(24, 80, " v\xe2\x94\x82"));
+    ck_assert(!drawn(24, 80, " ^\xe2\x94\x82"));
+    for (int p = 0; p < status.setup->param_count - 1; p++)
+        tui_key(tui, TK_DOWN);
+    ck_assert(drawn(24, 80, " ^\xe2\x94\x82"));
+    ck_assert(!drawn(24, 80, " v\xe2\x94\x82"));
+}
+END_TEST
+
+START_TEST(a_reference_is_changed_from_the_gains_of_a_setup_that_has_one)
+{
+    choose("pi-speed", MK_PLANT_INERTIA_WHEEL);
+    news();
+    press("gr");
+    ck_assert_int_eq(tui->mode, MODE_PROMPT);
+    press("60\n");
+    ck_assert_str_eq(posted, "ref 60\n");
+    choose("furuta", MK_PLANT_FURUTA);
+    news();
+    press("gr");
+    ck_assert_int_eq(tui->mode, MODE_GAINS);
 }
 END_TEST
 
@@ -490,7 +546,7 @@ START_TEST(gains_are_sent_together_and_unstable_ones_only_when_asked_twice)
     press("0.25\nd");
     ck_assert_str_eq(posted, "set box_q1 0.25\n");
     press("99\n");
-    ck_assert(drawn(24, 80, "is outside 0 .. 3"));
+    ck_assert(drawn(24, 120, "is outside 0 .. 3"));
     press("1e\n");
     ck_assert(drawn(24, 80, "'1e' is not a number"));
 }
@@ -568,6 +624,33 @@ START_TEST(the_cursor_reads_out_the_samples)
     ck_assert(drawn(24, 80, q1));
     press("\x1b");
     ck_assert(!tui->live.cursor_on);
+}
+END_TEST
+
+/* Reached the other way round, upright is a whole turn on for the counter. */
+START_TEST(an_upright_furuta_shows_0_whichever_way_it_went_up)
+{
+    choose("furuta", MK_PLANT_FURUTA);
+    status.running = true;
+    tui_set_status(tui, &status);
+    for (int k = 0; k <= 1000; k++) {
+        struct mk_sample m = {.t = k / 500.0, .ref = 0.0, .phase = MK_PHASE_SWINGUP};
+        m.q[0] = 7.0; /* the arm keeps its turns: its cable does */
+        m.q[1] = M_PI + M_PI * k / 1000.0;
+        if (k == 1000)
+            m.phase = MK_PHASE_BALANCE, m.q[1] = 2.0 * M_PI + 0.0125;
+        tui_add_sample(tui, &m);
+        if (k == 900)
+            ck_assert_double_eq_tol((double)scope_find(&tui->live, 9.0)->y[CH_Q2], 1.9 * M_PI,
+                                    1e-3);
+    }
+    ck_assert(drawn(24, 80, "q2     0.0125"));
+    ck_assert(drawn(24, 80, "q1     7.0000"));
+    /* The trace goes on where it was: nothing jumps. */
+    for (size_t i = 1; i < tui->live.count; i++) {
+        float step = scope_at(&tui->live, i)->y[CH_Q2] - scope_at(&tui->live, i - 1)->y[CH_Q2];
+        ck_assert_double_lt(fabs((double)step), 0.1);
+    }
 }
 END_TEST
 
@@ -683,6 +766,9 @@ Suite *suite_tui(void)
     tcase_add_test(t, a_fault_is_told_in_words);
     tcase_add_test(t, after_a_run_its_summary_is_shown);
     tcase_add_test(t, gains_are_shown_with_poles_and_help_with_what_can_be_done);
+    tcase_add_test(t, the_gains_stand_beside_the_scope_and_nothing_of_them_is_cut);
+    tcase_add_test(t, the_list_of_gains_says_where_it_goes_on);
+    tcase_add_test(t, a_reference_is_changed_from_the_gains_of_a_setup_that_has_one);
     tcase_add_test(t, the_help_leaves_no_key_out);
     tcase_add_test(t, a_log_and_its_prediction_are_shown_beside_each_other);
     tcase_add_test(t, what_the_motor_does_is_told_whatever_is_shown);
@@ -698,6 +784,7 @@ Suite *suite_tui(void)
     tcase_add_test(t, a_text_is_edited_by_characters_not_bytes);
     tcase_add_test(t, the_trigger_holds_the_picture_where_it_was_caught);
     tcase_add_test(t, the_cursor_reads_out_the_samples);
+    tcase_add_test(t, an_upright_furuta_shows_0_whichever_way_it_went_up);
     tcase_add_test(t, a_peak_of_one_sample_is_seen);
     tcase_add_test(t, poles_are_those_of_the_design_at_a_high_rate);
     tcase_add_test(t, too_slow_a_rate_is_seen_to_be_unstable);

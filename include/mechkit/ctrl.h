@@ -40,7 +40,7 @@ struct mk_ctrl_param {
     const char *unit;
     const char *help;
     double min, max;
-    double initial; /* the report's or designed value for the default model; NAN: designed from the
+    double initial; /* Meesters' or designed value for the default model; NAN: designed from the
                        believed model at creation */
     bool gain;
 };
@@ -66,6 +66,9 @@ struct mk_ctrl_ops {
     const char *name; /* as in `setup NAME` */
     const char *help;
     unsigned plants; /* bit (1u << enum mk_plant_kind) */
+    /* Column of the log that mk_ctrl_output.ref is the reference of: "q1", "dq1". NULL: none. */
+    const char *output;
+    bool takes_signal; /* goes by mk_ctrl.ref; others take no notice of it */
     size_t private_size;
     int param_count;
     struct mk_ctrl_param param[MK_CTRL_MAX_PARAMS];

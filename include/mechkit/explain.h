@@ -252,6 +252,9 @@ struct mk_explanation {
     double before[MK_MAX_JOINTS], refitted[MK_MAX_JOINTS], after[MK_MAX_JOINTS];
     double floor[MK_MAX_JOINTS]; /* nrmse on the hold-out; floor: of the readings' own noise */
     struct mk_budget budget;
+    /* As `after`, but on the training data: where held-out data are predicted far worse than they
+     * are read; else 0. In shares of the held-out readings' deviation, like the others. */
+    double trained[MK_MAX_JOINTS];
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int push_count;
@@ -297,7 +300,8 @@ void mk_budget_item_name(const struct mk_explanation *e, const struct mk_budget_
  * then those are hardly of the same rig, or their signs, units or columns differ. */
 bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
 /* True where what was found explains the training data, be it nothing, and held-out data are
- * predicted ten times worse than they are read all the same. */
+ * predicted ten times worse than they are read, and far worse than the training data are. At an
+ * unstable equilibrium a free run grows from the smallest error at its start, in all logs alike. */
 bool mk_explanation_misses_held_out(const struct mk_explanation *explanation);
 
 /* Writes report.json (docs/formats.md, section 3). `holdout_names` are the files' names. */

@@ -1,6 +1,6 @@
 /* Identification: a model's parameters from measured logs.
  *
- * Methods are a table (docs/identification.md). The report's linear methods regress filtered
+ * Methods are a table (docs/identification.md). Meesters' linear methods regress filtered
  * derivatives on the plant's regressor and fit the base parameters; `output-error` fits the
  * measured angles themselves by maximum likelihood, effects of the model included.
  *

@@ -42,7 +42,8 @@ enum mk_sample_flag {                   /* column `flags` of the log */
                       MK_FLAG_GAP = 8,        /* the board's sequence number jumped */
                       MK_FLAG_SATURATED = 16, /* the wish was beyond u_max */
                       MK_FLAG_PARAMS = 32,    /* new parameters took effect at this sample */
-                      MK_FLAG_FAULT = 64      /* a fault is latched */
+                      MK_FLAG_FAULT = 64,     /* a fault is latched */
+                      MK_FLAG_SIGNAL = 128    /* another signal took effect at this sample */
 };
 
 struct mk_sample { /* one row of the log */
@@ -91,6 +92,7 @@ struct mk_loop_snapshot {
     enum mk_fault fault;
     double fault_t;
     int fault_joint;
+    struct mk_sample at_fault; /* the sample that tripped it; a fault of the start has none */
     uint64_t ticks, late, overruns, lost;
     double balanced_since; /* s; NAN when not balancing now */
     double caught_t;       /* s; first time of BALANCE in this run, NAN: never */
@@ -126,6 +128,13 @@ MK_NODISCARD enum mk_status mk_loop_wait(struct mk_loop *loop, double seconds,
 /* Hands all parameters to the loop; they take effect together between two samples. At once when not
  * running. MK_ERR_RANGE names the parameter. MK_ERR_BUSY: the last ones are not taken yet. */
 MK_NODISCARD enum mk_status mk_loop_set_params(struct mk_loop *loop, const double *value, int count,
+                                               struct mk_error *err);
+
+/* Hands another reference or open-loop signal (NULL: none) to the loop, in place of the
+ * controller's `ref`; it takes effect between two samples and sees the time since the start of the
+ * run. At once when not running. Borrowed: this one and the ones before it must live until the run
+ * has been halted. MK_ERR_BUSY: what was handed in last is not taken yet. */
+MK_NODISCARD enum mk_status mk_loop_set_signal(struct mk_loop *loop, const struct mk_signal *signal,
                                                struct mk_error *err);
 
 void mk_loop_get_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);

@@ -37,7 +37,7 @@ extern "C" {
 #define MK_MAX_EVENTS 24
 /* Sharpness k of friction's sign S_k(v) = tanh(k v) where nothing else is said. A slide moves at
  * centimetres a second where a wheel turns at radians a second. */
-#define MK_FRICTION_SHARPNESS_TURNING 15.0   /* s/rad; report (2.3), errata 2.4 */
+#define MK_FRICTION_SHARPNESS_TURNING 15.0   /* s/rad; Meesters (2.3), errata 2.4 */
 #define MK_FRICTION_SHARPNESS_SLIDING 1500.0 /* s/m */
 
 /* --- plants --------------------------------------------------------------------------------- */
@@ -75,7 +75,7 @@ struct mk_parameter_info {
     const char *unit; /* SI text; "" for none. Command units divide torques by u_to_torque. */
     const char *help; /* one line: what it is physically */
     double min, max;  /* physical range, inclusive; +-INFINITY where open */
-    double initial;   /* a usual value (effects: where a search starts; plants: the report's) */
+    double initial;   /* a usual value (effects: where a search starts; plants: Meesters') */
 #ifdef __cplusplus
     enum mk_parameter_fit fit = MK_FIT_FREE;
     bool optional = false; /* left out of a model file it is `initial` */
@@ -231,7 +231,7 @@ struct mk_model {
     enum mk_input input;
 };
 
-/* A model of `kind` with the report's parameters, defaults elsewhere, and no effects. */
+/* A model of `kind` with Meesters' parameters, defaults elsewhere, and no effects. */
 void mk_model_default(enum mk_plant_kind kind, struct mk_model *out);
 
 /* Reads a model file (docs/formats.md, "Model"). Errors name file, line and key: MK_ERR_NOTFOUND,

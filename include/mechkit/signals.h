@@ -1,6 +1,6 @@
 /* Signals from measured angles: filters, derivatives with their covariance, means of repeated runs.
  *
- * Two differentiators. The report's: a zero-phase second-order Butterworth low-pass, then central
+ * Two differentiators. Meesters': a zero-phase second-order Butterworth low-pass, then central
  * differences. It needs even rows and a cut-off, and says nothing about its error. And a smoother
  * (Kalman filter forwards, Bryson-Frazier backwards) that takes the jerk for white noise: it gives
  * position, speed and acceleration together with their covariance at every row, finds its bandwidth
@@ -33,7 +33,7 @@ extern "C" {
 MK_NODISCARD enum mk_status mk_filter_zero_phase(const double *x, size_t rows, double period_s,
                                                  double cutoff_hz, double *out);
 
-/* The report's differentiation: the filter above (cutoff_hz 0: MK_CUTOFF_HZ), then central
+/* Meesters' differentiation: the filter above (cutoff_hz 0: MK_CUTOFF_HZ), then central
  * differences; the end rows repeat their neighbours. Each of q_out, v, a has `rows` values; q_out
  * may be q. MK_ERR_RANGE: fewer than 3 rows. */
 MK_NODISCARD enum mk_status mk_differentiate(const double *q, size_t rows, double period_s,

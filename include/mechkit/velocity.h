@@ -1,6 +1,6 @@
 /* Speed from sampled encoder angles. A table of estimators; caller's memory, RT-safe throughout.
  *
- * `filter`: the report's way (appendix 6): difference quotient, then a first-order low-pass.
+ * `filter`: Meesters' way (appendix 6): difference quotient, then a first-order low-pass.
  * `tracking`: second-order tracking observer (phase-locked loop) with a given bandwidth: angle and
  * speed without the lag of a differentiator; critically damped.
  * `kalman`: constant-acceleration Kalman filter whose noise is the quantisation (count^2 / 12) and

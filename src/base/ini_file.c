@@ -1,5 +1,6 @@
 /* inih tells neither line nor column, so a reader of our own feeds it line by line and counts. */
 #include "base/ini_file.h"
+#include "base/text.h"
 
 #include <errno.h>
 #include <ini.h>
@@ -129,6 +130,7 @@ struct mk_ini_entry *mk_ini_find(struct mk_ini *ini, const char *section, const 
 enum mk_status mk_ini_refuse(const struct mk_ini *ini, const struct mk_ini_entry *e,
                              struct mk_error *err, const char *want)
 {
-    return mk_error_at(err, MK_ERR_PARSE, ini->path, e->line, 0, "%s = '%s': expected %s", e->key,
-                       e->value, want);
+    char comma[120];
+    return mk_error_at(err, MK_ERR_PARSE, ini->path, e->line, 0, "%s = '%s': expected %s%s", e->key,
+                       e->value, want, mk_comma_text(e->value, comma, sizeof comma));
 }

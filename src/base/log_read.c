@@ -33,6 +33,9 @@ struct reader {
     mk_error_at((r)->source.err, MK_ERR_PARSE, (r)->source.path, (r)->source.line, (int)(field),   \
                 __VA_ARGS__)
 
+/* What a file needs that another program wrote. */
+#define FOREIGN "; if another program wrote it: mechkit import makes a log of it"
+
 static enum mk_status no_memory(struct reader *r)
 {
     return mk_error_at(r->source.err, MK_ERR_NOMEM, r->source.path, r->source.line, 0,
@@ -141,9 +144,9 @@ static enum mk_status no_time(struct reader *r, struct mk_span line)
     char text[SHOWN + 4];
     size_t length = (size_t)(line.end - line.begin);
     if (memchr(line.begin, ';', length) || memchr(line.begin, '\t', length))
-        return FAIL(r, 0, "fields are separated by commas, but the header line is '%s'",
+        return FAIL(r, 0, "fields are separated by commas, but the header line is '%s'" FOREIGN,
                     shown(line, text));
-    return FAIL(r, 0, "the header line names no column t (time in seconds): '%s'",
+    return FAIL(r, 0, "the header line names no column t (time in seconds): '%s'" FOREIGN,
                 shown(line, text));
 }
 

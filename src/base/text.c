@@ -35,3 +35,66 @@ char *mk_show_text(char *out, size_t size, const char *text)
     out[used] = '\0';
     return out;
 }
+
+/* --- what may have been meant ---------------------------------------------------------------- */
+
+/* From so many letters on it is something else. */
+#define FAR_AWAY 3
+/* Shorter words are near to anything. */
+#define WORD_LEAST 3
+
+/* How many letters must be put in, left out or changed to make one word of the other; long words
+ * are far away. */
+static int distance(const char *a, const char *b)
+{
+    enum { MOST = 31 };
+    int row[MOST + 1];
+    size_t n = strlen(a), m = strlen(b);
+    if (n > MOST || m > MOST)
+        return MOST;
+    for (size_t j = 0; j <= m; j++)
+        row[j] = (int)j;
+    for (size_t i = 1; i <= n; i++) {
+        int corner = row[0];
+        row[0] = (int)i;
+        for (size_t j = 1; j <= m; j++) {
+            int changed = corner + (a[i - 1] != b[j - 1]), above = row[j];
+            int moved = 1 + (above < row[j - 1] ? above : row[j - 1]);
+            corner = above;
+            row[j] = changed < moved ? changed : moved;
+        }
+    }
+    return row[m];
+}
+
+void mk_meant_try(struct mk_meant *meant, const char *name)
+{
+    int d = distance(meant->word, name), least = meant->name ? meant->distance : FAR_AWAY;
+    size_t length = strlen(meant->word);
+    if (d >= least || length < WORD_LEAST || 2 * (size_t)d > length)
+        return;
+    meant->name = name;
+    meant->distance = d;
+}
+
+const char *mk_meant_text(const struct mk_meant *meant, char *buf, size_t size)
+{
+    buf[0] = '\0';
+    if (meant->name)
+        snprintf(buf, size, ": did you mean %s?", meant->name);
+    return buf;
+}
+
+const char *mk_comma_text(const char *number, char *buf, size_t size)
+{
+    const char *sign = number + strspn(number, "+-");
+    size_t whole = strspn(sign, "0123456789"), part = 0;
+    const char *comma = sign + whole;
+    buf[0] = '\0';
+    if (*comma == ',')
+        part = strspn(comma + 1, "0123456789");
+    if (part > 0 && !comma[1 + part])
+        snprintf(buf, size, "; decimals come after a point: %.*s.%s", (int)(comma - number), number,
+                 comma + 1);
+    return buf;
+}

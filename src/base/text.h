@@ -12,6 +12,20 @@ extern "C" {
  * text as fits, whole characters only. Returns `out`. */
 char *mk_show_text(char *out, size_t size, const char *text);
 
+/* The name that a word which is not understood is nearest to: at most two letters, and half of the
+ * word's, are put in, left out or changed. Start with `word` alone set. */
+struct mk_meant {
+    const char *word;
+    const char *name; /* NULL: none is near */
+    int distance;
+};
+void mk_meant_try(struct mk_meant *meant, const char *name);
+/* ": did you mean NAME?", "" where none is near. Returns buf. */
+const char *mk_meant_text(const struct mk_meant *meant, char *buf, size_t size);
+
+/* "; decimals come after a point: 0.054" of "0,054"; "" of other text. Returns buf. */
+const char *mk_comma_text(const char *number, char *buf, size_t size);
+
 #ifdef __cplusplus
 }
 #endif

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "console/condition.h"
+#include "console/fault_text.h"
 #include "console/summary.h"
 
 /* --- choosing ---------------------------------------------------------------------------- */
@@ -86,8 +87,14 @@ static void say_summary(struct session *s)
 {
     struct run_summary r;
     char line[300];
-    if (s->log_path[0] && summarise(s->log_path, &r, NULL) == MK_OK)
-        session_say(s, "%s", summary_line(&r, line, sizeof line));
+    if (!s->log_path[0] || summarise(s->log_path, &r, NULL) != MK_OK)
+        return;
+    session_say(s, "%s", summary_line(&r, line, sizeof line));
+    if (s->options.show)
+        return; /* a screen shows the whole summary */
+    for (size_t i = 0; i < r.steps && i < SUMMARY_STEPS; i++)
+        session_say(s, "  %s",
+                    step_response_line(&r.step[i], summary_speed_unit(&r), line, sizeof line));
 }
 
 static enum mk_status do_halt(struct session *s, int argc, char **argv, struct mk_error *err)
@@ -117,15 +124,18 @@ static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct
     if (st == MK_ERR_FAULT) {
         struct mk_loop_snapshot snap;
         mk_loop_get_snapshot(s->loop, &snap);
-        char joint[32] = "";
+        char joint[32] = "", value[160];
         if (snap.fault_joint > 0)
             snprintf(joint, sizeof joint, " (joint %d)", snap.fault_joint);
         struct mk_loop_stats stats;
         mk_loop_get_stats(s->loop, &stats);
         const char *why = why_late(snap.fault, &stats);
-        mk_error_set(err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s; the motor is off%s%s",
+        fault_value(&snap, &s->config.limits, &s->model, value, sizeof value);
+        mk_error_set(err, MK_ERR_FAULT,
+                     "fault %s%s at t = %.3f s: %s%s%s; the motor is off%s%s%s%s",
                      mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault),
-                     why[0] ? ". The run had " : "", why);
+                     value[0] ? ": " : "", value, why[0] ? ". The run had " : "", why,
+                     s->log_path[0] ? "; log " : "", s->log_path);
     }
     if (st == MK_ERR_INTR)
         mk_error_set(err, MK_ERR_INTR, "interrupted; the motor is off");
@@ -328,10 +338,10 @@ static const struct cmd commands[] = {
      MK_CTRL_MAX_PARAMS, false, cmd_check_gains, cmd_do_gains},
     {"set", "NAME VALUE", "a parameter of the setup; also while it runs", 2, 2, false,
      cmd_check_set, cmd_do_set},
-    {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1)", 1, 1, true, cmd_check_signal,
-     do_signal},
-    {"input", "SIGNAL", "command of open-loop, e.g. 1.5*sin(6*t) or @FILE", 1, 1, true,
+    {"ref", "SIGNAL", "reference of the setup, e.g. 50*step(1); also while it runs", 1, 1, true,
      cmd_check_signal, do_signal},
+    {"input", "SIGNAL", "command of open-loop, e.g. 1.5*sin(6*t) or @FILE; also while it runs", 1,
+     1, true, cmd_check_signal, do_signal},
     {"start", "", "check that the links hang, zero the counters, run", 0, 0, false, cmd_check_start,
      do_start},
     {"halt", "", "motor off, log complete", 0, 0, false, NULL, do_halt},

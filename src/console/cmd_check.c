@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "console/cmd_priv.h"
 #include "console/condition.h"
 #include "ctrl/ctrl_rig.h"
@@ -17,7 +18,9 @@ enum mk_status cmd_number(const char *text, double *out, struct mk_error *err)
 {
     if (mk_parse_double_z(text, out) && isfinite(*out))
         return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number", text);
+    char comma[120];
+    return mk_error_set(err, MK_ERR_PARSE, "'%s' is not a number%s", text,
+                        mk_comma_text(text, comma, sizeof comma));
 }
 
 enum mk_status cmd_rate(const char *text, double *out, struct mk_error *err)
@@ -288,12 +291,14 @@ enum mk_status cmd_check_signal(struct cmd_known *known, int argc, char **argv,
     struct mk_signal *made;
     char found[SESSION_PATH + 1];
     (void)argc;
+    enum mk_status st = session_takes_signal(known ? known->setup : NULL, err);
+    if (st != MK_OK)
+        return st;
     bool in_file = argv[0][strspn(argv[0], " \t")] == '@';
     if (in_file && (!known || known->may_write_logs))
         return MK_OK; /* it may not exist yet */
     const char *folder = known ? known->folder : NULL;
-    enum mk_status st =
-        mk_signal_create(session_signal(folder, argv[0], found, sizeof found), &made, err);
+    st = mk_signal_create(session_signal(folder, argv[0], found, sizeof found), &made, err);
     mk_signal_destroy(made);
     return st;
 }

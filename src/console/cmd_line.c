@@ -1,6 +1,7 @@
 /* One line of a command file or of the prompt: split into words and checked. */
 #include <string.h>
 
+#include "base/text.h"
 #include "console/cmd.h"
 
 static char *skip_blanks(char *at)
@@ -65,6 +66,18 @@ static enum mk_status check_lengths(const struct cmd *c, const struct cmd_line *
     return MK_OK;
 }
 
+static enum mk_status unknown_command(const char *name, struct mk_error *err)
+{
+    struct mk_meant meant = {.word = name};
+    char text[80];
+    const struct cmd *c;
+    for (int i = 0; (c = cmd_at(i)) != NULL; i++)
+        mk_meant_try(&meant, c->name);
+    return mk_error_set(err, MK_ERR_PARSE, "there is no command '%s'%s", name,
+                        meant.name ? mk_meant_text(&meant, text, sizeof text)
+                                   : "; `help` lists them");
+}
+
 enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *out,
                          struct mk_error *err)
 {
@@ -77,7 +90,7 @@ enum mk_status cmd_parse(char *line, struct cmd_known *known, struct cmd_line *o
         return MK_OK;
     const struct cmd *c = cmd_by_name(name);
     if (!c)
-        return mk_error_set(err, MK_ERR_PARSE, "there is no command '%s'; `help` lists them", name);
+        return unknown_command(name, err);
     if (c->raw) {
         at = skip_blanks(at);
         if (*at)

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "console/cmd_priv.h"
 
 enum mk_status cmd_no_setup(struct mk_error *err)
@@ -41,14 +42,24 @@ enum mk_status cmd_read_gains(const struct mk_ctrl_ops *setup, int argc, char **
     return st;
 }
 
+static enum mk_status unknown_parameter(const struct mk_ctrl_ops *setup, const char *name,
+                                        struct mk_error *err)
+{
+    struct mk_meant meant = {.word = name};
+    char text[80];
+    for (int i = 0; i < setup->param_count; i++)
+        mk_meant_try(&meant, setup->param[i].name);
+    return mk_error_set(err, MK_ERR_NOTFOUND, "setup %s has no parameter '%s'%s", setup->name, name,
+                        meant.name ? mk_meant_text(&meant, text, sizeof text)
+                                   : "; `show gains` lists them");
+}
+
 enum mk_status cmd_read_set(const struct mk_ctrl_ops *setup, char **argv, double *value,
                             struct mk_error *err)
 {
     int index = mk_ctrl_param_index(setup, argv[0]);
     if (index < 0)
-        return mk_error_set(err, MK_ERR_NOTFOUND,
-                            "setup %s has no parameter '%s'; `show gains` lists them", setup->name,
-                            argv[0]);
+        return unknown_parameter(setup, argv[0], err);
     return read_value(setup, index, argv[1], value, err);
 }
 
@@ -113,7 +124,8 @@ const char *cmd_limit_name(int index)
 enum mk_status cmd_find_limit(struct mk_safety_limits *in, const char *name, double **at,
                               struct mk_error *err)
 {
-    char known[256] = "";
+    char known[256] = "", text[80];
+    struct mk_meant meant = {.word = name};
     for (int i = 0; i < LIMITS; i++) {
         size_t used = strlen(known);
         if (strcmp(limits[i].name, name) == 0) {
@@ -121,8 +133,11 @@ enum mk_status cmd_find_limit(struct mk_safety_limits *in, const char *name, dou
             return MK_OK;
         }
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", limits[i].name);
+        mk_meant_try(&meant, limits[i].name);
     }
-    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no limit '%s'; there are %s", name, known);
+    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no limit '%s'%s%s %s", name,
+                        mk_meant_text(&meant, text, sizeof text),
+                        meant.name ? " There are" : "; there are", known);
 }
 
 enum mk_status cmd_do_limit(struct session *s, int argc, char **argv, struct mk_error *err)

@@ -1,4 +1,5 @@
 #include "console/condition.h"
+#include "base/text.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -77,6 +78,24 @@ static bool find_value(const struct mk_loop_snapshot *s, const char *at, size_t 
     return false;
 }
 
+/* Everything that a condition can name. */
+static const char *const known_names[] = {
+    "t",    "q1",    "q2",     "dq1",      "dq2",     "u",    "ref",     "late",    "overruns",
+    "lost", "ticks", "caught", "balanced", "running", "idle", "faulted", "no-fault"};
+
+static double fail_unknown(struct parser *p, size_t length)
+{
+    char word[40], text[120], hint[80];
+    snprintf(word, sizeof word, "%.*s", (int)length, p->at);
+    struct mk_meant meant = {.word = word};
+    for (size_t i = 0; i < sizeof known_names / sizeof known_names[0]; i++)
+        mk_meant_try(&meant, known_names[i]);
+    for (int f = 1; f < MK_FAULT_COUNT; f++)
+        mk_meant_try(&meant, mk_fault_name((enum mk_fault)f));
+    snprintf(text, sizeof text, "unknown name%s", mk_meant_text(&meant, hint, sizeof hint));
+    return fail(p, text);
+}
+
 static double sum(struct parser *p);
 
 static double item(struct parser *p)
@@ -101,6 +120,8 @@ static double item(struct parser *p)
         while (isalnum((unsigned char)*p->at) || *p->at == '.' ||
                ((*p->at == '-' || *p->at == '+') && (p->at[-1] == 'e' || p->at[-1] == 'E')))
             p->at++;
+        if (*p->at == ',')
+            return fail(p, "decimals come after a point");
         if (!mk_parse_double(from, p->at, &value)) {
             p->at = from;
             return fail(p, "not a number");
@@ -108,7 +129,7 @@ static double item(struct parser *p)
     } else if (n > 0 && find_value(p->snap, p->at, n, &value)) {
         p->at += n;
     } else {
-        return fail(p, n ? "unknown name" : "expected a name or a number");
+        return n ? fail_unknown(p, n) : fail(p, "expected a name or a number");
     }
     p->depth--;
     return value;

@@ -95,11 +95,37 @@ static enum mk_status collect(int from, struct mk_out_file *file, struct mk_erro
     return st;
 }
 
+/* gnuplot's "dumb" terminal puts a form feed before every panel, and no end of line after it. */
+static enum mk_status copy_panels(int from, struct mk_error *err)
+{
+    char block[4096];
+    bool first = true;
+    ssize_t n;
+    while ((n = read(from, block, sizeof block)) > 0 || (n < 0 && errno == EINTR))
+        for (ssize_t i = 0; i < n; i++) {
+            if (block[i] != '\f')
+                putchar(block[i]);
+            else if (!first)
+                putchar('\n');
+            first = first && block[i] != '\f';
+        }
+    putchar('\n');
+    if (n < 0)
+        return mk_error_errno(err, errno, NULL, "cannot read what gnuplot draws");
+    return MK_OK; /* whether it could be written is looked at when the program ends */
+}
+
 static enum mk_status draw_to_terminal(FILE *script, FILE *complaints, struct mk_error *err)
 {
-    pid_t child = start(script, STDOUT_FILENO, complaints);
-    return child < 0 ? mk_error_errno(err, errno, NULL, "cannot start gnuplot")
-                     : finish(child, complaints, err);
+    int ends[2];
+    pid_t child = pipe2(ends, O_CLOEXEC) == 0 ? start(script, ends[1], complaints) : -1;
+    if (child < 0)
+        return mk_error_errno(err, errno, NULL, "cannot start gnuplot");
+    close(ends[1]);
+    enum mk_status st = copy_panels(ends[0], err);
+    close(ends[0]);
+    enum mk_status ended = finish(child, complaints, st == MK_OK ? err : NULL);
+    return st == MK_OK ? ended : st;
 }
 
 /* Through a pipe: gnuplot itself does not tell when a disk is full. */

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/text.h"
 #include "console/options.h"
 
 static void print_help(FILE *out)
@@ -55,16 +56,10 @@ static const struct subcommand *find_subcommand(const char *name)
 static const char *nearest_subcommand(const char *name)
 {
     const struct subcommand *sub;
-    const char *nearest = NULL;
-    int near = OPTIONS_NEAR;
-    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++) {
-        int d = options_distance(name, sub->name);
-        if (d < near) {
-            near = d;
-            nearest = sub->name;
-        }
-    }
-    return nearest;
+    struct mk_meant meant = {.word = name};
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++)
+        mk_meant_try(&meant, sub->name);
+    return meant.name;
 }
 
 int main(int argc, char **argv)

@@ -1,5 +1,7 @@
 #include "console/options.h"
 
+#include "base/text.h"
+
 #include <getopt.h>
 #include <math.h>
 #include <string.h>
@@ -87,48 +89,20 @@ static int take(const struct subcommand *sub, const struct option_row *row, cons
 
 /* --- what is not understood ----------------------------------------------------------------- */
 
-int options_distance(const char *a, const char *b)
-{
-    enum { MOST = 31 };
-    int row[MOST + 1];
-    size_t n = strlen(a), m = strlen(b);
-    if (n > MOST || m > MOST)
-        return MOST;
-    for (size_t j = 0; j <= m; j++)
-        row[j] = (int)j;
-    for (size_t i = 1; i <= n; i++) {
-        int corner = row[0];
-        row[0] = (int)i;
-        for (size_t j = 1; j <= m; j++) {
-            int changed = corner + (a[i - 1] != b[j - 1]), above = row[j];
-            int moved = 1 + (above < row[j - 1] ? above : row[j - 1]);
-            corner = above;
-            row[j] = changed < moved ? changed : moved;
-        }
-    }
-    return row[m];
-}
-
 /* `code` is getopt's optopt: a letter, a row that was given a value it does not take, or 0. */
 static int report_unknown(const struct subcommand *sub, int code, const char *given)
 {
     char word[64];
-    const char *nearest = NULL;
-    int near = OPTIONS_NEAR;
     if (code >= 256)
         return report_usage(sub->name, "--%s takes no value", sub->options[code - 256].name);
     if (code > 0)
         return report_usage(sub->name, "unknown option '-%c'", code);
     snprintf(word, sizeof word, "%.*s", (int)strcspn(given, "="), given);
-    for (int i = 0; i < row_count(sub); i++) {
-        int d = options_distance(word + strspn(word, "-"), sub->options[i].name);
-        if (d < near) {
-            near = d;
-            nearest = sub->options[i].name;
-        }
-    }
-    if (nearest)
-        return report_usage(sub->name, "unknown option '%s': did you mean --%s?", word, nearest);
+    struct mk_meant meant = {.word = word + strspn(word, "-")};
+    for (int i = 0; i < row_count(sub); i++)
+        mk_meant_try(&meant, sub->options[i].name);
+    if (meant.name)
+        return report_usage(sub->name, "unknown option '%s': did you mean --%s?", word, meant.name);
     return report_usage(sub->name, "unknown option '%s'", word);
 }
 

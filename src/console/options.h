@@ -76,11 +76,6 @@ struct arguments {
 int options_parse(const struct subcommand *sub, int argc, char **argv, void *target,
                   struct arguments *rest);
 
-/* How many letters must be put in, left out or changed to make one word of the other; words that
- * are longer than names of options are far away. From OPTIONS_NEAR on it is something else. */
-int options_distance(const char *a, const char *b);
-#define OPTIONS_NEAR 3
-
 /* Text of `mechkit NAME --help`. */
 void options_help(const struct subcommand *sub, FILE *out);
 

@@ -23,9 +23,11 @@ struct plot {
     const struct mk_log *with; /* a prediction of the first log; NULL: none */
     const char *title;         /* NULL: what the first log says it is */
     const char *out;           /* FILE.svg, FILE.png; NULL: a terminal */
-    int width, height;         /* pixels, or characters of a terminal */
+    int width, height;         /* pixels, or characters of a panel in a terminal */
 };
 
+/* Panels that come one below the other in a terminal; the logs have been read. */
+int plot_panels(const struct plot *plot);
 /* Writes the script. MK_ERR_PARSE: a log has no angle, or spectra are wanted of too few samples;
  * MK_ERR_NOMEM. */
 MK_NODISCARD enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *err);

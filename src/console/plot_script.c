@@ -8,6 +8,7 @@
 #include "console/gnuplot.h"
 #include "console/plot_data.h"
 #include "mechkit/ctrl.h"
+#include "mechkit/loop.h"
 #include "mechkit/model.h"
 #include "mechkit/sim.h"
 
@@ -17,7 +18,8 @@ struct layout {
     bool wheel[2];
     const char *unit[MK_MAX_JOINTS]; /* of the positions */
     int joints;
-    double caught; /* time of the hand-over; NaN: none, or several logs */
+    int ref_column; /* of the blocks: what the reference is for; 0: none is drawn */
+    double caught;  /* time of the hand-over; NaN: none, or several logs */
 };
 
 /* --- pieces ------------------------------------------------------------------------------ */
@@ -28,7 +30,7 @@ static void put_terminal(const struct layout *l)
     if (p->out)
         gnuplot_picture(l->f, p->out, p->width, p->height);
     else
-        fprintf(l->f, "set terminal dumb noenhanced size %d,%d\n", p->width - 1, p->height);
+        fprintf(l->f, "set terminal dumb nofeed noenhanced size %d,%d\n", p->width - 1, p->height);
 }
 
 /* Colours that most eyes tell apart: Okabe and Ito. */
@@ -40,10 +42,14 @@ static void put_styles(FILE *f, bool picture)
         fprintf(f, "set style line %d lc rgb '#%s' lw 1.6 pt 7 ps 0.4\n", i + 1, colours[i]);
     fputs("set style line 20 lc rgb '#777777' lw 1.2 dt 2\n"
           "set style line 21 lc rgb '#000000' lw 1.0 dt 3\n"
+          "set style line 22 lc rgb '#cc79a7' lw 1.0 dt 4\n"
+          "set style line 23 lc rgb '#000000' lw 1.0 dt 2\n"
           "set border 3 lc rgb '#555555'\nset tics nomirror\nset lmargin 11\n"
           "set key above horizontal samplen 2\n",
           f);
-    if (picture)
+    if (!picture)
+        fputs("set tmargin 1\nset bmargin 1\n", f); /* rows are few */
+    else
         fputs("set grid lc rgb '#e4e4e4' lt 1\n", f);
 }
 
@@ -79,11 +85,11 @@ static void place(const struct layout *l, double x, double y, double width, doub
         fprintf(l->f, "set origin %g,%g\nset size %g,%g\n", x, y * 0.94, width, height * 0.94);
 }
 
-/* "plot" of every log's block: columns x and y of it, one line style a log (first + i). */
+/* What comes after "plot": every log's block, columns x and y of it, one line style a log (first +
+ * i). */
 static void put_curves(const struct layout *l, const char *block, int x, int y, const char *with,
                        int first)
 {
-    fputs("plot ", l->f);
     for (int i = 0; i < l->p->count; i++) {
         fprintf(l->f, "%s%s%d using %d:%d with %s ls %d title ", i ? ", " : "", block, i, x, y,
                 with, (first + i - 1) % PLOT_MAX_LOGS + 1);
@@ -99,11 +105,43 @@ static void mark_hand_over(const struct layout *l, bool label)
             l->caught, l->caught);
     if (label) /* in front of the curves; characters of a terminal round onto the line */
         fprintf(l->f,
-                "set label 1 'caught at %.2f s' at first %.6g, graph 0.94 offset character %d,0 "
+                "set label 1 'caught at %.2f s' at first %.6g, graph %g offset character %d,0 "
                 "font ',9' front\n",
-                l->caught, l->caught, l->p->out ? 1 : 2);
+                l->caught, l->caught, l->p->out ? 0.94 : 0.8, l->p->out ? 1 : 2);
     else
         fputs("unset label 1\n", l->f);
+}
+
+/* Where new parameters took effect in a run: a line each, arrows from number FIRST_CHANGE on. */
+#define FIRST_CHANGE 2
+#define MOST_CHANGES 40
+static int mark_changes(const struct layout *l, bool label)
+{
+    const struct mk_log *log = l->p->logs[0];
+    const double *flags = mk_log_get(log, "flags"), *t = mk_log_get(log, "t");
+    int count = 0;
+    for (size_t r = 0; flags && l->p->count == 1 && r < log->rows && count < MOST_CHANGES; r++) {
+        if (isnan(flags[r]) || !((unsigned)flags[r] & MK_FLAG_PARAMS))
+            continue;
+        int id = FIRST_CHANGE + count++;
+        fprintf(l->f, "set arrow %d from first %.6g, graph 0 to first %.6g, graph 1 nohead ls 22\n",
+                id, t[r], t[r]);
+        if (label)
+            fprintf(l->f,
+                    "set label %d 'gains' at first %.6g, graph 0.06 offset character %d,0 "
+                    "font ',9' front\n",
+                    id, t[r], l->p->out ? 1 : 2);
+        else
+            fprintf(l->f, "unset label %d\n", id);
+    }
+    return count;
+}
+
+static void clear_marks(const struct layout *l, int changes)
+{
+    fputs("unset arrow 1\n", l->f);
+    for (int i = 0; i < changes; i++)
+        fprintf(l->f, "unset arrow %d\nunset label %d\n", FIRST_CHANGE + i, FIRST_CHANGE + i);
 }
 
 /* --- panels ------------------------------------------------------------------------------ */
@@ -113,6 +151,10 @@ static void put_angle(const struct layout *l, int j)
     int column = (l->wheel[j] ? PLOT_DQ1 : PLOT_Q1) + j, first = l->p->count > 1 ? 1 : 1 + j;
     fprintf(l->f, "set ylabel '%s%d [%s%s]'\n", l->wheel[j] ? "wheel speed dq" : "q", j + 1,
             l->unit[j], l->wheel[j] ? "/s" : "");
+    fputs("plot ", l->f);
+    for (int i = 0; column == l->ref_column && i < l->p->count; i++)
+        fprintf(l->f, "$log%d using %d:%d with %s %s, ", i, PLOT_T, PLOT_REF,
+                l->p->out ? "steps ls 23" : "points pt '-'", i ? "notitle" : "title 'reference'");
     put_curves(l, "$log", PLOT_T, column, "lines", first);
     if (l->p->with)
         fprintf(l->f, ", $with using %d:%d with lines ls 20 title 'model'", PLOT_T, column);
@@ -123,7 +165,7 @@ static void put_command(const struct layout *l)
 {
     const char *label = "command";
     plot_command(l->p->logs[0], &label);
-    fprintf(l->f, "set ylabel '%s'\n", label);
+    fprintf(l->f, "set ylabel '%s'\nplot ", label);
     put_curves(l, "$log", PLOT_T, PLOT_U, "steps", l->p->count > 1 ? 1 : 3);
     fputc('\n', l->f);
 }
@@ -163,6 +205,7 @@ static void put_phase_plane(const struct layout *l, int j)
     put_few_tics(l, j);
     fprintf(l->f, "set xlabel 'q%d [%s]'\nset ylabel 'dq%d [%s/s]'\n", j + 1, l->unit[j], j + 1,
             l->unit[j]);
+    fputs("plot ", l->f);
     put_curves(l, "$log", PLOT_Q1 + j, PLOT_DQ1 + j, "lines", l->p->count > 1 ? 1 : 1 + j);
     if (!isnan(l->caught))
         fprintf(l->f,
@@ -178,8 +221,10 @@ static void put_phase_plane(const struct layout *l, int j)
 
 static void put_run(const struct layout *l)
 {
-    bool several = l->p->count > 1 || l->p->with;
-    int panels = l->joints + 1 + (l->p->with != NULL);
+    /* In a terminal a row for the names is dear: '-' is the reference. */
+    bool several = l->p->count > 1 || l->p->with || (l->ref_column && l->p->out);
+    int changes = 0;
+    int panels = plot_panels(l->p);
     double height = 1.0 / panels, y = 1.0;
     fputs(several ? "set key on\n" : "set key off\n", l->f);
     if (l->p->out)
@@ -187,19 +232,28 @@ static void put_run(const struct layout *l)
     for (int j = 0; j < l->joints; j++) {
         place(l, 0, y -= height, 0.66, height);
         mark_hand_over(l, j == 0);
+        changes = mark_changes(l, j == 0);
         put_angle(l, j);
         fputs("set key off\n", l->f); /* once is enough */
     }
     if (l->p->with) {
         place(l, 0, y -= height, 0.66, height);
         fputs("unset label 1\nset key on\n", l->f);
+        changes = mark_changes(l, false);
         put_difference(l);
         fputs("set key off\n", l->f);
     }
     place(l, 0, 0, 0.66, y);
     fputs("unset label 1\nset format x '%g'\nset xlabel 't [s]'\n", l->f);
+    if (!l->p->out)
+        fputs("set bmargin 3\n", l->f);
+    changes = mark_changes(l, false);
     put_command(l);
-    fputs("unset arrow 1\nunset xlabel\nset title 'phase plane' font ',10'\n", l->f);
+    clear_marks(l, changes);
+    fputs("unset xlabel\n", l->f);
+    if (!l->p->out)
+        return; /* a terminal has no place beside; --phase draws it */
+    fputs("set title 'phase plane' font ',10'\n", l->f);
     place(l, 0.66, 0.2, 0.34, 0.62);
     put_phase_plane(l, l->joints == 2 && !l->wheel[1] ? 1 : 0);
 }
@@ -233,6 +287,7 @@ static void put_spectrum_panel(const struct layout *l, int j, int column)
     if (bottom)
         fputs("set yrange [0:1]\nset ytics 0.5\nset xlabel 'f [Hz]'\n", l->f);
     fputs(bottom || !l->p->out ? "set format x '%g'\n" : "set format x ''\n", l->f);
+    fputs("plot ", l->f);
     put_curves(l, block, PLOT_F, column, dots ? "points" : "lines", 1 + (l->p->count > 1 ? 0 : j));
     fputs("\nunset xlabel\nset key off\n", l->f);
 }
@@ -249,6 +304,19 @@ static void put_spectra(const struct layout *l)
                   1.0 / count);
             put_spectrum_panel(l, j, rows[k]);
         }
+}
+
+int plot_panels(const struct plot *plot)
+{
+    int joints = mk_log_get(plot->logs[0], "q2") ? 2 : 1;
+    switch (plot->kind) {
+    case PLOT_PHASE:
+        return joints;
+    case PLOT_SPECTRUM:
+        return 1; /* too many for one screen: each has all of it */
+    default:
+        return joints + 1 + (plot->with != NULL);
+    }
 }
 
 static enum mk_status put_data(const struct layout *l, struct mk_error *err)
@@ -282,6 +350,27 @@ static double hand_over(const struct mk_log *log)
     return (double)NAN;
 }
 
+/* The column of the blocks that the log's setup has its reference for. */
+static int reference_column(const struct mk_log *log)
+{
+    static const struct {
+        const char *name;
+        int column;
+    } columns[] = {{"q1", PLOT_Q1}, {"q2", PLOT_Q1 + 1}, {"dq1", PLOT_DQ1}, {"dq2", PLOT_DQ1 + 1}};
+    const char *name = mk_log_find_meta(log, "setup");
+    const struct mk_ctrl_ops *setup = name ? mk_ctrl_setup_by_name(name) : NULL;
+    const double *ref = mk_log_get(log, "ref");
+    size_t row = 0;
+    while (ref && row < log->rows && isnan(ref[row]))
+        row++;
+    if (!ref || row == log->rows || !setup || !setup->output)
+        return 0;
+    for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++)
+        if (strcmp(columns[i].name, setup->output) == 0)
+            return columns[i].column;
+    return 0;
+}
+
 enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *err)
 {
     struct layout l = {.f = f, .p = plot};
@@ -293,6 +382,7 @@ enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *er
         l.wheel[j] = plant && plant->joint_is_wheel[j] && !slides;
         l.unit[j] = slides ? "m" : "rad";
     }
+    l.ref_column = reference_column(plot->logs[0]);
     l.caught = plot->count == 1 ? hand_over(plot->logs[0]) : (double)NAN;
     for (int i = 0; i < plot->count; i++)
         if (!mk_log_get(plot->logs[i], l.joints == 2 ? "q2" : "q1") ||

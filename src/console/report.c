@@ -1,6 +1,7 @@
 /* Errors on standard error, one line first, and the exit code that goes with them. */
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "console/sub.h"
 
@@ -53,4 +54,9 @@ int report_usage(const char *name, const char *fmt, ...)
     va_end(args);
     fprintf(stderr, " (see mechkit %s%s--help)\n", name, *name ? " " : "");
     return EXIT_WRONG_USAGE;
+}
+
+int report_error_of(const struct mk_error *err, const char *out)
+{
+    return out && strcmp(err->file, out) == 0 ? report_output_error(err) : report_error(err);
 }

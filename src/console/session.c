@@ -1,4 +1,5 @@
 #include "console/session.h"
+#include "base/text.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -172,9 +173,20 @@ void session_estop(struct session *s)
     pthread_mutex_unlock(&s->loop_lock);
 }
 
+/* After a run. */
+static void forget_old_signals(struct session *s)
+{
+    for (size_t i = 0; i < s->old_signals; i++)
+        mk_signal_destroy(s->old_signal[i]);
+    free(s->old_signal);
+    s->old_signal = NULL;
+    s->old_signals = 0;
+}
+
 static void close_setup(struct session *s)
 {
     destroy_loop(s);
+    forget_old_signals(s);
     mk_board_close(s->board); /* motor off */
     mk_ctrl_destroy(s->ctrl);
     s->board = NULL;
@@ -198,7 +210,8 @@ void session_close(struct session *s)
 enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **out,
                                   struct mk_error *err)
 {
-    char known[300] = "";
+    char known[300] = "", text[80];
+    struct mk_meant meant = {.word = name};
     const struct mk_ctrl_ops *row;
     *out = mk_ctrl_setup_by_name(name);
     if (*out)
@@ -206,8 +219,11 @@ enum mk_status session_find_setup(const char *name, const struct mk_ctrl_ops **o
     for (int i = 0; (row = mk_ctrl_setup(i)) != NULL; i++) {
         size_t used = strlen(known);
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", row->name);
+        mk_meant_try(&meant, row->name);
     }
-    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'; there are %s", name, known);
+    return mk_error_set(err, MK_ERR_NOTFOUND, "there is no setup '%s'%s%s %s", name,
+                        mk_meant_text(&meant, text, sizeof text),
+                        meant.name ? " There are" : "; there are", known);
 }
 
 enum mk_status session_own_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind *out,
@@ -379,7 +395,9 @@ enum mk_status session_halt(struct session *s, struct mk_error *err)
     if (!s->loop)
         return MK_OK;
     s->running = false;
-    return mk_loop_halt(s->loop, err);
+    enum mk_status st = mk_loop_halt(s->loop, err);
+    forget_old_signals(s);
+    return st;
 }
 
 enum mk_status session_wait(struct session *s, double seconds,
@@ -425,21 +443,48 @@ enum mk_status session_apply(struct session *s, struct mk_error *err)
     return MK_OK;
 }
 
+enum mk_status session_takes_signal(const struct mk_ctrl_ops *setup, struct mk_error *err)
+{
+    if (!setup || setup->takes_signal)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_USAGE,
+                        "setup %s takes no signal: it holds its equilibrium; pi-speed follows a "
+                        "reference, open-loop drives the motor with it",
+                        setup->name);
+}
+
+/* The run goes on with another signal; the old one is kept until its end. */
+static enum mk_status exchange_signal(struct session *s, const struct mk_signal *made,
+                                      struct mk_error *err)
+{
+    struct mk_signal **more = realloc(s->old_signal, (s->old_signals + 1) * sizeof *s->old_signal);
+    if (!more)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for the signal");
+    s->old_signal = more;
+    enum mk_status st = mk_loop_set_signal(s->loop, made, err);
+    if (st == MK_OK)
+        s->old_signal[s->old_signals++] = s->signal;
+    return st;
+}
+
 enum mk_status session_set_signal(struct session *s, const char *text, struct mk_error *err)
 {
     struct mk_signal *made;
     char found[SESSION_PATH + 1];
-    if (s->running)
-        return mk_error_set(err, MK_ERR_STATE,
-                            "a signal cannot be exchanged while it runs: halt "
-                            "first");
-    enum mk_status st =
-        mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
+    enum mk_status st = session_takes_signal(s->setup, err);
     if (st != MK_OK)
         return st;
-    if (s->ctrl)
+    st = mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
+    if (st == MK_OK && s->running)
+        st = exchange_signal(s, made, err);
+    if (st != MK_OK) {
+        mk_signal_destroy(made);
+        return st;
+    }
+    if (s->ctrl && !s->running)
         s->ctrl->ref = made;
-    mk_signal_destroy(s->signal);
+    if (!s->running)
+        mk_signal_destroy(s->signal);
     s->signal = made;
     return MK_OK;
 }

@@ -56,6 +56,9 @@ struct session {
     char faults[SESSION_PATH];     /* fault script of the virtual board; "": none */
     const struct mk_ctrl_ops *setup;
     struct mk_signal *signal; /* reference or open-loop command */
+    /* Signals that this run has had before: the loop's log still names them. */
+    struct mk_signal **old_signal;
+    size_t old_signals;
     struct mk_loop_config config;
     bool log_on;
     /* Only between `setup` and the next one: */
@@ -102,6 +105,7 @@ MK_NODISCARD enum mk_status session_apply(struct session *s, struct mk_error *er
 /* Gives the newest log a name: a name that exists gets -2, -3, ... unless `overwrite`. */
 MK_NODISCARD enum mk_status session_save(struct session *s, const char *name, bool overwrite,
                                          char *saved, size_t size, struct mk_error *err);
+/* Between runs or in flight: between two samples then. */
 MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *text,
                                                struct mk_error *err);
 /* A file that a command names: beside the command file if it is there, else as given. Returns buf.
@@ -109,6 +113,10 @@ MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *te
 const char *session_find(const struct session *s, const char *path, char *buf, size_t size);
 /* The same beside any folder; NULL or "": none. */
 const char *session_beside(const char *folder, const char *path, char *buf, size_t size);
+/* Whether a setup (NULL: not known yet) goes by a signal; MK_ERR_USAGE says what it holds instead.
+ */
+MK_NODISCARD enum mk_status session_takes_signal(const struct mk_ctrl_ops *setup,
+                                                 struct mk_error *err);
 /* The text of a signal, its file (@FILE) looked for in this way: `text` or buf. */
 const char *session_signal(const char *folder, const char *text, char *buf, size_t size);
 /* MK_ERR_NOTFOUND (and *out NULL) says which setups there are. */

@@ -20,7 +20,7 @@ struct options {
 };
 
 static const struct option_row option_rows[] = {
-    SESSION_OPTIONS("the rig; default: the rig of the setup with the report's parameters",
+    SESSION_OPTIONS("the rig; default: the rig of the setup with Meesters' parameters",
                     "virtual board in simulated time, ten times as fast as the clock"),
     {"setup", OPTION_TEXT(setup), "NAME", "choose this setup at once"},
     {"replay", OPTION_TEXT(replay), "LOG", "show a log; no board is needed"},
@@ -235,7 +235,7 @@ static int run(int argc, char **argv)
     guard_stop();
     host_destroy(host);
     if (st != MK_OK)
-        return report_error(&err);
+        return report_error_of(&err, o.session.out);
     if (why)
         fprintf(stderr, "mechkit: ended by %s; motor off, log kept\n", why);
     return why ? EXIT_RUN_FAILED : EXIT_OK;

@@ -77,7 +77,7 @@ static const struct option_row option_rows[] = {
     {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
     {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
     {"model", OPTION_TEXT(model), "M.ini",
-     "the rig; default: the pendubot with the report's parameters"},
+     "the rig; default: the pendubot with Meesters' parameters"},
     {"hand", OPTION_FLAG(hand), NULL,
      "asks for the joints to be turned by hand: does each encoder count?"},
     {"drive", OPTION_FLAG(drive), NULL,

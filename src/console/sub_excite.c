@@ -7,6 +7,7 @@
 
 #include "console/fix.h"
 #include "console/options.h"
+#include "console/progress.h"
 #include "mechkit/excite.h"
 #include "mechkit/json.h"
 #include "mechkit/number.h"
@@ -116,15 +117,6 @@ static int parse(int argc, char **argv, struct options *o, struct mk_model *mode
     return code == EXIT_OK ? fix_parameters("excite", &o->fixed, model, o->search.fixed) : code;
 }
 
-static bool show_progress(void *context, double done, const char *what)
-{
-    int *shown = context;
-    int percent = (int)(100.0 * done);
-    if (percent != *shown)
-        fprintf(stderr, "\r%s: %3d %%", what, *shown = percent);
-    return true;
-}
-
 static void print_row(const char *name, double best, double other, const char *unit)
 {
     printf("  %-28s %12.4g %12.4g %s\n", name, best, other, unit);
@@ -217,16 +209,16 @@ static int run(int argc, char **argv)
     struct mk_model model;
     struct mk_excitation result = {0};
     struct mk_error err = MK_ERROR_INIT;
-    int shown = -1, code = parse(argc, argv, &o, &model);
+    struct progress progress;
+    int code = parse(argc, argv, &o, &model);
     if (code != EXIT_OK)
         return code;
-    if (isatty(STDERR_FILENO)) {
-        o.search.progress = show_progress;
-        o.search.progress_context = &shown;
+    if (progress_begin(&progress)) {
+        o.search.progress = progress_show;
+        o.search.progress_context = &progress;
     }
     enum mk_status st = mk_excite(&model, &o.search, &result, &err);
-    if (shown >= 0)
-        fprintf(stderr, "\r%30s\r", "");
+    progress_end(&progress);
     if (st == MK_ERR_RANGE || st == MK_ERR_NOTSUP)
         return report_usage("excite", "%s", err.message);
     const bool writing = st == MK_OK;

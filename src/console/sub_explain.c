@@ -13,6 +13,7 @@
 #include "console/explanation.h"
 #include "console/left_out.h"
 #include "console/options.h"
+#include "console/progress.h"
 #include "console/signals.h"
 #include "mechkit/explain.h"
 #include "mechkit/number.h"
@@ -74,16 +75,6 @@ const struct subcommand sub_explain = {
     .most = MAX_FILES,
     .run = run,
 };
-
-static bool show_progress(void *context, double done, const char *what)
-{
-    int *last = context;
-    int percent = (int)(100.0 * done);
-    if (percent != *last)
-        fprintf(stderr, "\r%3d %% %-24s", percent, what);
-    *last = percent;
-    return true;
-}
 
 static bool same_column(const struct mk_log *a, const struct mk_log *b, const char *name)
 {
@@ -231,18 +222,17 @@ static void drop_unused(struct job *j)
 static enum mk_status search(struct job *j, struct mk_error *err)
 {
     size_t count = (size_t)j->o.input.count;
-    int percent = -1;
-    if (isatty(STDERR_FILENO)) {
-        j->o.explain.progress = show_progress;
-        j->o.explain.progress_context = &percent;
+    struct progress progress;
+    if (progress_begin(&progress)) {
+        j->o.explain.progress = progress_show;
+        j->o.explain.progress_context = &progress;
     }
     enum mk_status st = mk_explain(&j->model, (const struct mk_log *const *)j->logs, count,
                                    (const struct mk_log *const *)j->holdouts, j->o.holdout.count,
                                    &j->o.explain, &j->e, err);
     if (st == MK_OK)
         st = control_gain_measure(&j->e, err);
-    if (percent >= 0)
-        fprintf(stderr, "\r%30s\r", "");
+    progress_end(&progress);
     return st;
 }
 

@@ -11,6 +11,7 @@
 #include "console/fix.h"
 #include "console/left_out.h"
 #include "console/options.h"
+#include "console/progress.h"
 #include "experiment/data_check_json.h"
 #include "ident/input_report.h"
 #include "ident/left_out_json.h"
@@ -86,15 +87,6 @@ const struct subcommand sub_identify = {
     .most = MAX_FILES,
     .run = run,
 };
-
-static bool show_progress(void *context, double done, const char *what)
-{
-    static const char wheel[] = "|/-\\";
-    int *turn = context;
-    (void)done;
-    fprintf(stderr, "\r%c %-20s", wheel[++*turn & 3], what);
-    return true;
-}
 
 static double correlation(const struct mk_ident_result *r, size_t i, size_t k)
 {
@@ -379,18 +371,19 @@ static enum mk_status compare_inputs(struct job *j, struct mk_error *err)
 
 static enum mk_status fit(struct job *j, struct mk_error *err)
 {
-    int turn = 0;
-    if (isatty(STDERR_FILENO)) {
-        j->o.ident.progress = show_progress;
-        j->o.ident.progress_context = &turn;
+    struct progress progress;
+    if (progress_begin(&progress)) {
+        j->o.ident.progress = progress_show;
+        j->o.ident.progress_context = &progress;
     }
     enum mk_status compared = compares(j) ? compare_inputs(j, err) : MK_OK;
-    if (compared != MK_OK)
+    if (compared != MK_OK) {
+        progress_end(&progress);
         return compared;
+    }
     enum mk_status st = mk_identify(&j->model, (const struct mk_log *const *)j->logs,
                                     (size_t)j->o.input.count, &j->o.ident, &j->result, err);
-    if (turn > 0)
-        fprintf(stderr, "\r%30s\r", "");
+    progress_end(&progress);
     return st;
 }
 

@@ -8,6 +8,9 @@
 #include "console/options.h"
 #include "console/plot.h"
 
+/* Fewer rows have no room for a curve between title and tics. */
+#define PANEL_LEAST_ROWS 7
+
 struct size {
     int width, height;
 };
@@ -45,9 +48,11 @@ const struct subcommand sub_plot = {
     .name = "plot",
     .summary = "draw logs as SVG, PNG or in the terminal (needs gnuplot)",
     .synopsis = "LOG.csv... [--out FILE.svg|FILE.png] [options]",
-    .about =
-        "Angles, command and phase plane of up to eight runs over each other; the hand-over of a\n"
-        "single one is marked.",
+    .about = "Angles, reference, command and phase plane of up to eight runs over each other; the\n"
+             "hand-over of a single one is marked, and where its gains changed. In a terminal the "
+             "panels\n"
+             "come one below the other, as high as the terminal has room for; the phase plane with "
+             "--phase.",
     .options = option_rows,
     .argument = "log",
     .least = 1,
@@ -74,7 +79,8 @@ static int check(const struct options *o, int logs)
     return EXIT_OK;
 }
 
-/* What a picture or a terminal has room for, where the user does not say. */
+/* What a picture or a terminal has room for, where the user does not say. All panels of a run and
+ * the prompt after them fit a terminal of ordinary size. */
 static void find_size(struct plot *p)
 {
     struct winsize window;
@@ -84,8 +90,11 @@ static void find_size(struct plot *p)
     if (p->out)
         return;
     p->width = 100, p->height = 22;
-    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &window) == 0 && window.ws_col >= 40)
-        p->width = window.ws_col;
+    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &window) != 0 || window.ws_col < 40)
+        return;
+    p->width = window.ws_col;
+    p->height = (window.ws_row - 1) / plot_panels(p);
+    p->height = p->height < PANEL_LEAST_ROWS ? PANEL_LEAST_ROWS : p->height;
 }
 
 static enum mk_status write_script(FILE *f, const void *plot, struct mk_error *err)
@@ -119,7 +128,6 @@ static int run(int argc, char **argv)
                         .out = o.out,
                         .width = o.size.width,
                         .height = o.size.height};
-    find_size(&plot);
     for (int i = 0; st == MK_OK && i < plot.count; i++) {
         plot.names[i] = base_name(paths.text[i]);
         st = mk_log_read(paths.text[i], &logs[i], &err);
@@ -129,11 +137,13 @@ static int run(int argc, char **argv)
         st = mk_log_read(o.with, &with, &err);
     plot.with = with;
     if (st == MK_OK)
+        find_size(&plot);
+    if (st == MK_OK)
         st = gnuplot_run(plot.out, write_script, &plot, &err);
     for (int i = 0; i < plot.count; i++)
         mk_log_free(logs[i]);
     mk_log_free(with);
     if (st == MK_OK)
         return EXIT_OK;
-    return o.out && strcmp(err.file, o.out) == 0 ? report_output_error(&err) : report_error(&err);
+    return report_error_of(&err, o.out);
 }

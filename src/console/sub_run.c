@@ -26,7 +26,7 @@ struct options {
 
 static const struct option_row option_rows[] = {
     SESSION_OPTIONS("the rig, before what the file says; default: the rig of the setup with the "
-                    "report's parameters",
+                    "Meesters' parameters",
                     "virtual board in simulated time, as fast as it goes"),
     {"check", OPTION_FLAG(check), NULL,
      "report every mistake in the script that shows without a board, run nothing"},
@@ -104,7 +104,7 @@ static int execute(struct options *o, const struct cmdfile *file)
     o->session.cancel = &cancelled;
     signals_catch(on_signal);
     enum mk_status st = session_open(&session, &o->session, &err);
-    int code = st == MK_OK ? EXIT_OK : report_error(&err);
+    int code = st == MK_OK ? EXIT_OK : report_error_of(&err, o->session.out);
     if (st == MK_OK) {
         st = cmdfile_execute(file, &session, &err);
         if (st != MK_OK) {

@@ -1,6 +1,7 @@
 /* mechkit simulate: free-run prediction of a log. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
@@ -9,6 +10,7 @@
 #include "console/options.h"
 #include "ident/left_out_json.h"
 #include "mechkit/json.h"
+#include "mechkit/signals.h"
 #include "mechkit/sim.h"
 #include "sim/predict.h"
 
@@ -56,11 +58,38 @@ const struct subcommand sub_simulate = {
         "Drives the model by the log's command (zero-order hold) from the log's start and writes\n"
         "t,q1,q2,dq1,dq2 on the log's own time base. The start state of a window is fitted to the\n"
         "readings of that window (without --window: of the first second), so that what is left is\n"
-        "the model's error.",
+        "the model's error. It is printed beside the scatter of the readings themselves, which no\n"
+        "model predicts.",
     .options = option_rows,
     .argument = "log",
     .run = run,
 };
+
+/* Scatter of a joint's readings about the smooth curve that is most likely behind them; NAN where
+ * there are too few. No model predicts them better. */
+static double reading_noise(const struct mk_log *log, const char *column)
+{
+    const double *t = mk_log_get(log, "t"), *q = mk_log_get(log, column);
+    const struct mk_smooth_options options = {0};
+    struct mk_smooth_figures found = {.noise = (double)NAN};
+    double *smooth = q ? calloc(log->rows, sizeof *smooth) : NULL;
+    if (!smooth || mk_smooth(t, q, log->rows, &options, smooth, NULL, NULL, NULL, &found) != MK_OK)
+        found.noise = (double)NAN;
+    free(smooth);
+    return found.noise;
+}
+
+/* Readings of a joint that hardly moves do not scatter as their steps do: rounding to counts leaves
+ * a twelfth of a count squared all the same. */
+static void find_noise(const struct mk_log *log, const struct mk_model *model,
+                       double noise[MK_MAX_JOINTS])
+{
+    static const char *const columns[MK_MAX_JOINTS] = {"q1", "q2"};
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        noise[j] = (double)NAN;
+    for (int j = 0; j < mk_model_joints(model); j++)
+        noise[j] = fmax(reading_noise(log, columns[j]), mk_model_count(model, j) / sqrt(12.0));
+}
 
 static double now(void)
 {
@@ -92,7 +121,8 @@ static void add_own_values(cJSON *root, const struct mk_model *model,
 
 static enum mk_status write_figures(const struct options *o, const struct mk_model *model,
                                     const struct mk_predict_figures *f, const struct left_out *left,
-                                    size_t failed, double seconds, struct mk_error *err)
+                                    const double *noise, size_t failed, double seconds,
+                                    struct mk_error *err)
 {
     cJSON *root = cJSON_CreateObject();
     size_t n = (size_t)mk_model_joints(model);
@@ -112,6 +142,7 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
     cJSON_AddItemToObject(root, "rows", mk_json_number((double)f->rows));
     cJSON_AddItemToObject(root, "rms", mk_json_numbers(f->rms, n));
     cJSON_AddItemToObject(root, "nrmse", mk_json_numbers(f->nrmse, n));
+    cJSON_AddItemToObject(root, "noise", mk_json_numbers(noise, n));
     if (f->from_s > 0.0)
         cJSON_AddItemToObject(root, "from_s", mk_json_number(f->from_s));
     add_own_values(root, model, f);
@@ -123,7 +154,7 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
 }
 
 static void print_figures(const struct options *o, const struct mk_model *model,
-                          const struct mk_predict_figures *f, size_t failed)
+                          const struct mk_predict_figures *f, const double *noise, size_t failed)
 {
     printf("%s: %zu rows, %zu window%s\n", o->input, f->rows, f->windows,
            f->windows == 1 ? "" : "s");
@@ -139,9 +170,14 @@ static void print_figures(const struct options *o, const struct mk_model *model,
     }
     if (f->from_s > 0.0)
         printf("  errors of the second half, from %.3g s on:\n", f->from_s);
-    for (int j = 0; j < mk_model_joints(model); j++)
-        printf("  q%d: rms error %.4g %s, %.4g of its standard deviation\n", j + 1, f->rms[j],
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        printf("  q%d: rms error %.4g %s, %.4g of its standard deviation", j + 1, f->rms[j],
                mk_model_unit(model, j, "rad"), f->nrmse[j]);
+        if (isnan(noise[j]))
+            puts("");
+        else
+            printf("; readings' own noise %.3g %s\n", noise[j], mk_model_unit(model, j, "rad"));
+    }
     if (failed)
         printf("  %zu window%s ended early: the model leaves every bound\n", failed,
                failed == 1 ? "" : "s");
@@ -207,8 +243,6 @@ static int run(int argc, char **argv)
     struct options o = {0};
     struct arguments none;
     int code = options_parse(&sub_simulate, argc, argv, &o, &none);
-    if (code == EXIT_OK && !o.out && !o.json)
-        code = report_usage("simulate", "--out or --json is missing");
     if (code == EXIT_OK && same_file(o.input, o.out))
         code = report_usage("simulate", "--out %s: that is the log to be read", o.out);
     if (code != EXIT_OK)
@@ -217,6 +251,7 @@ static int run(int argc, char **argv)
     struct mk_log *log = NULL, *prediction = NULL;
     struct mk_predict_figures figures;
     struct mk_error err = MK_ERROR_INIT;
+    double noise[MK_MAX_JOINTS];
     size_t failed = 0;
     enum mk_status st = mk_model_read(o.model, &model, &err);
     if (st == MK_OK)
@@ -235,13 +270,15 @@ static int run(int argc, char **argv)
                                                          &figures, &failed, &err);
     double seconds = now() - start;
     const bool writing = st == MK_OK;
+    if (st == MK_OK)
+        find_noise(log, &model, noise);
     if (st == MK_OK && o.out)
         st = mk_log_write(o.out, prediction, &err);
     if (st == MK_OK && o.json)
-        st = write_figures(&o, &model, &figures, &left, failed, seconds, &err);
+        st = write_figures(&o, &model, &figures, &left, noise, failed, seconds, &err);
     if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0)) {
         left_out_print(stdout, left.list, left.count);
-        print_figures(&o, &model, &figures, failed);
+        print_figures(&o, &model, &figures, noise, failed);
     }
     mk_log_free(prediction);
     mk_log_free(log);

@@ -55,7 +55,7 @@ static const struct option_row option_rows[] = {
     {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
     {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
     {"model", OPTION_TEXT(model), "M.ini",
-     "the rig; default: the rig of the setup with the report's parameters"},
+     "the rig; default: the rig of the setup with Meesters' parameters"},
     {"gains", OPTION_TEXT(gains), "LIST",
      "the first gains of the setup (docs/protocol.md); default: the board's"},
     {"seconds", OPTION_NUMBER(seconds), "S", "how long; default 10", 0.01, 3600},

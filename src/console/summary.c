@@ -72,13 +72,16 @@ static void summarise_balance(const struct mk_log *log, struct run_summary *r)
 
 static void summarise_tracking(const struct mk_log *log, struct run_summary *r)
 {
-    const struct mk_plant_info *plant = mk_plant_by_name(r->rig);
+    const struct mk_ctrl_ops *setup = mk_ctrl_setup_by_name(r->setup);
     const double *ref = mk_log_get(log, "ref"), *phase = mk_log_get(log, "phase");
-    const double *v = mk_log_get(log, plant && plant->motor_joint == 1 ? "dq2" : "dq1");
+    bool of_speed = setup && setup->output && setup->output[0] == 'd';
+    const double *v = of_speed ? mk_log_get(log, setup->output) : NULL;
     double squares = 0.0;
     size_t n = 0;
-    if (!ref || !v || !phase || strcmp(r->setup, "pi-speed") != 0)
+    if (!ref || !v || !phase)
         return;
+    const double *t = mk_log_get(log, "t");
+    r->steps = step_responses(t, ref, v, log->rows, r->step, SUMMARY_STEPS);
     for (size_t i = log->rows - log->rows / 10; i < log->rows; i++)
         if (!isnan(ref[i]) && !isnan(v[i]) && phase[i] == MK_PHASE_TRACK) {
             squares += (v[i] - ref[i]) * (v[i] - ref[i]);
@@ -142,6 +145,11 @@ const char *summary_unit(const struct run_summary *r, int j)
     return r->slides[j] ? "m" : "rad";
 }
 
+const char *summary_speed_unit(const struct run_summary *r)
+{
+    return r->slides[0] ? "m/s" : "rad/s";
+}
+
 const char *summary_line(const struct run_summary *r, char *buf, size_t size)
 {
     char part[120];
@@ -161,8 +169,8 @@ const char *summary_line(const struct run_summary *r, char *buf, size_t size)
         }
     }
     if (!isnan(r->track_rms)) {
-        snprintf(part, sizeof part, "  speed error %.3f %s/s rms", r->track_rms,
-                 summary_unit(r, 0));
+        snprintf(part, sizeof part, "  speed error %.3f %s rms", r->track_rms,
+                 summary_speed_unit(r));
         used = add(buf, size, used, part);
     }
     snprintf(part, sizeof part, "  |u| <= %.2f", r->u_peak);

@@ -4,8 +4,11 @@
 
 #include <stddef.h>
 
+#include "console/step_response.h"
 #include "mechkit/log.h"
 #include "mechkit/model.h"
+
+#define SUMMARY_STEPS 8
 
 struct run_summary {
     char setup[40], rig[40];
@@ -16,6 +19,8 @@ struct run_summary {
     double rms[MK_MAX_JOINTS];  /* of that stretch, about its mean, from 1 s after the catch; NAN */
     bool slides[MK_MAX_JOINTS]; /* the joint's position is in m, else in rad */
     double track_rms; /* rms of motor speed against ref, over the last tenth; NAN: no reference */
+    struct step_response step[SUMMARY_STEPS]; /* the first of them, of motor speed */
+    size_t steps;                             /* all of them */
     double u_peak, u_rms;
     double late_max_us;
     size_t rows, lost;
@@ -27,6 +32,8 @@ MK_NODISCARD enum mk_status summarise(const char *path, struct run_summary *out,
 /* Unit of the position of joint j (0-based). */
 const char *summary_unit(const struct run_summary *r, int j);
 /* One line for people; returns buf. */
+/* Unit of the reference that steps are given in. */
+const char *summary_speed_unit(const struct run_summary *r);
 const char *summary_line(const struct run_summary *r, char *buf, size_t size);
 
 #endif

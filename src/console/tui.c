@@ -1,4 +1,5 @@
 #include "console/tui.h"
+#include "console/fault_text.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -56,6 +57,25 @@ static void card_line(struct tui_card *card, const char *fmt, ...)
     va_end(args);
 }
 
+static void show_steps(struct tui_card *card, const struct run_summary *r)
+{
+    char line[200];
+    for (size_t i = 0; i < r->steps && i < SUMMARY_STEPS; i++)
+        card_line(card, "%s",
+                  step_response_line(&r->step[i], summary_speed_unit(r), line, sizeof line));
+}
+
+static void show_fault(const struct tui *t, struct tui_card *card)
+{
+    const struct host_status *st = &t->status;
+    char value[160] = "";
+    if (st->have_loop)
+        fault_value(&st->snap, &st->config.limits, &st->model, value, sizeof value);
+    card_line(card, "FAULT     %.120s", st->summary.fault);
+    if (value[0])
+        card_line(card, "          %s", value);
+}
+
 /* What a run was like, in words. */
 static void show_summary(struct tui *t)
 {
@@ -64,7 +84,7 @@ static void show_summary(struct tui *t)
     *card = (struct tui_card){.shown = true};
     snprintf(card->title, sizeof card->title, "after the run: %s, %.2f s", r->setup, r->seconds);
     if (r->fault[0])
-        card_line(card, "FAULT     %.120s", r->fault);
+        show_fault(t, card);
     if (!isnan(r->caught_t))
         card_line(card, "caught    at %.2f s; %s %.2f s", r->caught_t,
                   r->balanced_at_end ? "then held for"
@@ -78,8 +98,9 @@ static void show_summary(struct tui *t)
             card_line(card, "stillness q%d within %.4f %s rms", j + 1, r->rms[j],
                       summary_unit(r, j));
     if (!isnan(r->track_rms))
-        card_line(card, "tracking  speed error %.3f %s/s rms at the end", r->track_rms,
-                  summary_unit(r, 0));
+        card_line(card, "tracking  speed error %.3f %s rms at the end", r->track_rms,
+                  summary_speed_unit(r));
+    show_steps(card, r);
     card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
     card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
               r->lost, r->rows);

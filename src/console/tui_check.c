@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "console/fault_text.h"
 #include "console/tui.h"
 
 #define LINES_MAX 3 /* of a point */
@@ -103,6 +104,14 @@ static void check_log(struct list *l, const struct host_status *st)
         line(l, WELL, "disk", "%.1f GB left for logs", st->disk_free_mb / 1000.0);
 }
 
+static void check_fault(struct list *l, const struct host_status *st)
+{
+    char value[160];
+    fault_value(&st->snap, &st->config.limits, &st->model, value, sizeof value);
+    line(l, WRONG, "fault", "%s: %s%s%s; a acknowledges", mk_fault_name(st->snap.fault),
+         mk_fault_text(st->snap.fault), value[0] ? ": " : "", value);
+}
+
 static bool is_faulted(const struct host_status *st)
 {
     return st->have_loop && st->snap.state == MK_LOOP_FAULTED;
@@ -123,8 +132,7 @@ void tui_draw_check(struct tui *t, struct tui_rect r)
     line(&l, WELL, "setup", "%s: %s", st->setup->name, st->setup->help);
     line(&l, WELL, "board", "%s, %.0f samples a second", st->backend->name, st->config.rate_hz);
     if (is_faulted(st))
-        line(&l, WRONG, "fault", "%s: %s; a acknowledges", mk_fault_name(st->snap.fault),
-             mk_fault_text(st->snap.fault));
+        check_fault(&l, st);
     check_links(&l, st);
     check_limits(&l, st);
     check_log(&l, st);

@@ -192,6 +192,8 @@ void gains_key(struct tui *t, int key)
         memset(g->pending, 0, sizeof g->pending);
     else if (key == 'd')
         send(t);
+    else if (key == 'r' && g->setup->takes_signal)
+        tui_open_prompt(t, ":", g->setup->output ? "ref " : "input ");
     else if (key == TK_ESCAPE && g->edit[0])
         g->edit[0] = '\0';
     else if (key == TK_ESCAPE || key == 'q' || key == 'g')
@@ -200,52 +202,125 @@ void gains_key(struct tui *t, int key)
 
 /* --- drawing --------------------------------------------------------------------------------- */
 
+/* Columns of the form; the scope has the others. */
+#define FORM_COLS 40
+#define WIDE_FORM_COLS 60
+#define SCOPE_LEAST_COLS 24
+#define LIST_LEAST_ROWS 3
+
+static const char keys[] =
+    "type a number  Left Right 5 %  d send  o as at first  u undo  Esc leave";
+static const char signal_keys[] = "  r reference";
+
+int gains_columns(int cols)
+{
+    int room = cols - SCOPE_LEAST_COLS;
+    int wish = cols >= 110 ? WIDE_FORM_COLS : FORM_COLS;
+    return wish < room ? wish : room;
+}
+
 static void draw_row(const struct tui *t, struct canvas *c, struct tui_rect r, int i, int row)
 {
     const struct tui_gains *g = &t->gains;
     const struct mk_ctrl_param *p = &g->setup->param[i];
-    bool chosen = i == g->row;
+    bool chosen = i == g->row, wide = r.cols >= WIDE_FORM_COLS - 2;
     enum tui_style style = chosen ? STYLE_SELECTED : STYLE_NORMAL;
     canvas_fill(c, (struct tui_rect){row, r.col, 1, r.cols}, ' ', style);
-    char next[40] = "", range[40];
+    char next[40] = "";
     if (chosen && g->edit[0])
         snprintf(next, sizeof next, "%.12s_", g->edit);
     else if (g->pending[i])
         snprintf(next, sizeof next, "%.6g", g->value[i]);
-    snprintf(range, sizeof range, "%.5g .. %.5g", p->min, p->max);
-    canvas_print(c, row, r.col + 1, r.cols - 1, style, "%c%-14s%-8s%10.6g", p->gain ? '*' : ' ',
-                 p->name, mk_model_unit(&t->status.model, -1, p->unit), t->status.value[i]);
-    canvas_print(c, row, r.col + 35, r.cols - 35, chosen || !next[0] ? style : STYLE_WARN, "%s%10s",
-                 next[0] ? ">" : " ", next);
-    canvas_print(c, row, r.col + 47, r.cols - 47, style, "%10.6g  %s", t->status.initial[i], range);
-    if (r.cols > 110)
-        canvas_text(c, row, r.col + 82, r.cols - 82, style, p->help);
+    int col =
+        canvas_print(c, row, r.col, r.cols, style, "%c%-13.13s", p->gain ? '*' : ' ', p->name);
+    if (wide)
+        col = canvas_print(c, row, col, r.cols, style, " %-8.8s",
+                           mk_model_unit(&t->status.model, -1, p->unit));
+    col = canvas_print(c, row, col, r.col + r.cols - col, style, "%10.6g", t->status.value[i]);
+    col = canvas_print(c, row, col, r.col + r.cols - col, chosen || !next[0] ? style : STYLE_WARN,
+                       " %c%10s", next[0] ? '>' : ' ', next);
+    if (wide)
+        canvas_print(c, row, col, r.col + r.cols - col, style, " %10.6g", t->status.initial[i]);
 }
 
-static void draw_poles(const struct tui *t, struct canvas *c, int row, struct tui_rect r)
+/* What a parameter is, whole. */
+static void describe(const struct tui *t, int i, char *text, size_t size)
+{
+    const struct mk_ctrl_param *p = &t->gains.setup->param[i];
+    const char *unit = mk_model_unit(&t->status.model, -1, p->unit);
+    snprintf(text, size, "%s; %.5g .. %.5g%s%s, at first %.6g", p->help, p->min, p->max,
+             unit[0] ? " " : "", unit, t->status.initial[i]);
+}
+
+static int lines_of(struct canvas *c, int cols, const char *text)
+{
+    int need = canvas_wrap(c, (struct tui_rect){0, 0, 0, cols}, STYLE_NORMAL, text);
+    return need > 0 ? need : 1;
+}
+
+/* Lines of the longest description, so that the list stands still. */
+static int most_lines(const struct tui *t, struct canvas *c, int cols)
+{
+    char text[300];
+    int most = 1;
+    for (int i = 0; i < t->gains.setup->param_count; i++) {
+        describe(t, i, text, sizeof text);
+        int need = lines_of(c, cols, text);
+        most = need > most ? need : most;
+    }
+    return most;
+}
+
+/* The poles that the values in force and to be sent give, in words. */
+static enum tui_style tell_poles(const struct tui *t, char *text, size_t size)
 {
     double value[MK_CTRL_MAX_PARAMS];
     struct poles p;
     all_values(t, value);
     poles_of_setup(t->gains.setup, &t->status.believed, 1.0 / t->status.config.rate_hz, value, &p);
     if (p.n == 0) {
-        canvas_text(c, row, r.col + 1, r.cols - 1, STYLE_DIM, "poles: not known for this setup");
-        return;
+        snprintf(text, size, "poles: not known for this setup");
+        return STYLE_DIM;
     }
-    int col = canvas_print(c, row, r.col + 1, r.cols - 1, p.stable ? STYLE_GOOD : STYLE_BAD,
-                           "%s at %s", p.stable ? "stable" : "UNSTABLE", p.at);
-    col = canvas_text(c, row, col, r.cols, STYLE_DIM, "  poles, 1/s: ");
-    for (int i = 0; i < p.n; i++) {
-        if (p.im[i] < 0.0)
-            continue;
-        char text[48];
+    size_t used = (size_t)snprintf(text, size,
+                                   "%s at %s; poles, 1/s:", p.stable ? "stable" : "UNSTABLE", p.at);
+    for (int i = 0; i < p.n && used < size; i++) {
         if (p.im[i] > 0.0)
-            snprintf(text, sizeof text, "%.2f\u00b1%.2fi  ", p.re[i], p.im[i]);
-        else
-            snprintf(text, sizeof text, "%.2f  ", p.re[i]);
-        col = canvas_text(c, row, col, r.col + r.cols - col,
-                          p.re[i] < 0.0 ? STYLE_NORMAL : STYLE_BAD, text);
+            used +=
+                (size_t)snprintf(text + used, size - used, " %.2f\u00b1%.2fi", p.re[i], p.im[i]);
+        else if (p.im[i] == 0.0)
+            used += (size_t)snprintf(text + used, size - used, " %.2f", p.re[i]);
     }
+    return p.stable ? STYLE_GOOD : STYLE_BAD;
+}
+
+/* Text in the last rows of what is left of `in`, which it is taken from. */
+static void draw_below(struct canvas *c, struct tui_rect *in, int rows, enum tui_style style,
+                       const char *text)
+{
+    in->rows -= rows;
+    canvas_wrap(c, (struct tui_rect){in->row + in->rows, in->col, rows, in->cols}, style, text);
+}
+
+/* The list, with marks where it goes on. */
+static void draw_list(struct tui *t, struct canvas *c, struct tui_rect in)
+{
+    struct tui_gains *g = &t->gains;
+    int rows = in.rows - 1, n = g->setup->param_count;
+    if (g->row < g->top)
+        g->top = g->row;
+    if (g->row >= g->top + rows)
+        g->top = g->row - rows + 1;
+    bool wide = in.cols >= WIDE_FORM_COLS - 2;
+    canvas_print(c, in.row, in.col, in.cols, STYLE_TITLE, "%-14s%s%10s %11s%s", "* is a gain",
+                 wide ? " unit    " : "", "in force", "to send", wide ? "   at first" : "");
+    for (int i = 0; i < rows && g->top + i < n; i++)
+        draw_row(t, c, in, g->top + i, in.row + 1 + i);
+    int last = in.col + in.cols - 1;
+    if (g->top > 0)
+        canvas_put(c, in.row + 1, last, '^', STYLE_KEY);
+    if (g->top + rows < n)
+        canvas_put(c, in.row + rows, last, 'v', STYLE_KEY);
 }
 
 void gains_draw(struct tui *t, struct tui_rect area)
@@ -257,23 +332,19 @@ void gains_draw(struct tui *t, struct tui_rect area)
         t->mode = MODE_MAIN;
         return;
     }
-    char title[100];
-    snprintf(title, sizeof title, "gains and parameters of %s%s", g->setup->name,
+    char text[600], title[100];
+    snprintf(title, sizeof title, "gains of %s%s", g->setup->name,
              t->status.running ? ", RUNNING" : "");
     struct tui_rect in = canvas_frame(c, area, title);
-    int rows = in.rows - 5, n = g->setup->param_count;
-    if (g->row < g->top)
-        g->top = g->row;
-    if (g->row >= g->top + rows)
-        g->top = g->row - rows + 1;
-    canvas_print(c, in.row, in.col + 1, in.cols - 1, STYLE_TITLE, " %-14s%-8s%10s %10s %11s  %s",
-                 "* is a gain", "unit", "in force", "to send", "at first", "range");
-    for (int i = 0; i < rows && g->top + i < n; i++)
-        draw_row(t, c, in, g->top + i, in.row + 1 + i);
-    int row = in.row + in.rows - 4;
-    canvas_text(c, row, in.col + 1, in.cols - 1, STYLE_DIM, g->setup->param[g->row].help);
-    draw_poles(t, c, row + 1, in);
-    canvas_text(c, row + 2, in.col + 1, in.cols - 1, STYLE_WARN, g->note);
-    canvas_text(c, row + 3, in.col + 1, in.cols - 1, STYLE_KEY,
-                "type a number   Left Right 5 %   d send   o as at first   u undo   Esc leave");
+    snprintf(text, sizeof text, "%s%s", keys, g->setup->takes_signal ? signal_keys : "");
+    draw_below(c, &in, lines_of(c, in.cols, text), STYLE_KEY, text);
+    draw_below(c, &in, lines_of(c, in.cols, g->note), STYLE_WARN, g->note);
+    enum tui_style style = tell_poles(t, text, sizeof text);
+    int rows = lines_of(c, in.cols, text), least = LIST_LEAST_ROWS + 1;
+    draw_below(c, &in, rows < in.rows - least ? rows : 1, style, text);
+    describe(t, g->row, text, sizeof text);
+    rows = most_lines(t, c, in.cols);
+    if (in.rows > least)
+        draw_below(c, &in, rows < in.rows - least ? rows : in.rows - least, STYLE_DIM, text);
+    draw_list(t, c, in);
 }

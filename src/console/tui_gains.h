@@ -19,6 +19,9 @@ struct tui_gains {
 struct tui;
 void gains_open(struct tui *t);
 void gains_key(struct tui *t, int key);
+/* Columns of the form on a screen of `cols`; it stands beside the scope, so that a change and its
+ * effect are seen at once. */
+int gains_columns(int cols);
 void gains_draw(struct tui *t, struct tui_rect r);
 
 #endif

@@ -176,7 +176,7 @@ void tui_draw_mode(struct tui *t, struct tui_rect body)
     if (t->mode == MODE_SETUP)
         draw_setup(t, body);
     else if (t->mode == MODE_GAINS)
-        gains_draw(t, body);
+        gains_draw(t, (struct tui_rect){body.row, 0, body.rows, gains_columns(c->cols)});
     else if (t->mode == MODE_HELP)
         draw_help(t, body);
     else

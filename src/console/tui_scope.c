@@ -7,6 +7,8 @@
 
 static const char *const channels[CH_COUNT] = {"q1", "q2", "dq1", "dq2", "u", "ref"};
 
+#define TURN (2.0 * 3.14159265358979323846)
+
 static const double windows[] = {0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0};
 #define WINDOWS ((int)(sizeof windows / sizeof windows[0]))
 
@@ -64,6 +66,7 @@ void scope_clear(struct scope *s, const struct mk_plant_info *plant)
 {
     s->first = s->count = 0;
     s->has_ref = s->has_model = s->frozen = s->cursor_on = false;
+    memset(s->turns, 0, sizeof s->turns);
     if (!plant || plant == s->plant)
         return;
     s->plant = plant;
@@ -86,10 +89,68 @@ static struct scope_point *next_point(struct scope *s)
     return p;
 }
 
+static void scope_forget(struct scope *s)
+{
+    s->first = s->count = 0;
+    memset(s->turns, 0, sizeof s->turns);
+}
+
+/* Whether a joint hangs or stands: its equilibria differ. */
+static bool swings(const struct mk_plant_info *plant, int joint)
+{
+    for (int i = 1; i < plant->equilibrium_count; i++)
+        if (plant->equilibrium[i].q[joint] != plant->equilibrium[0].q[joint])
+            return true;
+    return false;
+}
+
+/* How far the angles of a point are from an equilibrium, whole turns left out. */
+static double away_from(const struct scope *s, const struct scope_point *p,
+                        const struct mk_equilibrium *e)
+{
+    double most = 0.0;
+    for (int j = 0; j < s->plant->joints; j++)
+        if (swings(s->plant, j))
+            most = fmax(most, fabs(remainder((double)p->y[CH_Q1 + j] - e->q[j], TURN)));
+    return most;
+}
+
+/* The equilibrium that a balanced point is at. */
+static const struct mk_equilibrium *nearest(const struct scope *s, const struct scope_point *p)
+{
+    const struct mk_equilibrium *best = NULL;
+    for (int i = 0; i < s->plant->equilibrium_count; i++) {
+        const struct mk_equilibrium *e = &s->plant->equilibrium[i];
+        if (!best || away_from(s, p, e) < away_from(s, p, best))
+            best = e;
+    }
+    return best;
+}
+
+/* Of a balanced point: its swinging joints are at their equilibrium, and so count from there,
+ * however often they went round before. All points follow, so that traces stay whole. */
+static void leave_turns_out(struct scope *s, const struct scope_point *p)
+{
+    const struct mk_equilibrium *e = s->plant ? nearest(s, p) : NULL;
+    for (int j = 0; e && j < s->plant->joints; j++) {
+        if (!swings(s->plant, j))
+            continue;
+        double turns = TURN * round(((double)p->y[CH_Q1 + j] - e->q[j]) / TURN);
+        if (turns == 0.0)
+            continue;
+        s->turns[j] += turns;
+        for (size_t i = 0; i < s->count; i++) {
+            struct scope_point *other = &s->point[(s->first + i) % s->room];
+            other->y[CH_Q1 + j] -= (float)turns;
+            other->y[CH_MODEL1 + j] -= (float)turns;
+        }
+    }
+}
+
 void scope_add(struct scope *s, const struct mk_sample *sample)
 {
     if (s->count && sample->t <= scope_last_t(s))
-        s->first = s->count = 0; /* another run */
+        scope_forget(s); /* another run */
     struct scope_point *p = next_point(s);
     p->t = sample->t;
     p->y[CH_Q1] = (float)sample->q[0];
@@ -102,7 +163,11 @@ void scope_add(struct scope *s, const struct mk_sample *sample)
     p->late_us = (float)sample->late_us;
     p->flags = (uint16_t)sample->flags;
     p->phase = (uint8_t)sample->phase;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        p->y[CH_Q1 + j] -= (float)s->turns[j];
     s->has_ref = s->has_ref || !isnan(sample->ref);
+    if (p->phase == MK_PHASE_BALANCE)
+        leave_turns_out(s, p);
 }
 
 static float cell(const double *column, size_t row)
@@ -139,6 +204,12 @@ enum mk_status scope_load(struct scope *s, const struct mk_log *log, const struc
         p->flags = flags && flags[i] >= 0.0 && flags[i] < 65536.0 ? (uint16_t)flags[i] : 0;
         s->has_ref = s->has_ref || !isnan(p->y[CH_REF]);
     }
+    memset(s->turns, 0, sizeof s->turns);
+    for (size_t i = log->rows; i-- > 0;)
+        if (room[i].phase == MK_PHASE_BALANCE) {
+            leave_turns_out(s, &room[i]);
+            break;
+        }
     return MK_OK;
 }
 

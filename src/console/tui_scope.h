@@ -26,6 +26,9 @@ struct scope {
     size_t room, first, count;
     int joints;
     bool has_ref, has_model;
+    /* Whole turns that are left out of angles, rad: of an upright that was reached the other way
+     * round. Readings and logs go on counting. */
+    double turns[MK_MAX_JOINTS];
     const struct mk_plant_info *plant; /* NULL: not known yet */
 
     unsigned shown; /* bits of channels */

@@ -368,10 +368,13 @@ void tui_draw(struct tui *t, int rows, int cols)
     int events = rows >= 40 ? 6 : rows >= 22 ? 3 : 1;
     /* As wide as the rig's picture can make use of. */
     int panel = cols >= 160 ? cols * 3 / 10 : cols >= 110 ? WIDE_PANEL_COLS : PANEL_COLS;
+    bool form = t->mode == MODE_GAINS;
+    panel = form ? gains_columns(cols) : panel;
     struct tui_rect body = {1, 0, rows - 2 - events, cols};
     struct tui_rect scope = {1, panel, body.rows, cols - panel};
     draw_title(t, c);
-    draw_panel(t, c, (struct tui_rect){1, 0, body.rows, panel});
+    if (!form)
+        draw_panel(t, c, (struct tui_rect){1, 0, body.rows, panel});
     draw_scope(t, c, scope);
     draw_events(t, c, rows - 1 - events, events);
     draw_doing(t, c, rows - 2 - events);

@@ -1,7 +1,7 @@
 /* What the balancing setups share: when to hand over to the linear law, and when to give up.
  *
  * A setup tells its law; this part holds the state observer, the guard and its parameters. The
- * guard is the estimated region of attraction (roa.h), the report's box, or both. */
+ * guard is the estimated region of attraction (roa.h), Meesters' box, or both. */
 #ifndef MECHKIT_CTRL_BALANCE_H
 #define MECHKIT_CTRL_BALANCE_H
 
@@ -32,7 +32,7 @@ enum { MK_GUARD_BOX = 0, MK_GUARD_ROA = 1, MK_GUARD_BOTH = 2 };
         "share of the believed friction compensated while balancing", 0.0, 1.0, friction, false},  \
     [(first) + MK_BALANCE_COMPENSATE] = {MK_COMPENSATE_ROW},                                       \
     [(first) + MK_BALANCE_GUARD] = {"guard", "",                                                   \
-        "hand-over: 0 the report's box, 1 region of attraction, 2 both", 0.0, 2.0, 1.0, false},    \
+        "hand-over: 0 Meesters' box, 1 region of attraction, 2 both", 0.0, 2.0, 1.0, false},    \
     [(first) + MK_BALANCE_LEVEL] = {"level", "",                                                   \
         "share of the estimated region's level that is trusted", 0.01, 1.0, level, false},         \
     [(first) + MK_BALANCE_HORIZON] = {"horizon", "s",                                              \

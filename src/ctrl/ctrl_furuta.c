@@ -103,6 +103,7 @@ const struct mk_ctrl_ops mk_ctrl_furuta = {
     .name = "furuta",
     .help = "Furuta pendulum: the pendulum up",
     .plants = MK_CTRL_PLANT(FURUTA),
+    .output = "q2",
     .private_size = sizeof(struct furuta),
     .param_count = PARAM_COUNT,
     .param =

@@ -23,6 +23,7 @@ const struct mk_ctrl_ops mk_ctrl_open_loop = {
     .name = "open-loop",
     .help = "the command is a signal: an expression in t, or a file of t,u",
     .plants = MK_CTRL_ANY_PLANT,
+    .takes_signal = true,
     .param_count = PARAM_COUNT,
     .param =
         {

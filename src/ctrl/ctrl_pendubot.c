@@ -1,18 +1,18 @@
 /* Setups pendubot-mid and pendubot-top: swing link 2 up onto a hanging or a standing link 1.
  *
  * Balance (report 4.1): u = -K (x - x_eq), x = [q1 dq1 q2 dq2], predicted to when u acts. K is an
- * LQR of the believed model; the report's (4.6), (4.7) and the designers' (4.12), (4.14) are taken
+ * LQR of the believed model; Meesters' (4.6), (4.7) and the designers' (4.12), (4.14) are taken
  * by `gains`.
  *
  * Swing-up, by `method`:
  *  0  energy of link 2 (link_pump.h), the default: it sees what link 2 does, tries again by itself,
  *     and catches 98 % or more of rigs whose parameters are 10 % off.
- *  1  the report's: partial feedback linearisation tracks a path of link 1. mid: one period of
+ *  1  Meesters': partial feedback linearisation tracks a path of link 1. mid: one period of
  *     a sin(w t) - pi/2, then -pi/2 (2.18, errata 2.10); top: `back` open loop in the wrong
  *     direction for `back_time`, then a step to pi/2. Nothing feeds back link 2, so a path that
  *     missed cannot mend it: after `attempt` seconds the energy method goes on from there.
  *
- * Hand-over: balance.h, with the report's box of angles and |u| (2.2).
+ * Hand-over: balance.h, with Meesters' box of angles and |u| (2.2).
  */
 #include <string.h>
 
@@ -68,7 +68,7 @@ static double law(const void *user, const double *x)
     return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback;
 }
 
-/* The report's conditions for the linear law to take over (2.2). */
+/* Meesters' conditions for the linear law to take over (2.2). */
 static bool in_box(const struct mk_ctrl *ctrl, const double *x)
 {
     const struct pendubot *s = ctrl->priv;
@@ -116,7 +116,7 @@ static void pendubot_changed(struct mk_ctrl *ctrl)
     mk_balance_changed(&s->balance, ctrl);
 }
 
-/* The report's path of link 1 at `t` seconds: angle, speed, acceleration (2.18). */
+/* Meesters' path of link 1 at `t` seconds: angle, speed, acceleration (2.18). */
 static void path(const struct mk_ctrl *ctrl, double t, double *q, double *v, double *a)
 {
     const struct pendubot *s = ctrl->priv;
@@ -185,17 +185,17 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     [K_DQ1] = {"k_dq1", "s/rad", "gain on its speed", -1e4, 1e4, NAN, true},                       \
     [K_Q2] = {"k_q2", "1/rad", "gain on the angle of link 2", -1e4, 1e4, NAN, true},               \
     [K_DQ2] = {"k_dq2", "s/rad", "gain on its speed", -1e4, 1e4, NAN, true},                       \
-    [METHOD] = {"method", "", "swing-up: 0 energy of link 2, 1 the report's path", 0, 1, 0, false},\
-    [KP] = {"kp", "1/s^2", "report's path: gain on the angle of link 1", 0, 1e4, kp, false},       \
-    [KD] = {"kd", "1/s", "report's path: gain on its speed", 0, 1e3, kd, false},                   \
-    [ATTEMPT] = {"attempt", "s", "report's path: then the energy method", 0, 60, 2.5, false},      \
-    [BOX_Q1] = {"box_q1", "rad", "report's box: link 1", 0, 3, 0.2, false},                        \
-    [BOX_Q2] = {"box_q2", "rad", "report's box: link 2", 0, 3, 0.3, false},                        \
-    [BOX_U] = {"box_u", "", "report's box: command of the linear law", 0, 1e4, box_u, false}
+    [METHOD] = {"method", "", "swing-up: 0 energy of link 2, 1 Meesters' path", 0, 1, 0, false},\
+    [KP] = {"kp", "1/s^2", "Meesters' path: gain on the angle of link 1", 0, 1e4, kp, false},       \
+    [KD] = {"kd", "1/s", "Meesters' path: gain on its speed", 0, 1e3, kd, false},                   \
+    [ATTEMPT] = {"attempt", "s", "Meesters' path: then the energy method", 0, 60, 2.5, false},      \
+    [BOX_Q1] = {"box_q1", "rad", "Meesters' box: link 1", 0, 3, 0.2, false},                        \
+    [BOX_Q2] = {"box_q2", "rad", "Meesters' box: link 2", 0, 3, 0.3, false},                        \
+    [BOX_U] = {"box_u", "", "Meesters' box: command of the linear law", 0, 1e4, box_u, false}
 /* clang-format on */
 
 #define COMMON_OPS                                                                                 \
-    .plants = MK_CTRL_PLANT(PENDUBOT), .private_size = sizeof(struct pendubot),                    \
+    .plants = MK_CTRL_PLANT(PENDUBOT), .private_size = sizeof(struct pendubot), .output = "q1",    \
     .param_count = PARAM_COUNT, .create = pendubot_create, .reset = pendubot_reset,                \
     .changed = pendubot_changed, .step = pendubot_step
 
@@ -206,8 +206,8 @@ const struct mk_ctrl_ops mk_ctrl_pendubot_mid = {
     .param =
         {
             COMMON_PARAMS(150.0, 21.0, 80.0),
-            [PATH_SIZE] = {"path_a", "rad", "report's path: amplitude", -3.0, 3.0, 1.65, false},
-            [PATH_TIME] = {"path_omega", "rad/s", "report's path: frequency", 0.1, 50.0, 5.5,
+            [PATH_SIZE] = {"path_a", "rad", "Meesters' path: amplitude", -3.0, 3.0, 1.65, false},
+            [PATH_TIME] = {"path_omega", "rad/s", "Meesters' path: frequency", 0.1, 50.0, 5.5,
                            false},
             MK_BALANCE_PARAMS(BALANCE, 0.0, 0.6, 0.6, 0.4),
             MK_PUMP_PARAMS(PUMP, 50.0, 11.0, 0.0, 1.5, 165.0, 7.5, 10.5, 8.0, 2.2),
@@ -221,9 +221,9 @@ const struct mk_ctrl_ops mk_ctrl_pendubot_top = {
     .param =
         {
             COMMON_PARAMS(350.0, 24.3, 120.0),
-            [PATH_SIZE] = {"back", "", "report's path: command in the wrong direction", -10.0, 10.0,
-                           -3.0, false},
-            [PATH_TIME] = {"back_time", "s", "report's path: how long", 0.0, 5.0, 0.51, false},
+            [PATH_SIZE] = {"back", "", "Meesters' path: command in the wrong direction", -10.0,
+                           10.0, -3.0, false},
+            [PATH_TIME] = {"back_time", "s", "Meesters' path: how long", 0.0, 5.0, 0.51, false},
             MK_BALANCE_PARAMS(BALANCE, 0.0, 0.8, 0.8, 0.4),
             MK_PUMP_PARAMS(PUMP, 58.0, 19.0, 0.0, 1.5, 325.0, 15.0, 6.0, 37.0, 7.5),
         },

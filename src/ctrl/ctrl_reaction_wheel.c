@@ -3,7 +3,7 @@
  * Below, th = q1 is the pendulum from the downward vertical, w = dq1 + dq2 the absolute speed of
  * the wheel (errata 2.12: the encoder sits on the pendulum), E the energy of the pendulum alone.
  *
- * Swing-up (report (2.27), (2.31)): u = -k_u y, y = k_v w - k_e (E - E_ref) dth, E_ref = 2 p3 g.
+ * Swing-up (Meesters (2.27), (2.31)): u = -k_u y, y = k_v w - k_e (E - E_ref) dth, E_ref = 2 p3 g.
  * With it S = k_v p2 w^2 / 2 + k_e (E - E_ref)^2 / 2 never grows, nor does it with |u| limited:
  * dS/dt = y u <= 0. The motor's friction, f of the relative speed dq2, is added to u.
  *
@@ -42,7 +42,7 @@ enum {
 /* Of E_ref: below, the swing-up law has no direction to push in. */
 #define AT_REST 0.004
 
-static const double designers_gains[3] = {-400.0, -35.0, -0.07}; /* report (4.16) */
+static const double designers_gains[3] = {-400.0, -35.0, -0.07}; /* Meesters (4.16) */
 
 struct reaction_wheel {
     struct mk_balance balance;
@@ -189,6 +189,7 @@ const struct mk_ctrl_ops mk_ctrl_reaction_wheel =
         .name = "reaction-wheel",
         .help = "reaction-wheel pendulum: the pendulum up",
         .plants = MK_CTRL_PLANT(REACTION_WHEEL),
+        .output = "q1",
         .private_size = sizeof(struct reaction_wheel),
         .param_count = PARAM_COUNT,
         .param =
@@ -211,7 +212,7 @@ const struct mk_ctrl_ops mk_ctrl_reaction_wheel =
                 [WHEEL_LIMIT] = {"wheel_limit", "rad/s",
                                  "wheel speed at which going round is broken off", 50.0, 5000.0,
                                  450.0, false},
-                [BOX] = {"box", "rad", "report's box for the hand-over", 0.0, 3.0, 0.5, false},
+                [BOX] = {"box", "rad", "Meesters' box for the hand-over", 0.0, 3.0, 0.5, false},
                 MK_BALANCE_PARAMS(BALANCE, 0.8, 0.7, 0.5, 0.15),
             },
         .create = reaction_wheel_create,

@@ -288,6 +288,15 @@ static bool mailbox_is_free(struct mk_loop *loop)
     return false;
 }
 
+/* Mail may be put in; it holds what is in force. With simulated time mail that waits has not been
+ * looked at, so it may be changed. */
+static enum mk_status open_mailbox(struct mk_loop *loop, struct mk_error *err)
+{
+    if (!loop->simulated && !mailbox_is_free(loop))
+        return mk_error_set(err, MK_ERR_BUSY, "the loop has not taken the last change yet");
+    return MK_OK;
+}
+
 enum mk_status mk_loop_set_params(struct mk_loop *loop, const double *value, int count,
                                   struct mk_error *err)
 {
@@ -300,17 +309,32 @@ enum mk_status mk_loop_set_params(struct mk_loop *loop, const double *value, int
         if (st != MK_OK)
             return st;
     }
-    /* With simulated time the last ones have not been looked at, so they may be replaced. */
-    if (loop->host.running && !loop->simulated && !mailbox_is_free(loop))
-        return mk_error_set(err, MK_ERR_BUSY, "the loop has not taken the last parameters yet");
-    memcpy(loop->mail, value, sizeof *value * (size_t)count);
-    if (loop->host.running) {
-        atomic_store_explicit(&loop->mail_waits, true, memory_order_release);
+    if (!loop->host.running) {
+        memcpy(loop->ctrl->value, value, sizeof *value * (size_t)count);
+        if (ops->changed)
+            ops->changed(loop->ctrl);
         return MK_OK;
     }
-    memcpy(loop->ctrl->value, loop->mail, sizeof loop->ctrl->value);
-    if (ops->changed)
-        ops->changed(loop->ctrl);
+    enum mk_status st = open_mailbox(loop, err);
+    if (st != MK_OK)
+        return st;
+    memcpy(loop->mail.value, value, sizeof *value * (size_t)count);
+    atomic_store_explicit(&loop->mail_waits, true, memory_order_release);
+    return MK_OK;
+}
+
+enum mk_status mk_loop_set_signal(struct mk_loop *loop, const struct mk_signal *signal,
+                                  struct mk_error *err)
+{
+    if (!loop->host.running) {
+        loop->ctrl->ref = signal;
+        return MK_OK;
+    }
+    enum mk_status st = open_mailbox(loop, err);
+    if (st != MK_OK)
+        return st;
+    loop->mail.signal = signal;
+    atomic_store_explicit(&loop->mail_waits, true, memory_order_release);
     return MK_OK;
 }
 

@@ -59,9 +59,13 @@ struct mk_loop_record { /* what goes through the ring */
     enum mk_fault fault;
     int fault_joint;
 };
-struct mk_loop_change { /* parameters that took effect at `t` */
-    double t;
+struct mk_loop_mail { /* what the controller is to go by */
     double value[MK_CTRL_MAX_PARAMS];
+    const struct mk_signal *signal; /* lives until the run has been halted */
+};
+struct mk_loop_change { /* what took effect at `t`; the flags of its sample say which of it */
+    double t;
+    struct mk_loop_mail now;
 };
 
 struct mk_loop_writer {
@@ -127,11 +131,11 @@ struct mk_loop {
     struct mk_loop_run run;
 
     /* Doors between the threads. */
-    atomic_bool stop;       /* host: end the run */
-    atomic_bool ended;      /* loop: no more ticks will come */
-    atomic_bool estop;      /* anybody, a signal handler included */
-    atomic_bool mail_waits; /* host sets, loop clears */
-    double mail[MK_CTRL_MAX_PARAMS];
+    atomic_bool stop;         /* host: end the run */
+    atomic_bool ended;        /* loop: no more ticks will come */
+    atomic_bool estop;        /* anybody, a signal handler included */
+    atomic_bool mail_waits;   /* host sets, loop clears */
+    struct mk_loop_mail mail; /* the host's while mail_waits is false */
     struct mk_publish *published;
     atomic_ullong late, overruns, lost, gaps, dropped, ticks;
     struct mk_histogram lateness, busy;
@@ -160,7 +164,7 @@ enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err);
 void mk_loop_end_ticks(struct mk_loop *loop);
 /* Latches a fault and zeroes the motor at once. RT. */
 void mk_loop_trip(struct mk_loop *loop, enum mk_fault fault, double t, int joint);
-/* Takes over parameters that wait in the mailbox, marking the sample. RT. */
+/* Takes over parameters and signal that wait in the mailbox, marking the sample. RT. */
 void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s);
 /* Puts fault and state into the snapshot. RT. */
 void mk_loop_publish(struct mk_loop *loop);

@@ -177,6 +177,8 @@ static void forget_last_run(struct mk_loop *loop)
     mk_safety_clear(&loop->safety);
     mk_residual_init(&loop->residual, &loop->ctrl->model, &loop->config.limits);
     mk_ctrl_reset(loop->ctrl);
+    loop->mail.signal = loop->ctrl->ref;
+    memcpy(loop->mail.value, loop->ctrl->value, sizeof loop->mail.value);
 }
 
 enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)

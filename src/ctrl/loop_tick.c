@@ -155,20 +155,23 @@ static void place(const struct mk_loop *loop, struct mk_sample *s)
     s->t = (double)s->tick / loop->config.rate_hz;
 }
 
-/* Parameters change only here, all of them together. */
+/* Parameters and signal change only here, all of them together. */
 void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s)
 {
     struct mk_ctrl *ctrl = loop->ctrl;
     if (!atomic_load_explicit(&loop->mail_waits, memory_order_acquire))
         return;
-    memcpy(ctrl->value, loop->mail, sizeof ctrl->value);
+    struct mk_loop_change change = {.t = s->t, .now = loop->mail};
     atomic_store_explicit(&loop->mail_waits, false, memory_order_release);
-    if (ctrl->ops->changed)
+    if (memcmp(ctrl->value, change.now.value, sizeof ctrl->value) != 0)
+        s->flags |= MK_FLAG_PARAMS;
+    if (ctrl->ref != change.now.signal)
+        s->flags |= MK_FLAG_SIGNAL;
+    memcpy(ctrl->value, change.now.value, sizeof ctrl->value);
+    ctrl->ref = change.now.signal;
+    if (ctrl->ops->changed && (s->flags & MK_FLAG_PARAMS))
         ctrl->ops->changed(ctrl);
-    s->flags |= MK_FLAG_PARAMS;
-    if (loop->writer.log) {
-        struct mk_loop_change change = {.t = s->t};
-        memcpy(change.value, ctrl->value, sizeof change.value);
+    if (loop->writer.log && (s->flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL))) {
         (void)mk_ring_push(loop->writer.changes, &change); /* the row's flag remains */
     }
 }
@@ -360,6 +363,7 @@ bool mk_loop_tick(struct mk_loop *loop)
         s.phase = MK_PHASE_IDLE;
         r->u_next = 0.0;
         if (was_well) {
+            r->shown.at_fault = s;
             mk_loop_trip(loop, loop->safety.fault, s.t, loop->safety.fault_joint);
             s.u = 0.0; /* the exchange's command lasted for microseconds */
         }

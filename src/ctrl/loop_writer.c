@@ -211,15 +211,24 @@ static void note_fault(struct mk_loop_writer *w, const struct mk_loop_record *r)
     w->fault_noted = true;
 }
 
-static void note_change(struct mk_loop_writer *w)
+static void note_change(struct mk_loop_writer *w, uint32_t flags)
 {
     struct mk_loop_change change;
     char text[1200];
     if (!mk_ring_pop(w->changes, &change))
         return;
     int n = snprintf(text, sizeof text, "at %.6f s: ", change.t);
-    parameter_text(text + n, sizeof text - (size_t)n, w->setup, change.value);
-    note(w, "changed", text);
+    char *rest = text + n;
+    size_t room = sizeof text - (size_t)n;
+    if (flags & MK_FLAG_PARAMS) {
+        parameter_text(rest, room, w->setup, change.now.value);
+        note(w, "changed", text);
+    }
+    if (flags & MK_FLAG_SIGNAL) {
+        const struct mk_signal *signal = change.now.signal;
+        snprintf(rest, room, "reference %s", signal ? mk_signal_text(signal) : "none");
+        note(w, "changed", text);
+    }
 }
 
 void mk_loop_writer_drain(struct mk_loop_writer *w)
@@ -228,8 +237,8 @@ void mk_loop_writer_drain(struct mk_loop_writer *w)
     if (!w->log)
         return;
     while (mk_ring_pop(w->samples, &record)) {
-        if (record.sample.flags & MK_FLAG_PARAMS)
-            note_change(w);
+        if (record.sample.flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL))
+            note_change(w, record.sample.flags);
         if (record.fault != MK_FAULT_NONE && !w->fault_noted)
             note_fault(w, &record);
         write_row(w, &record.sample);

@@ -7,9 +7,11 @@
  * emitting code for a stack machine. Nesting is bounded, and with it the recursion. */
 #include <ctype.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "ctrl/signal_priv.h"
 #include "mechkit/number.h"
 
@@ -111,6 +113,18 @@ static enum mk_status parse_arguments(struct parser *p, const struct signal_func
     return emit(p, (struct instruction){OP_CALL, index, 0.0}, n);
 }
 
+static enum mk_status fail_function(struct parser *p, const char *from, size_t length)
+{
+    char word[40], text[120], hint[80];
+    snprintf(word, sizeof word, "%.*s", (int)length, from);
+    struct mk_meant meant = {.word = word};
+    for (int i = 0; i < mk_signal_function_count; i++)
+        mk_meant_try(&meant, mk_signal_functions[i].name);
+    snprintf(text, sizeof text, "there is no such function%s",
+             mk_meant_text(&meant, hint, sizeof hint));
+    return fail(p, from, text);
+}
+
 static enum mk_status parse_name(struct parser *p)
 {
     const char *from = p->at;
@@ -126,7 +140,7 @@ static enum mk_status parse_name(struct parser *p)
                 return parse_arguments(p, f, i, from);
             }
         }
-        return fail(p, from, "there is no such function");
+        return fail_function(p, from, n);
     }
     if (n == 1 && *from == 't')
         return emit(p, (struct instruction){OP_TIME, 0, 0.0}, 0);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/dense.hpp"
 #include "model/scalar.hpp"
 
 using Eigen::MatrixXd;
@@ -185,16 +186,18 @@ bool Fit::solve(double span)
     VectorXd scale = gram.diagonal().cwiseSqrt();
     for (double &x : scale)
         x = x > 0.0 && std::isfinite(x) ? 1.0 / x : 1.0;
-    Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
+    VectorXd values;
+    MatrixXd vectors;
+    dense::eigen(scale.asDiagonal() * gram * scale.asDiagonal(), values, vectors);
     // Directions that the motion says nothing about stay at zero, their deviation at a large
     // number.
-    VectorXd values = eigen.eigenvalues(), inverse = values, variance = values;
+    VectorXd inverse = values, variance = values;
     for (int i = 0; i < unknowns; i++) {
         bool seen = values[i] > 1e-10 * values[unknowns - 1];
         inverse[i] = seen ? 1.0 / values[i] : 0.0;
         variance[i] = seen ? 1.0 / values[i] : 1e10 / values[unknowns - 1];
     }
-    const MatrixXd axes = scale.asDiagonal() * eigen.eigenvectors();
+    const MatrixXd axes = scale.asDiagonal() * vectors;
     p_ = axes * (inverse.asDiagonal() * (axes.transpose() * right));
     if (!p_.allFinite())
         return false;

@@ -180,12 +180,41 @@ enum mk_status mk_import_guess(const struct mk_table *table, const char *path,
 
 /* --- applying ---------------------------------------------------------------------------- */
 
+/* Length of a header's name before its unit: of "Arm angle [deg]" that of "Arm angle". */
+static size_t length_without_unit(const char *name)
+{
+    size_t n = strcspn(name, "[(");
+    while (n > 0 && name[n - 1] == ' ')
+        n--;
+    return n;
+}
+
+/* The only column that is called so but for its unit; NULL: there is none, or there are several. */
+static const struct mk_table_column *column_without_unit(const struct mk_table *table,
+                                                         const char *from)
+{
+    const struct mk_table_column *found = NULL;
+    size_t n = strlen(from);
+    for (size_t i = 0; i < table->count; i++) {
+        const struct mk_table_column *c = &table->column[i];
+        if (n == 0 || length_without_unit(c->name) != n || strncmp(c->name, from, n) != 0)
+            continue;
+        if (found)
+            return NULL;
+        found = c;
+    }
+    return found;
+}
+
 static const struct mk_table_column *column_of(const struct mk_table *table, const char *from)
 {
     for (size_t i = 0; i < table->count; i++)
         if (strcmp(table->column[i].name, from) == 0)
             return &table->column[i];
+    const struct mk_table_column *named = column_without_unit(table, from);
     double number;
+    if (named)
+        return named;
     if (mk_parse_double_z(from, &number) && number >= 1.0 && number <= (double)table->count &&
         number == floor(number))
         return &table->column[(size_t)number - 1];

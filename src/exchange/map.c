@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/out_file.h"
+#include "base/text.h"
 #include "exchange/source.h"
 #include "exchange/unit.h"
 #include "mechkit/exchange.h"
@@ -84,6 +85,22 @@ static int refuse_kind(struct reader *r, const char *key)
     char what[200];
     snprintf(what, sizeof what, "expected %s", mk_plant_names());
     return refuse(r, what, "rig", key);
+}
+
+/* `known`: the keys of the section, with commas. */
+static int refuse_key(struct reader *r, const char *known, const char *section, const char *key)
+{
+    struct mk_meant meant = {.word = key};
+    char names[200], text[320], hint[80], *rest = names, *name;
+    snprintf(names, sizeof names, "%s", known);
+    while ((name = strsep(&rest, ", ")) != NULL)
+        if (*name)
+            mk_meant_try(&meant, name);
+    if (meant.name)
+        snprintf(text, sizeof text, "unknown key%s", mk_meant_text(&meant, hint, sizeof hint));
+    else
+        snprintf(text, sizeof text, "unknown key: %s", known);
+    return refuse(r, text, section, key);
 }
 
 static bool finite_number(const char *text, double *out)
@@ -166,7 +183,7 @@ static int on_source(struct reader *r, const char *key, const char *value)
         r->map.decimal = *value == 'p' ? '.' : ',';
         return 1;
     }
-    return refuse(r, "unknown key: separator, decimal", "source", key);
+    return refuse_key(r, "separator, decimal", "source", key);
 }
 
 static int on_rig(struct reader *r, const char *key, const char *value)
@@ -200,9 +217,8 @@ static int on_rig(struct reader *r, const char *key, const char *value)
                                          "the command is then the column [u] or [tau]",
                                          "rig", key);
     }
-    return refuse(
-        r, "unknown key: kind, joint_unit, u_to_torque, encoder_cpr, encoder_resolution, input",
-        "rig", key);
+    return refuse_key(r, "kind, joint_unit, u_to_torque, encoder_cpr, encoder_resolution, input",
+                      "rig", key);
 }
 
 /* Where the name of a source column of that key goes; NULL: it is no such key. */
@@ -250,7 +266,7 @@ static int on_column(struct reader *r, const char *section, const char *key, con
                refuse(r, "expected 1, -1 or another factor", section, key);
     if (strcmp(key, "offset") == 0)
         return finite_number(value, &c->offset) || refuse(r, "expected a number", section, key);
-    return refuse(r, "unknown key: column, plus, minus, unit, sign, offset", section, key);
+    return refuse_key(r, "column, plus, minus, unit, sign, offset", section, key);
 }
 
 static int on_entry(void *user, const char *section, const char *key, const char *value)

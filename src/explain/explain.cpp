@@ -601,11 +601,12 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
 
 bool mk_explanation_misses_held_out(const mk_explanation *e)
 {
-    constexpr double NOISE = 10.0;
+    constexpr double NOISE = mk::FAR_FROM_READ, TRAINED = 3.0;
     bool misses = false;
-    for (int j = 0; j < mk_model_joints(&e->given); j++)
-        misses =
-            misses || std::min({e->before[j], e->refitted[j], e->after[j]}) > NOISE * e->floor[j];
+    for (int j = 0; j < mk_model_joints(&e->given); j++) {
+        const double least = std::min({e->before[j], e->refitted[j], e->after[j]});
+        misses = misses || (least > NOISE * e->floor[j] && least > TRAINED * e->trained[j]);
+    }
     // Nobody predicts when a pulse is lost.
     const bool slips = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
         return std::strcmp(c.effect->name, "missed-counts") == 0;

@@ -182,7 +182,24 @@ struct Gain {
         const double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
         confirm(held, after);
-        return MK_OK;
+        return compare_with_training(held, err);
+    }
+    // How well the data are predicted that the models were fitted to, where held-out data are not.
+    enum mk_status compare_with_training(const HeldOut &held, mk_error *err)
+    {
+        bool far = false;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            far = far || out.after[j] > FAR_FROM_READ * out.floor[j];
+        if (!far)
+            return MK_OK;
+        const HeldOut training(data.rows, out.window_s, data.second_half);
+        HeldOutFigures figures;
+        enum mk_status st = training.figures(out.extended, figures, err);
+        for (int j = 0; st == MK_OK && j < mk_model_joints(&model); j++) {
+            const double sd = held.deviation(model, j);
+            out.trained[j] = sd > 0.0 ? figures.nrmse(j) * training.deviation(model, j) / sd : 0.0;
+        }
+        return st == MK_ERR_NUMERIC ? MK_OK : st;
     }
 };
 

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "base/dense.hpp"
 #include "base/out_file.h"
 #include "mechkit/explain.h"
 #include "mechkit/signal.h"
@@ -177,13 +178,13 @@ double distance(const Hypothesis &a, const Hypothesis &b, const Trial &trial)
         return 0.0;
     Eigen::VectorXd d = fa.y - fb.y;
     // What the parameters of `b` can make good, as far as present data let them.
-    Eigen::MatrixXd H = fb.jacobian.transpose() * fb.jacobian + b.picture.information;
-    Eigen::VectorXd g = fb.jacobian.transpose() * d;
+    Eigen::MatrixXd H = dense::transpose_product(fb.jacobian, fb.jacobian) + b.picture.information;
+    Eigen::VectorXd g = dense::transpose_product(fb.jacobian, d);
     Eigen::VectorXd root = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     Eigen::MatrixXd unit = root.asDiagonal() * H * root.asDiagonal();
     unit.diagonal().array() += 1e-9;
     Eigen::VectorXd scaled = root.asDiagonal() * g;
-    return 0.5 * (d.squaredNorm() - scaled.dot(unit.ldlt().solve(scaled)));
+    return 0.5 * (d.squaredNorm() - scaled.dot(dense::solve_symmetric(unit, scaled)));
 }
 
 } // namespace

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cmath>
 
+#include "base/dense.hpp"
 #include "base/parallel.hpp"
 #include "explain/plays.hpp"
 #include "explain/search.hpp"
@@ -134,7 +135,7 @@ double Search::promised(const FitPicture &p, const std::vector<int> &free,
     Eigen::MatrixXd unit = root.asDiagonal() * h * root.asDiagonal();
     unit.diagonal().array() += 1e-9;
     Eigen::VectorXd scaled = root.asDiagonal() * g;
-    return 0.5 * scaled.dot(unit.ldlt().solve(scaled));
+    return 0.5 * scaled.dot(dense::solve_symmetric(unit, scaled));
 }
 
 // A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.

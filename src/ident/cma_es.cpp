@@ -5,6 +5,7 @@
 #include <numeric>
 #include <vector>
 
+#include "base/dense.hpp"
 #include "base/parallel.hpp"
 #include "base/random.h"
 
@@ -133,9 +134,9 @@ class Evolution
         shape *= 1.0 - k.c_1 - k.c_mu + lost;
         shape += k.c_1 * path_c * path_c.transpose() + k.c_mu * spread;
         sigma *= std::exp(k.c_sigma / k.d_sigma * (path_sigma.norm() / k.normal_length - 1.0));
-        Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(shape);
-        axes = eigen.eigenvectors();
-        lengths = eigen.eigenvalues().cwiseMax(1e-20).cwiseSqrt();
+        VectorXd values;
+        dense::eigen(shape, values, axes);
+        lengths = values.cwiseMax(1e-20).cwiseSqrt();
     }
 };
 

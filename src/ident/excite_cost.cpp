@@ -1,4 +1,5 @@
 #include "ident/excite_cost.hpp"
+#include "base/dense.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -36,7 +37,7 @@ double Led::condition(bool scaled) const
     if (scaled)
         s = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     Eigen::MatrixXd m = s.asDiagonal() * normal * s.asDiagonal();
-    VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(m).eigenvalues();
+    VectorXd e = dense::eigenvalues(m);
     return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
 }
 
@@ -85,7 +86,7 @@ double value_of(enum mk_excite_criterion criterion, const Eigen::MatrixXd &covar
     Eigen::MatrixXd correlation =
         unit.cwiseInverse().asDiagonal() * covariance * unit.cwiseInverse().asDiagonal();
     double log_det = 0.0;
-    VectorXd pivots = correlation.ldlt().vectorD();
+    VectorXd pivots = dense::pivots(correlation);
     for (long i = 0; i < variance.size(); i++)
         log_det += std::log(unit(i)) + 0.5 * std::log(std::max(pivots(i), 1e-30));
     return std::exp(log_det / n);

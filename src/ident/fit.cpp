@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/dense.hpp"
 #include "base/parallel.hpp"
 #include "ident/fit_priv.hpp"
 #include "ident/scale.hpp"
@@ -441,12 +442,6 @@ double Fit::total_cost(const FitPoint &point) const
     return std::isfinite(sum) ? sum : HUGE_VAL;
 }
 
-// log of the square root of the determinant.
-static double log_root_det(const Eigen::LLT<MatrixXd> &factor)
-{
-    return MatrixXd(factor.matrixL()).diagonal().array().log().sum();
-}
-
 // The states of one log are eliminated one after the other: with (A, C, a) what is known of the
 // next state x and its coupling to the parameters p,
 //     x'A x/2 + x'C p - a'x ,
@@ -478,9 +473,7 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPict
         if (damping > 0.0)
             A.diagonal() += damping * s.normal.diagonal().head(ns);
         d += s.right.tail(nf);
-        Eigen::LLT<MatrixXd> factor(A);
-        s.P = factor.solve(MatrixXd::Identity(ns, ns));
-        out.volume += log_root_det(factor);
+        out.volume += dense::invert_positive(A, s.P);
         s.C = C;
         s.a = a;
         D -= C.transpose() * s.P * C;
@@ -495,9 +488,7 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPict
         MatrixXd S = F * s.P * F.transpose();
         const VectorXd push = process_variance(point, l, i);
         S.diagonal() += push;
-        Eigen::LLT<MatrixXd> spread(S);
-        s.A_next = spread.solve(MatrixXd::Identity(ns, ns));
-        out.volume += log_root_det(spread);
+        out.volume += dense::invert_positive(S, s.A_next);
         s.mu = gap + F * s.P * a;
         out.relief += 0.5 * (gap.cwiseAbs2().cwiseQuotient(push).sum() - s.mu.dot(s.A_next * s.mu));
         s.G = B - F * s.P * C;
@@ -576,9 +567,7 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Fit
                                mk_model_parameter_spread(&point.model, number) * unit;
             out.volume -= std::log(unit);
         }
-        Eigen::LLT<MatrixXd> factor(M);
-        s.P = factor.solve(MatrixXd::Identity(M.rows(), M.cols()));
-        out.volume += log_root_det(factor);
+        out.volume += dense::invert_positive(M, s.P);
         out.information -= s.K * s.P * s.K.transpose();
         out.gradient -= s.K * s.P * s.beta;
         out.relief += 0.5 * s.beta.dot(s.P * s.beta);
@@ -652,7 +641,8 @@ static MatrixXd inverse_of(const MatrixXd &information)
 {
     const VectorXd root = information.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     const MatrixXd unit = root.asDiagonal() * information * root.asDiagonal();
-    const MatrixXd inverse = unit.ldlt().solve(MatrixXd::Identity(unit.rows(), unit.cols()));
+    const MatrixXd inverse =
+        dense::solve_symmetric(unit, MatrixXd(MatrixXd::Identity(unit.rows(), unit.cols())));
     return root.asDiagonal() * inverse * root.asDiagonal();
 }
 

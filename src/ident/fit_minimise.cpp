@@ -3,6 +3,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/dense.hpp"
 #include "ident/fit_priv.hpp"
 
 namespace mk
@@ -73,7 +74,7 @@ class Stepper
                     H(i, j) = information(open[(size_t)i], open[(size_t)j]);
                 H(i, i) += damping * std::max(H(i, i), 1e-12) + 1e-12;
             }
-            VectorXd s = H.ldlt().solve(g);
+            VectorXd s = dense::solve_symmetric(H, g);
             bool inside = true;
             for (long i = 0; i < m; i++) {
                 long k = open[(size_t)i];

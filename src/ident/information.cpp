@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
 #include "ident/fit.hpp"
 #include "sim/shoot.hpp"
 
@@ -131,8 +132,7 @@ class Forecast
         MatrixXd seen = rows * root;
         MatrixXd gain = MatrixXd::Identity(ns + np, ns + np);
         gain.selfadjointView<Eigen::Lower>().rankUpdate(seen.transpose());
-        Eigen::LLT<MatrixXd> factor(gain.selfadjointView<Eigen::Lower>());
-        root = factor.matrixL().solve(root.transpose()).transpose();
+        root = dense::solve_by_root(gain, root.transpose()).transpose().eval();
 
         MatrixXd direct = rows.rightCols(np);
         direct.noalias() += rows.leftCols(ns) * chain;
@@ -153,15 +153,14 @@ class Forecast
             wide(j, column) = 0.5 * dt * push;
             wide(j, column + 1) = dt * push / std::sqrt(12.0);
         }
-        Eigen::HouseholderQR<MatrixXd> qr(wide.transpose());
-        root = qr.matrixQR().topRows(ns + np).triangularView<Eigen::Upper>().transpose();
+        root = dense::lower_root(wide, ns + np);
         chain = end.leftCols(ns) * chain + end.rightCols(np);
         x = Eigen::Map<VectorXd>(x_end.data(), ns);
     }
 
     static double condition_of(const MatrixXd &square)
     {
-        VectorXd e = Eigen::SelfAdjointEigenSolver<MatrixXd>(square).eigenvalues();
+        VectorXd e = dense::eigenvalues(square);
         return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
     }
 

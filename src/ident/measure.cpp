@@ -1,5 +1,6 @@
 // Simple experiments: the table, and what its rows share.
 #include "ident/measure.hpp"
+#include "base/dense.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -110,14 +111,13 @@ Regressed regress_plain(const Eigen::MatrixXd &x, const Eigen::VectorXd &y)
         return r;
     Eigen::VectorXd scale = x.colwise().norm().transpose().cwiseMax(1e-300);
     Eigen::MatrixXd unit = x * scale.cwiseInverse().asDiagonal();
-    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(unit);
-    qr.setThreshold(1e-6);
-    if (qr.rank() < x.cols())
+    Eigen::VectorXd b;
+    if (!dense::least_squares(unit, y, 1e-6, b))
         return r;
-    r.value = scale.cwiseInverse().asDiagonal() * qr.solve(y);
+    r.value = scale.cwiseInverse().cwiseProduct(b);
     r.residual = y - x * r.value;
     double variance = r.residual.squaredNorm() / (double)(x.rows() - x.cols());
-    Eigen::MatrixXd inverse = (unit.transpose() * unit).inverse();
+    Eigen::MatrixXd inverse = dense::inverse(unit.transpose() * unit);
     r.covariance =
         variance * scale.cwiseInverse().asDiagonal() * inverse * scale.cwiseInverse().asDiagonal();
     r.determined = true;

@@ -4,6 +4,7 @@
 #include <limits>
 #include <thread>
 
+#include "base/dense.hpp"
 #include "ident/first_values.hpp"
 #include "ident/fit.hpp"
 #include "ident/method.hpp"
@@ -30,7 +31,7 @@ double condition(const Eigen::MatrixXd &information)
 {
     if (information.rows() == 0)
         return 1.0;
-    Eigen::VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(information).eigenvalues();
+    Eigen::VectorXd e = dense::eigenvalues(information);
     return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
 }
 

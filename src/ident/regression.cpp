@@ -5,6 +5,7 @@
 #include <deque>
 #include <limits>
 
+#include "base/dense.hpp"
 #include "ident/repeats.hpp"
 #include "ident/whiten.hpp"
 
@@ -199,7 +200,7 @@ Sums Regression::gather(int round) const
 
 double condition(const Eigen::MatrixXd &normal)
 {
-    Eigen::VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(normal).eigenvalues();
+    Eigen::VectorXd e = dense::eigenvalues(normal);
     return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
 }
 
@@ -226,9 +227,12 @@ enum mk_status Regression::solve(const Sums &sums, Eigen::VectorXd &p, Eigen::Ma
         r.condition_number = condition(sums.normal);
         r.condition_number_scaled = scaled;
     }
-    p = scale.cwiseProduct(unit.ldlt().solve(scale.cwiseProduct(sums.right)));
+    p = scale.cwiseProduct(
+        dense::solve_symmetric(unit, Eigen::VectorXd(scale.cwiseProduct(sums.right))));
     inverse = scale.asDiagonal() *
-              unit.ldlt().solve(Eigen::MatrixXd::Identity(p.size(), p.size())) * scale.asDiagonal();
+              dense::solve_symmetric(
+                  unit, Eigen::MatrixXd(Eigen::MatrixXd::Identity(p.size(), p.size()))) *
+              scale.asDiagonal();
     return MK_OK;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
 #include "ident/fit_log.hpp"
 #include "ident/quantiles.hpp"
 #include "ident/track.hpp"
@@ -187,7 +188,7 @@ VectorXd solve(const MatrixXd &x, const VectorXd &y, const VectorXd &w)
     constexpr double RIDGE = 1e-7; // of terms that these data cannot tell apart
     MatrixXd normal = x.transpose() * w.asDiagonal() * x;
     normal.diagonal().array() += RIDGE * normal.diagonal().maxCoeff() + 1e-300;
-    return normal.ldlt().solve(x.transpose() * w.cwiseProduct(y));
+    return dense::solve_symmetric(normal, VectorXd(x.transpose() * w.cwiseProduct(y)));
 }
 
 // One equation as a regression y = x beta, of the blocks without holes.

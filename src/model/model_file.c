@@ -1,4 +1,5 @@
 /* Model files: [rig], [parameters], [stderr], [simulation] and [effect.NAME] sections. */
+#include "base/text.h"
 #include "mechkit/model.h"
 
 #include <errno.h>
@@ -292,13 +293,16 @@ static bool effect_name(const char *section, char name[MK_INI_TEXT])
 static enum mk_status unknown_effect(struct reader *r, const struct mk_ini_entry *e,
                                      const char *name)
 {
-    char known[1000] = "";
+    char known[1000] = "", text[80];
+    struct mk_meant meant = {.word = name};
     for (int i = 0; i < mk_effect_count(); i++) {
         size_t used = strlen(known);
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", mk_effect(i)->name);
+        mk_meant_try(&meant, mk_effect(i)->name);
     }
-    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
-                       "there is no effect '%s'; there are %s", name, known);
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "there is no effect '%s'%s%s %s",
+                       name, mk_meant_text(&meant, text, sizeof text),
+                       meant.name ? " There are" : "; there are", known);
 }
 
 /* KEY_spread = S: every log has a value of its own, S from log to log. */
@@ -319,6 +323,24 @@ static enum mk_status get_spread(struct reader *r, const char *section,
                            "%s = %s: a standard deviation from log to log is at least 0", e->key,
                            e->value);
     return st == MK_OK && *out > MOST ? too_large(r, e, "") : st;
+}
+
+/* A parameter of an effect that the file does not have, unless under a name that is near to it. */
+static enum mk_status missing(struct reader *r, const struct mk_ini_entry *first,
+                              const struct mk_parameter_info *p)
+{
+    struct mk_meant meant = {.word = p->name};
+    for (int i = 0; i < r->file->count; i++) {
+        const struct mk_ini_entry *e = &r->file->entry[i];
+        if (!e->used && strcmp(e->section, first->section) == 0)
+            mk_meant_try(&meant, e->key);
+    }
+    if (meant.name)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
+                           "[%s] has an unknown key '%s': did you mean %s? (%s)", first->section,
+                           meant.name, p->name, p->help);
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0, "[%s] %s is missing (%s)",
+                       first->section, p->name, p->help);
 }
 
 static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct mk_ini_entry *first)
@@ -349,9 +371,7 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct m
         if (!e && info->parameter[i].optional)
             continue;
         if (!e)
-            return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
-                               "[%s] %s is missing (%s)", first->section, info->parameter[i].name,
-                               info->parameter[i].help);
+            return missing(r, first, &info->parameter[i]);
         st = get_ranged(r, e, &info->parameter[i], first_number + i, &use->value[i]);
         if (st == MK_OK)
             st = get_spread(r, first->section, &info->parameter[i], &use->spread[i]);
@@ -378,7 +398,39 @@ static enum mk_status read_effects(struct reader *r, struct mk_model *m)
     return MK_OK;
 }
 
-static enum mk_status reject_unused(struct reader *r)
+/* Keys of [rig] and [simulation]; [parameters], [stderr] and effects have names of their own. */
+static const char *const plain_keys[] = {
+    "kind",  "g",     "u_max",      "u_to_torque", "encoder_cpr",        "encoder_resolution",
+    "motor", "input", "joint_unit", "rtol",        "friction_sharpness", "atol"};
+
+static void try_names(struct mk_meant *meant, const struct mk_parameter_info *p, int count)
+{
+    for (int i = 0; i < count; i++)
+        mk_meant_try(meant, p[i].name);
+}
+
+static enum mk_status unknown_key(struct reader *r, const struct mk_model *m,
+                                  const struct mk_ini_entry *e)
+{
+    struct mk_meant meant = {.word = e->key};
+    const struct mk_plant_info *plant = mk_plant(m->plant);
+    char name[MK_INI_TEXT], text[80];
+    if (effect_name(e->section, name)) {
+        const struct mk_effect_info *info = mk_effect_by_name(name);
+        mk_meant_try(&meant, "joint");
+        if (info)
+            try_names(&meant, info->parameter, info->parameter_count);
+    } else if (strcmp(e->section, "parameters") == 0 || strcmp(e->section, "stderr") == 0) {
+        try_names(&meant, plant->parameter, plant->parameter_count);
+    } else {
+        for (size_t i = 0; i < sizeof plain_keys / sizeof plain_keys[0]; i++)
+            mk_meant_try(&meant, plain_keys[i]);
+    }
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "unknown key '%s' in [%s]%s",
+                       e->key, e->section, mk_meant_text(&meant, text, sizeof text));
+}
+
+static enum mk_status reject_unused(struct reader *r, const struct mk_model *m)
 {
     static const char *const sections[] = {"rig", "parameters", "stderr", "simulation"};
     for (int i = 0; i < r->file->count; i++) {
@@ -394,8 +446,7 @@ static enum mk_status reject_unused(struct reader *r)
                                "unknown section [%s]: expected rig, parameters, stderr, "
                                "simulation or effect.NAME",
                                e->section);
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "unknown key '%s' in [%s]",
-                           e->key, e->section);
+        return unknown_key(r, m, e);
     }
     return MK_OK;
 }
@@ -419,7 +470,7 @@ static enum mk_status interpret(struct reader *r, struct mk_model *m)
     if (st == MK_OK)
         st = read_effects(r, m);
     if (st == MK_OK)
-        st = reject_unused(r);
+        st = reject_unused(r, m);
     if (st != MK_OK)
         return st;
     if (r->unknown)

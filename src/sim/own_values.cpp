@@ -14,6 +14,7 @@
 #include <new>
 #include <vector>
 
+#include "base/dense.hpp"
 #include "sim/window_fit.hpp"
 
 using Eigen::MatrixXd;
@@ -100,7 +101,7 @@ class Estimate
     const mk_model &model() const { return now; }
     int report(mk_own_estimate *found) const
     {
-        const MatrixXd cov = precision.size() ? MatrixXd(precision.inverse())
+        const MatrixXd cov = precision.size() ? mk::dense::inverse(precision)
                                               : MatrixXd::Identity(b.size(), b.size());
         int count = 0;
         for (const Own &o : own) {
@@ -223,12 +224,16 @@ class Estimate
             states.diagonal() *= 1.0 + 1e-9;
             states.diagonal().array() += 1e-9;
             const MatrixXd K = e.H.topRightCorner(ns, n);
-            const Eigen::LDLT<MatrixXd> factor(states);
+            // K and the gradient in one go.
+            MatrixXd both(ns, n + 1);
+            both << K, e.g.head(ns);
+            const MatrixXd solved = mk::dense::solve_symmetric(states, both);
             const double weight = independent / (typical + w.error);
-            precision += weight * (e.H.bottomRightCorner(n, n) - K.transpose() * factor.solve(K));
-            g += weight * (e.g.tail(n) - K.transpose() * factor.solve(VectorXd(e.g.head(ns))));
+            precision +=
+                weight * (e.H.bottomRightCorner(n, n) - K.transpose() * solved.leftCols(n));
+            g += weight * (e.g.tail(n) - K.transpose() * solved.col(n));
         }
-        return precision.ldlt().solve(g);
+        return mk::dense::solve_symmetric(precision, g);
     }
 };
 

@@ -12,7 +12,11 @@
 
 static enum mk_status missing(const struct mk_log *log, struct mk_error *err, const char *what)
 {
-    return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s", what);
+    bool ours = mk_log_find_meta(log, "mechkit-log") != NULL;
+    return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s%s", what,
+                       ours ? ""
+                            : "; mechkit import makes a log of another program's file, and says "
+                              "which column is which");
 }
 
 /* Whether a log is of a rig that nothing drives, so that its command is 0 without a column. */

@@ -4,6 +4,7 @@
 // window: over a short one the trajectory is nearly linear in its start state, and its optimum is
 // where the next one starts (a progressive horizon).
 #include "sim/window_fit.hpp"
+#include "base/dense.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -130,7 +131,7 @@ void WindowFit::propose(Progress &p) const
         MatrixXd damped = p.now.H;
         damped.diagonal() *= 1.0 + p.damping;
         damped.diagonal().head(2 * joints).array() += 1e-9;
-        p.trial = p.at + damped.ldlt().solve(p.now.g);
+        p.trial = p.at + dense::solve_symmetric(damped, p.now.g);
         if (p.trial.allFinite())
             return;
         p.damping *= HARDER;

@@ -14,7 +14,8 @@ static void law_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
                      struct mk_ctrl_output *out)
 {
     bench.told_s += in->dt;
-    out->u = ctrl->value[BIAS] * ctrl->value[SCALE];
+    double bias = ctrl->ref ? mk_signal_at(ctrl->ref, in->t) : ctrl->value[BIAS];
+    out->u = bias * ctrl->value[SCALE];
     out->ref = (double)in->tick;
     out->phase = in->tick >= 100 ? MK_PHASE_BALANCE : MK_PHASE_SWINGUP;
     if ((double)in->tick >= ctrl->value[BREAK_AT])

@@ -17,8 +17,8 @@ struct bench {
 };
 extern struct bench bench;
 
-/* Parameters of the test's law: u = bias * scale, no number from tick break_at on; phase balance
- * from tick 100 on, ref = tick. */
+/* Parameters of the test's law: u = bias * scale, the bias from the signal where there is one; no
+ * number from tick break_at on; phase balance from tick 100 on, ref = tick. */
 enum { BIAS, SCALE, BREAK_AT, PARAM_COUNT };
 
 /* Check fixtures: a pendubot in simulated time, nothing built yet, a temporary file at bench.path.

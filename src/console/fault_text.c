@@ -1,0 +1,39 @@
+#include "console/fault_text.h"
+
+#include <stdio.h>
+
+const char *fault_value(const struct mk_loop_snapshot *snap, const struct mk_safety_limits *limits,
+                        const struct mk_model *model, char *buf, size_t size)
+{
+    const struct mk_sample *s = &snap->at_fault;
+    const int j = snap->fault_joint - 1;
+    buf[0] = '\0';
+    if (j < 0 || j >= mk_model_joints(model))
+        return buf;
+    const char *unit = mk_model_unit(model, j, "rad");
+    switch (snap->fault) {
+    case MK_FAULT_TRAVEL:
+        snprintf(buf, size, "q%d %.4g %s, limits %.4g .. %.4g %s", j + 1, s->q[j], unit,
+                 limits->q_min[j], limits->q_max[j], unit);
+        break;
+    case MK_FAULT_SPEED:
+        snprintf(buf, size, "dq%d %.4g %s/s, limit %.4g %s/s", j + 1, s->v[j], unit,
+                 limits->v_max[j], unit);
+        break;
+    case MK_FAULT_JUMP:
+        snprintf(buf, size, "q%d came to %.4g %s, limit %.4g %s from one sample to the next", j + 1,
+                 s->q[j], unit, limits->jump_rad[j], unit);
+        break;
+    case MK_FAULT_STUCK:
+        snprintf(buf, size, "u %.4g, no count for %.3g s at |u| above %.3g", s->u, limits->stuck_s,
+                 limits->stuck_u);
+        break;
+    case MK_FAULT_RUNAWAY:
+        snprintf(buf, size, "q%d %.4g %s, dq%d %.4g %s/s, against u %.4g", j + 1, s->q[j], unit,
+                 j + 1, s->v[j], unit, s->u);
+        break;
+    default:
+        break;
+    }
+    return buf;
+}
