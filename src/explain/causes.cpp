@@ -466,13 +466,50 @@ bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
     plays.erase(std::remove_if(plays.begin(), plays.end(),
                                [&](const Hypothesis &h) { return h.score > most; }),
                 plays.end());
-    const bool better = choose(plays, needed) && plays[0].score < leader;
+    const bool chosen = choose(plays, needed);
+    if (chosen)
+        consider_other_widths(plays[0]);
+    const bool better = chosen && plays[0].score < leader;
     field.insert(better ? field.begin() : field.end(), plays.begin(), plays.end());
     if (!field.empty())
         std::stable_sort(
             field.begin() + 1, field.end(),
             [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
     return better;
+}
+
+// The likelihood of a play's width has many optima: one for each width at which as many of the
+// strokes across it are met. Where the readings are not met, others are tried from there, with what
+// the starts of the same play hold fixed.
+void CauseSearch::consider_other_widths(Hypothesis &play)
+{
+    constexpr double FACTORS[] = {1.0, 3.0, 10.0, 1.0 / 3.0};
+    if (search.meets_readings(play) || search.cancelled)
+        return;
+    const Candidate found = play.added;
+    const mk_effect_use from = play.point.model.effect[play.point.model.effect_count - 1];
+    std::vector<double> drags; // what differs between the starts of one play
+    const int drag = mk_effect_parameter_index(found.effect, "drag");
+    for (const Candidate &start : search.starts(best.point.model, found.effect->name, found.joint))
+        if (std::find(drags.begin(), drags.end(), start.value[drag]) == drags.end())
+            drags.push_back(start.value[drag]);
+    for (double held : drags)
+        for (double factor : FACTORS) {
+            mk_model m = play.point.model;
+            mk_effect_use &use = m.effect[m.effect_count - 1];
+            use = from;
+            use.value[found.size] *= factor;
+            use.value[drag] = held;
+            Hypothesis h;
+            const bool same = factor == 1.0 && held == from.value[drag];
+            if (same || search.cancelled || !search.refit_at(m, play, play.drift, h) ||
+                h.score > play.score - ENOUGH)
+                continue;
+            h.added = found;
+            search.polish(h, true);
+            if (!Search::discredited(h))
+                play = std::move(h);
+        }
 }
 
 // A shake was looked for at each joint with frequencies some way apart: once one is found, it may

@@ -110,6 +110,7 @@ class CauseSearch
     bool several_logs() const;
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
+    void consider_other_widths(Hypothesis &play);
     void consider_other_joint(std::vector<Hypothesis> &field);
     void consider_bristles(std::vector<Hypothesis> &field);
     void consider_own_places(std::vector<Hypothesis> &field);
