@@ -413,11 +413,29 @@ START_TEST(an_effect_that_does_not_fit_is_refused)
 }
 END_TEST
 
+START_TEST(every_effect_says_what_it_is_and_what_to_do_about_it)
+{
+    for (int i = 0; i < mk_effect_count(); i++) {
+        const struct mk_effect_info *effect = mk_effect(i);
+        const struct mk_effect_words *words = mk_effect_in_words(effect);
+        if (strncmp(effect->name, "custom", 6) == 0) { /* terms of the library have no name */
+            ck_assert_ptr_null(words->title);
+            continue;
+        }
+        ck_assert_msg(words->title && words->usual && words->remedy, "%s", effect->name);
+        const char *sentences[] = {words->usual, words->remedy};
+        for (int k = 0; k < 2; k++)
+            ck_assert_msg(sentences[k][strlen(sentences[k]) - 1] == '.', "%s", effect->name);
+    }
+}
+END_TEST
+
 Suite *suite_effects(void)
 {
     Suite *s = suite_create("effects");
     TCase *t = tcase_create("laws");
     tcase_add_test(t, torque_effects_follow_their_laws);
+    tcase_add_test(t, every_effect_says_what_it_is_and_what_to_do_about_it);
     tcase_add_loop_test(t, friction_of_a_passive_bearing_grows_with_what_presses_on_it, 0, 3);
     tcase_add_test(t, torque_scale_is_a_gain_of_the_motor);
     tcase_add_test(t, a_place_that_draws_a_link_is_the_slope_of_a_bell);

@@ -576,12 +576,23 @@ START_TEST(the_reports_say_what_was_found)
     cJSON *cause = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "causes"), 0);
     ck_assert_str_eq(cJSON_GetObjectItem(cause, "name")->valuestring, "quadratic-drag");
     ck_assert_int_eq(cJSON_GetObjectItem(cause, "joint")->valueint, 1);
+    const mk_effect_words *words = mk_effect_in_words(e.cause[0].effect);
+    ck_assert_str_eq(cJSON_GetObjectItem(cause, "title")->valuestring, words->title);
+    ck_assert_str_eq(cJSON_GetObjectItem(cause, "what_to_do")->valuestring, words->remedy);
+    const cJSON *stages = cJSON_GetObjectItem(o, "stage_seconds");
+    ck_assert_int_eq(cJSON_GetArraySize(stages), e.stage_count);
+    double all_stages = 0.0;
+    for (const cJSON *stage = stages->child; stage; stage = stage->next)
+        all_stages += stage->valuedouble;
+    ck_assert_double_le(all_stages, 1.001 * e.seconds);
+    ck_assert_double_gt(cJSON_GetObjectItem(stages, "search")->valuedouble, 0.0);
     const cJSON *from = cJSON_GetObjectItem(o, "origin");
     ck_assert_str_eq(cJSON_GetObjectItem(from, "date")->valuestring, origin.date);
     ck_assert_str_eq(cJSON_GetObjectItem(from, "command")->valuestring, origin.command);
     ck_assert_int_eq(strncmp(cJSON_GetObjectItem(from, "program")->valuestring, "mechkit ", 8), 0);
     ck_assert_int_eq(cJSON_GetArraySize(cJSON_GetObjectItem(from, "logs")), 2);
-    for (const char *key : {"rivals", "parameters", "holdout", "next_experiment", "seconds"})
+    for (const char *key :
+         {"rivals", "suspects", "parameters", "holdout", "next_experiment", "seconds"})
         ck_assert_msg(cJSON_GetObjectItem(o, key) != nullptr, "%s", key);
     cJSON_Delete(o);
     mk_log *log = record(h, 1, 4.0);
@@ -592,6 +603,7 @@ START_TEST(the_reports_say_what_was_found)
     char *html = slurp_file(path);
     ck_assert_ptr_nonnull(strstr(html, "div{overflow-x:auto}"));
     ck_assert(strstr(html, origin.date) && strstr(html, "b&lt;i&gt;.csv"));
+    ck_assert_ptr_nonnull(strstr(html, words->remedy));
     for (const char *at = html; (at = strstr(at, "<table>")) != nullptr; at++)
         ck_assert_int_eq(strncmp(at - 5, "<div>", 5), 0);
     free(html);

@@ -31,7 +31,8 @@ namespace
 {
 
 constexpr double MOST_DATA = 30.0;       // s to search in, if not said otherwise
-constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked
+constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked,
+constexpr double MUCH_TO_RANK_S = 24.0;  // s: less is taken whole, for little would be saved
 
 using LogList = std::vector<const mk_log *>;
 
@@ -364,7 +365,7 @@ class Explainer
     bool quick_look_gives_up(const Hypothesis &refit)
     {
         if (!carry_over || lost.joint > 0 || refit.drift < CauseSearch::LOST ||
-            out.searched_s < 2.0 * ENOUGH_TO_RANK_S)
+            out.searched_s < MUCH_TO_RANK_S)
             return false;
         Search quick(to_rank(), search->settings());
         Hypothesis from;
@@ -381,6 +382,8 @@ class Explainer
     // Where what carries over decides, likelihood only says in which order causes are asked.
     std::vector<const FitLog *> to_rank()
     {
+        if (!carry_over || out.searched_s < MUCH_TO_RANK_S)
+            return training;
         if (ranking.empty())
             ranking = data.thinned(model, ENOUGH_TO_RANK_S);
         std::vector<const FitLog *> views;
@@ -445,7 +448,7 @@ class Explainer
         so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
         if (so.stretch > SHORT)
             return false;
-        auto nearer = std::make_unique<Search>(carry_over ? to_rank() : training, so);
+        auto nearer = std::make_unique<Search>(to_rank(), so);
         Hypothesis refit, same;
         if (!nearer->refit(causes->refit.point.model, nullptr, refit) ||
             (!causes->gave_up && !nearer->refit(left.point.model, nullptr, same)))
