@@ -31,8 +31,7 @@ namespace
 {
 
 constexpr double MOST_DATA = 30.0;       // s to search in, if not said otherwise
-constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked,
-constexpr double MUCH_TO_RANK_S = 24.0;  // s: less is taken whole, for little would be saved
+constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked
 
 using LogList = std::vector<const mk_log *>;
 
@@ -364,8 +363,7 @@ class Explainer
     // well give up, and what carries over decides then, a part of the data shows whether it will.
     bool quick_look_gives_up(const Hypothesis &refit)
     {
-        if (!carry_over || lost.joint > 0 || refit.drift < CauseSearch::LOST ||
-            out.searched_s < MUCH_TO_RANK_S)
+        if (!carry_over || lost.joint > 0 || refit.drift < CauseSearch::LOST || data.whole.empty())
             return false;
         Search quick(to_rank(), search->settings());
         Hypothesis from;
@@ -379,10 +377,11 @@ class Explainer
             search->cancelled = true;
         return look.gave_up;
     }
-    // Where what carries over decides, likelihood only says in which order causes are asked.
+    // Where what carries over decides, likelihood only says in which order causes are asked: of
+    // logs so long that windows of them are searched, a part of each window will do for that.
     std::vector<const FitLog *> to_rank()
     {
-        if (!carry_over || out.searched_s < MUCH_TO_RANK_S)
+        if (!carry_over || data.whole.empty())
             return training;
         if (ranking.empty())
             ranking = data.thinned(model, ENOUGH_TO_RANK_S);
