@@ -190,8 +190,7 @@ static struct bounded accelerate(const struct mk_residual *r, double t, const do
     return b;
 }
 
-/* --- a reading that stands still ---------------------------------------------------------------
- */
+/* --- a reading that stands still ------------------------------------------------------------- */
 
 /* The speed that joint j had at its last change, as little of it as can be: less what a count and
  * its acceleration can make of it, whatever the command has been of late. */
@@ -237,7 +236,6 @@ static bool must_have_moved(const struct mk_residual *r, struct mk_residual_join
 }
 
 /* --- a reading that stands still while the rig sways
- * ------------------------------------------------
  *
  * The equation of the joint without a motor, row i of M a + h = 0, knows neither the command nor
  * the motor's friction. It gives joint j's acceleration from the other joint k's motion:
@@ -293,8 +291,7 @@ static bool must_have_swayed(const struct mk_residual *r, struct mk_residual_swa
     return moved || (s->still_s >= SWAY_S && s->square > least * least);
 }
 
-/* --- a reading that jumps ------------------------------------------------------------------------
- */
+/* --- a reading that jumps -------------------------------------------------------------------- */
 
 static bool jumps(const struct mk_residual *r, struct mk_residual_joint *s, double t, double dt,
                   const double *q, const double *v, int j)
@@ -313,7 +310,6 @@ static bool jumps(const struct mk_residual *r, struct mk_residual_joint *s, doub
 }
 
 /* --- a motor joint that is driven by something else
- * -----------------------------------------------
  *
  * The model's speed w follows the reading's v slowly, w' = a + (v - w) / T: so v - w is what was
  * added within T and is not in the model. Only more speed counts: a stop or a hand takes it away.
@@ -330,8 +326,7 @@ static bool driven_by_another(const struct mk_residual *r, struct mk_residual_jo
     return (v[j] - s->model_v) * v[j] > 0.0 && fabs(v[j]) > fabs(s->model_v) + allowed;
 }
 
-/* --- the sample ---------------------------------------------------------------------------------
- */
+/* --- the sample ------------------------------------------------------------------------------ */
 
 static void remember(struct mk_residual_joint *s, double q, bool regular)
 {

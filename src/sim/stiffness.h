@@ -8,14 +8,6 @@
 extern "C" {
 #endif
 
-#ifdef __cplusplus
-extern "C" {
-#ifdef __cplusplus
-}
-#endif
-
-#endif
-
 /* Above this rate a sample of 2 ms takes so many steps that a virtual rig falls behind time. */
 #define MK_FASTEST_RATE 1e6 /* 1/s */
 
