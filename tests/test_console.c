@@ -651,6 +651,12 @@ START_TEST(a_fault_is_told_with_its_value_its_limit_and_its_log)
     script = scratch_text("ft.cmd", "setup furuta\nlimit q2_max 3.2\nstart\nwait 5\nhalt\n");
     o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
     ck_assert_msg(strstr(o.err, "q2 3.2") && strstr(o.err, ".. 3.2 rad"), "%s", o.err);
+    /* The pendulum's encoder dies under a command that is nowhere near hard. */
+    script = scratch_text("fs.cmd", "faults at 4000 stuck 2\nsetup furuta\nstart\nwait 20\nhalt\n");
+    o = MECHKIT("run", script, "--fast", "--out", scratch("fv"));
+    ck_assert_msg(strstr(o.err, "encoder-stuck (joint 2)") && strstr(o.err, "q2 stands at") &&
+                      strstr(o.err, "must have gone by the model"),
+                  "%s", o.err);
 }
 END_TEST
 

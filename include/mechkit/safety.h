@@ -18,7 +18,7 @@ extern "C" {
     X(TRAVEL, "travel", "a joint left its travel limits")                                          \
     X(SPEED, "speed", "a joint moved faster than its limit")                                       \
     X(JUMP, "encoder-jump", "an encoder jumped further than a joint can move in a sample")         \
-    X(STUCK, "encoder-stuck", "an encoder stands still although the motor drives hard")            \
+    X(STUCK, "encoder-stuck", "an encoder stands still although its joint must move")              \
     X(RUNAWAY, "runaway", "the motor joint runs away against the sign of the command")             \
     X(DRIVEN, "driven", "the motor joint gains speed that its command does not give it")           \
     X(COMMAND, "command", "the controller returned a command that is not a number")                \

@@ -124,7 +124,7 @@ static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct
     if (st == MK_ERR_FAULT) {
         struct mk_loop_snapshot snap;
         mk_loop_get_snapshot(s->loop, &snap);
-        char joint[32] = "", value[160];
+        char joint[32] = "", value[FAULT_VALUE_SIZE];
         if (snap.fault_joint > 0)
             snprintf(joint, sizeof joint, " (joint %d)", snap.fault_joint);
         struct mk_loop_stats stats;

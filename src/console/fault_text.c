@@ -21,12 +21,20 @@ const char *fault_value(const struct mk_loop_snapshot *snap, const struct mk_saf
                  limits->v_max[j], unit);
         break;
     case MK_FAULT_JUMP:
-        snprintf(buf, size, "q%d came to %.4g %s, limit %.4g %s from one sample to the next", j + 1,
-                 s->q[j], unit, limits->jump_rad[j], unit);
+        snprintf(buf, size,
+                 "q%d came to %.4g %s; limits: %.4g %s from one sample to the next, or what the "
+                 "model lets the joint go",
+                 j + 1, s->q[j], unit, limits->jump_rad[j], unit);
         break;
     case MK_FAULT_STUCK:
-        snprintf(buf, size, "u %.4g, no count for %.3g s at |u| above %.3g", s->u, limits->stuck_s,
-                 limits->stuck_u);
+        snprintf(buf, size,
+                 "q%d stands at %.4g %s, u %.4g; limits: %.3g s at |u| above %.3g, or %.3g %s that "
+                 "the joint must have gone by the model",
+                 j + 1, s->q[j], unit, s->u, limits->stuck_s, limits->stuck_u, limits->still_way[j],
+                 unit);
+        break;
+    case MK_FAULT_DRIVEN:
+        snprintf(buf, size, "dq%d %.4g %s/s, u %.4g", j + 1, s->v[j], unit, s->u);
         break;
     case MK_FAULT_RUNAWAY:
         snprintf(buf, size, "q%d %.4g %s, dq%d %.4g %s/s, against u %.4g", j + 1, s->q[j], unit,

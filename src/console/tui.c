@@ -68,7 +68,7 @@ static void show_steps(struct tui_card *card, const struct run_summary *r)
 static void show_fault(const struct tui *t, struct tui_card *card)
 {
     const struct host_status *st = &t->status;
-    char value[160] = "";
+    char value[FAULT_VALUE_SIZE] = "";
     if (st->have_loop)
         fault_value(&st->snap, &st->config.limits, &st->model, value, sizeof value);
     card_line(card, "FAULT     %.120s", st->summary.fault);

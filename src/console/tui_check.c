@@ -106,7 +106,7 @@ static void check_log(struct list *l, const struct host_status *st)
 
 static void check_fault(struct list *l, const struct host_status *st)
 {
-    char value[160];
+    char value[FAULT_VALUE_SIZE];
     fault_value(&st->snap, &st->config.limits, &st->model, value, sizeof value);
     line(l, WRONG, "fault", "%s: %s%s%s; a acknowledges", mk_fault_name(st->snap.fault),
          mk_fault_text(st->snap.fault), value[0] ? ": " : "", value);
