@@ -383,16 +383,16 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
 
 // Of a base parameter, in standard deviations: its logarithm against that of the known value. One
 // that vanishes is no great surprise: a friction may. The slope is per scaled parameter.
-double Fit::surprise(const FitPoint &point, int number, double &slope) const
+double Fit::surprise(const mk_model &near, const mk_model &model, int number, double &slope)
 {
     constexpr double SPREAD = 1.0, NOTHING = 0.05;
     slope = 0.0;
-    if (!options.near || number >= mk_plant(point.model.plant)->parameter_count)
+    if (number >= mk_plant(model.plant)->parameter_count)
         return 0.0;
-    double known = options.near->parameter[number], now = point.model.parameter[number];
+    double known = near.parameter[number], now = model.parameter[number];
     if (!(known > 0.0) || !(now >= 0.0))
         return 0.0;
-    const double unit = scale_of(point.model, number) / ((now + NOTHING * known) * SPREAD);
+    const double unit = scale_of(model, number) / ((now + NOTHING * known) * SPREAD);
     const double far = std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
     // Half the square of what is returned is log(1 + far^2) / 2, of a Student distribution with one
     // degree of freedom: near the known value a square, far from it nearly flat. It decides what
@@ -401,6 +401,12 @@ double Fit::surprise(const FitPoint &point, int number, double &slope) const
     const double square = far * far, heard = std::sqrt(std::log1p(square));
     slope = heard > 1e-4 ? unit * std::fabs(far) / ((1.0 + square) * heard) : unit;
     return std::copysign(heard, far);
+}
+
+double Fit::surprise(const FitPoint &point, int number, double &slope) const
+{
+    slope = 0.0;
+    return options.near ? surprise(*options.near, point.model, number, slope) : 0.0;
 }
 
 void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const

@@ -163,6 +163,9 @@ class Fit
                      mk_model &out);
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
+    // How far a base parameter of `now` is from that of `near`, in standard deviations of the prior
+    // that FitOptions::near stands for, and its slope per scaled parameter. 0 for any other number.
+    static double surprise(const mk_model &near, const mk_model &now, int number, double &slope);
 
   private:
     struct Segment;     // one stretch at one point
