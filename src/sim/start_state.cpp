@@ -19,9 +19,11 @@
 
 using Eigen::VectorXd;
 
-mk_start_finder *mk_start_finder_create(const mk_record *record, const mk_model *model)
-try {
-    mk_start_finder *f = new mk_start_finder();
+std::unique_ptr<mk_start_finder> mk::basic_finder(const mk_record &log, const mk_model &m)
+{
+    const mk_record *record = &log;
+    const mk_model *model = &m;
+    auto f = std::make_unique<mk_start_finder>();
     f->record = record;
     f->model = model;
     f->data = {};
@@ -50,6 +52,15 @@ try {
         if (mk_effect(model->effect[e].index)->stages & MK_STAGE_SENSOR_DELAY)
             f->oldest += model->effect[e].value[0];
     return f;
+}
+
+mk_start_finder *mk_start_finder_create(const mk_record *record, const mk_model *model)
+try {
+    std::unique_ptr<mk_start_finder> f = mk::basic_finder(*record, *model);
+    if (mk::remembers(*model))
+        f->way = mk::way_of(*record, *model);
+    mk::remember(*f);
+    return f.release();
 } catch (const std::bad_alloc &) {
     return nullptr;
 }

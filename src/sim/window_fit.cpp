@@ -18,18 +18,33 @@ namespace mk
 namespace
 {
 
-constexpr double HIDDEN_STD = 0.05;      // s above: of effects' states after the run up to them
+constexpr double HIDDEN_STD = 0.05;      // s above, of a joint's far side (rad, rad/s),
+constexpr double KNOWN = 0.01;           // and of other states of effects, of what is usual,
+constexpr double FORGOTTEN = 0.5;        // s after which it is no more: what was before the log
 constexpr double STEP = 2.5e-3;          // longest integration step, s
 constexpr double FIRST_HORIZON = 0.05;   // s
 constexpr double LONGER = 2.0;           // from one horizon to the next
 constexpr size_t FEWEST_READINGS = 12;   // rows of a horizon
 constexpr double SETTLED_ROUGHLY = 1e-2; // relative decrease at which a horizon is done,
 constexpr double SETTLED = 1e-7;         // and the whole window
-constexpr int MOST_STEPS = 25;
+constexpr int MOST_STEPS = 25, SOME_STEPS = 6; // of a horizon; where the start is near
 constexpr double FIRST_DAMPING = 1e-4, LEAST_DAMPING = 1e-9, MOST_DAMPING = 1e6;
 constexpr double EASIER = 0.1, HARDER = 10.0;
 
 } // namespace
+
+// The place of the way that a row comes after.
+static size_t place_before(const Way &way, size_t row)
+{
+    const auto after = std::upper_bound(way.row.begin(), way.row.end(), row);
+    return after == way.row.begin() ? 0 : (size_t)(after - way.row.begin()) - 1;
+}
+
+// Where the readings begin that lead to a row.
+static size_t begin_of(const mk_start_finder &f, size_t row)
+{
+    return f.way && !f.way->row.empty() ? f.way->begin[place_before(*f.way, row)] : 0;
+}
 
 WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_row)
     : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
@@ -39,6 +54,14 @@ WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_r
     jac.resize(capacity * (size_t)ns);
     x_end.resize((size_t)ns);
     jac_end.resize((size_t)(ns * ns));
+    // However far an effect is from where it was before the log, it is not free to be anywhere at
+    // the start of a window: a state that is makes up for whatever the model misses there.
+    known = VectorXd::Constant(ns, 1.0 / (HIDDEN_STD * HIDDEN_STD));
+    for (long s = 0; s < f.usual.size(); s++) {
+        const double run_up = f.t[from] - f.t[begin_of(f, from)];
+        const double unknown = KNOWN + std::exp(-run_up / FORGOTTEN);
+        known(ns - f.usual.size() + s) = std::pow(unknown * f.usual(s), -2);
+    }
 }
 
 void WindowFit::differentiate_by(const std::vector<int> &parameters,
@@ -67,6 +90,26 @@ std::vector<char> WindowFit::solve(std::vector<WindowFit> &fits, std::vector<Vec
     std::vector<Progress> all;
     for (size_t i = 0; i < fits.size(); i++)
         all.push_back(fits[i].begin(x[i]));
+    return solve_all(fits, all, x);
+}
+
+std::vector<char> WindowFit::solve_near(std::vector<WindowFit> &fits, std::vector<VectorXd> &x)
+{
+    std::vector<Progress> all;
+    for (size_t i = 0; i < fits.size(); i++) {
+        Progress p = fits[i].begin(x[i]);
+        p.horizon = HUGE_VAL;
+        p.settled = SETTLED_ROUGHLY;
+        p.most_steps = SOME_STEPS;
+        fits[i].begin_horizon(p);
+        all.push_back(std::move(p));
+    }
+    return solve_all(fits, all, x);
+}
+
+std::vector<char> WindowFit::solve_all(std::vector<WindowFit> &fits, std::vector<Progress> &all,
+                                       std::vector<VectorXd> &x)
+{
     std::vector<ShootTask> tasks;
     std::vector<size_t> of;
     for (;;) {
@@ -94,8 +137,11 @@ std::vector<char> WindowFit::solve(std::vector<WindowFit> &fits, std::vector<Vec
 WindowFit::Progress WindowFit::begin(const VectorXd &x) const
 {
     Progress p = {};
-    p.known = p.best = x;
+    p.begun_at = p.best = x;
+    p.begun_at.tail(expected.size()) = expected;
     p.horizon = FIRST_HORIZON;
+    p.settled = SETTLED;
+    p.most_steps = MOST_STEPS;
     p.running = true;
     begin_horizon(p);
     return p;
@@ -127,7 +173,7 @@ void WindowFit::end_horizon(Progress &p) const
 void WindowFit::propose(Progress &p) const
 {
     const long joints = mk_model_joints(f.model);
-    for (; p.steps < MOST_STEPS && p.damping < MOST_DAMPING; p.steps++) {
+    for (; p.steps < p.most_steps && p.damping < MOST_DAMPING; p.steps++) {
         MatrixXd damped = p.now.H;
         damped.diagonal() *= 1.0 + p.damping;
         damped.diagonal().head(2 * joints).array() += 1e-9;
@@ -161,7 +207,7 @@ void WindowFit::take(const ShootTask &task, Progress &p) const
         propose(p);
         return;
     }
-    const double settled = p.whole ? SETTLED : SETTLED_ROUGHLY;
+    const double settled = p.whole ? p.settled : SETTLED_ROUGHLY;
     const bool done = p.now.squares - there.squares <= settled * p.now.squares;
     p.at = p.trial;
     p.now = std::move(there);
@@ -175,12 +221,11 @@ void WindowFit::take(const ShootTask &task, Progress &p) const
 // What is known of hidden states: H += 1/s^2, g += (z - z0)/s^2.
 void WindowFit::add_known(const Progress &p, WindowNormal &out) const
 {
-    constexpr double PRECISION = 1.0 / (HIDDEN_STD * HIDDEN_STD);
     for (long s = 2 * mk_model_joints(f.model); s < ns; s++) {
-        const double off = p.known(s) - p.trial(s);
-        out.H(s, s) += PRECISION;
-        out.g(s) += off * PRECISION;
-        out.squares += off * off * PRECISION;
+        const double off = p.begun_at(s) - p.trial(s);
+        out.H(s, s) += known(s);
+        out.g(s) += off * known(s);
+        out.squares += off * off * known(s);
     }
 }
 
@@ -195,7 +240,7 @@ bool WindowFit::normal_at(const VectorXd &x, WindowNormal &out)
     if (!linearise(x, to, free != nullptr, out))
         return false;
     for (long s = 2 * mk_model_joints(f.model); s < ns; s++)
-        out.H(s, s) += 1.0 / (HIDDEN_STD * HIDDEN_STD);
+        out.H(s, s) += known(s);
     return true;
 }
 
@@ -238,6 +283,76 @@ bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
     return std::isfinite(out.squares);
 }
 
+void WindowFit::linearise(std::vector<WindowFit> &fits, const std::vector<VectorXd> &x,
+                          std::vector<WindowQuadratic> &out)
+{
+    std::vector<ShootTask> tasks;
+    for (size_t i = 0; i < fits.size(); i++) {
+        WindowFit &fit = fits[i];
+        fit.joint.resize(fit.residual.size());
+        tasks.push_back(fit.task_over(x[i], fit.to, fit.ns + (int)fit.free->size()));
+        tasks.back().joint_of = fit.joint.data();
+    }
+    shoot(tasks.data(), (int)tasks.size());
+    out.resize(fits.size());
+    for (size_t i = 0; i < fits.size(); i++)
+        fits[i].quadratic_of(tasks[i], out[i]);
+}
+
+// With J = [Js Jp] about the trajectory, the start state follows a step d of the parameters by
+//     x + a - B d ,  a = (Js'Js + P)^-1 (Js'r + P (z - x)) ,  B = (Js'Js + P)^-1 Js'Jp ,
+// with z what is known of hidden states and P how well,
+// so that r - Js a - (Jp - Js B) d is left of the readings.
+void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
+{
+    constexpr double TRACE = 1e-9; // states that the readings say nothing about stay
+    out.finite = task.finite;
+    if (!task.finite)
+        return;
+    const long n = (long)task.row_count, p = task.columns - ns;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
+    Eigen::Map<const VectorXd> r(task.residual, n);
+    const MatrixXd Js = J.leftCols(ns), Jp = J.rightCols(p);
+    MatrixXd states = dense::transpose_product(Js, Js);
+    states.diagonal() *= 1.0 + TRACE;
+    states.diagonal().array() += TRACE;
+    for (long s = 2 * mk_model_joints(f.model); s < ns; s++)
+        states(s, s) += known(s);
+    VectorXd pull = VectorXd::Zero(ns);
+    if (expected.size() > 0)
+        pull.tail(expected.size()) =
+            known.tail(expected.size())
+                .cwiseProduct(expected -
+                              Eigen::Map<const VectorXd>(task.x, ns).tail(expected.size()));
+    MatrixXd both(ns, p + 1);
+    both << dense::transpose_product(Js, Jp), dense::transpose_product(Js, VectorXd(r)) + pull;
+    const MatrixXd solved = dense::solve_symmetric(states, both);
+    out.follow = solved.leftCols(p);
+    out.shift = solved.col(p);
+    const MatrixXd left = Jp - Js * out.follow;
+    const VectorXd rest = r - Js * out.shift;
+    for (int j = 0; j < mk_model_joints(f.model); j++) {
+        MatrixXd part(n, p);
+        VectorXd part_rest(n);
+        long rows = 0;
+        out.before[j] = 0.0;
+        for (long i = 0; i < n; i++)
+            if (task.joint_of[i] == j) {
+                out.before[j] += r(i) * r(i);
+                part.row(rows) = left.row(i);
+                part_rest(rows++) = rest(i);
+            }
+        part.conservativeResize(rows, p);
+        part_rest.conservativeResize(rows);
+        out.H[j] = dense::transpose_product(part, part);
+        out.g[j] = dense::transpose_product(part, part_rest);
+        out.squares[j] = part_rest.squaredNorm();
+        out.readings[j] = (size_t)rows;
+    }
+    out.finite = left.allFinite() && rest.allFinite();
+}
+
 ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
 {
     ShootTask task = {};
@@ -260,43 +375,95 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     return task;
 }
 
-// What effects remember at `row`, by runs of the model from `back` on. Where all joints are read
-// the run is set back to the readings again and again: what the model lacks must not carry it away.
-static void remember(const mk_start_finder &f, size_t last, size_t back, size_t row, VectorXd &x)
+std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model)
 {
-    constexpr double ALONE = 0.04; // s
-    const long measured = 2 * mk_model_joints(f.model), own = x.size() - measured;
-    const double piece = mk_model_hides_joint(f.model) ? HUGE_VAL : ALONE;
-    VectorXd run(x.size()), at(x.size());
-    for (size_t k = back; k < row;) {
-        if (mk_record_state_at(f.record, f.model, 0, last, k, 0, at.data(), nullptr) != MK_OK)
-            return;
-        if (k > back)
-            at.tail(own) = run.tail(own);
-        run = at;
-        size_t next = k + 1;
-        while (next < row && f.t[next] - f.t[k] < piece)
-            next++;
-        WindowFit piece_run(f, k, next + 1);
-        if (!piece_run.carry(run, next))
-            return;
-        k = next;
+    constexpr double APART = 0.04; // s
+    auto way = std::make_shared<Way>();
+    VectorXd x(mk_model_state_count(&model));
+    const auto out = [&record](size_t k) { return record.left_out && record.left_out[k] != 0.0; };
+    size_t begin = 0;
+    for (size_t row = 0; row < record.rows;) {
+        if (out(row)) {
+            begin = ++row;
+            continue;
+        }
+        if (mk_record_state_at(&record, &model, 0, record.rows, row, 0, x.data(), nullptr) ==
+            MK_OK) {
+            way->row.push_back(row);
+            way->begin.push_back(begin);
+            way->x.push_back(x.head(2 * mk_model_joints(&model)));
+        }
+        const double t = record.t[row++];
+        while (row < record.rows && record.t[row] - t < APART && !out(row))
+            row++;
     }
-    x.tail(own) = run.tail(own);
+    return way;
+}
+
+bool remembers(const mk_model &model)
+{
+    return mk_model_state_count(&model) > 2 * mk_model_joints(&model) &&
+           !mk_model_hides_joint(&model);
+}
+
+// From each place of the way to the next the model runs by itself; there it is set back to the
+// readings, so that what it lacks does not carry it away.
+void remember(mk_start_finder &f)
+{
+    f.memory.clear();
+    f.usual.resize(0);
+    if (!f.way || f.way->row.empty())
+        return;
+    const long measured = 2 * mk_model_joints(f.model), ns = mk_model_state_count(f.model);
+    VectorXd x(ns), rest(ns), sum = VectorXd::Zero(ns - measured), squares = sum;
+    for (size_t i = 0; i < f.way->row.size(); i++) {
+        x.head(measured) = f.way->x[i];
+        if (i == 0 || f.way->begin[i] != f.way->begin[i - 1]) {
+            mk_model_initial_state(f.model, &x(0), &x(measured / 2), rest.data());
+            x.tail(ns - measured) = rest.tail(ns - measured);
+        }
+        f.memory.push_back(x.tail(ns - measured));
+        sum += f.memory.back();
+        squares += f.memory.back().cwiseAbs2();
+        if (i + 1 < f.way->row.size())
+            WindowFit(f, f.way->row[i], f.way->row[i]).carry(x, f.way->row[i + 1]);
+    }
+    const double n = (double)f.memory.size();
+    f.usual = (squares / n - (sum / n).cwiseAbs2()).cwiseMax(1e-18).cwiseSqrt();
+}
+
+VectorXd remembered(const mk_start_finder &f, size_t row)
+{
+    const std::vector<size_t> &rows = f.way->row;
+    const size_t place = place_before(*f.way, row);
+    const long own = f.memory[place].size();
+    VectorXd run(f.way->x[place].size() + own);
+    run << f.way->x[place], f.memory[place];
+    if (rows[place] >= row || !WindowFit(f, rows[place], rows[place]).carry(run, row))
+        return f.memory[place];
+    return run.tail(own);
 }
 
 // State at `row` to start a search from: angles and speeds by polynomial; what effects remember of
-// the past by a run of the model from a while before.
+// the past by a run of the model up to there.
 bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
 {
     constexpr double MEMORY = 0.5; // s
     if (mk_record_state_at(f.record, f.model, 0, last, row, 0, x.data(), nullptr) != MK_OK)
         return false;
-    size_t back = row;
-    while (back > 0 && f.t[row] - f.t[back - 1] <= MEMORY)
-        back--;
-    if (x.size() > 2 * mk_model_joints(f.model) && back < row)
-        remember(f, last, back, row, x);
+    const long own = x.size() - 2 * mk_model_joints(f.model);
+    if (own > 0 && !f.memory.empty()) {
+        x.tail(own) = remembered(f, row);
+    } else if (own > 0) {
+        size_t back = row;
+        while (back > 0 && f.t[row] - f.t[back - 1] <= MEMORY)
+            back--;
+        VectorXd run = x;
+        if (back < row &&
+            mk_record_state_at(f.record, f.model, 0, last, back, 0, run.data(), nullptr) == MK_OK &&
+            WindowFit(f, back, back).carry(run, row))
+            x.tail(own) = run.tail(own);
+    }
     return true;
 }
 

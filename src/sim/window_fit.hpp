@@ -4,10 +4,21 @@
 #define MECHKIT_SIM_WINDOW_FIT_HPP
 
 #include <Eigen/Dense>
+#include <memory>
 #include <vector>
 
 #include "sim/shoot.hpp"
 #include "sim/start_state.h"
+
+namespace mk
+{
+// Angles and speeds by polynomial at rows of a log that are a few hundredths of a second apart.
+struct Way {
+    std::vector<size_t> row;
+    std::vector<size_t> begin; // row where the readings begin that lead there without a hole
+    std::vector<Eigen::VectorXd> x;
+};
+} // namespace mk
 
 // A log as free runs see it, and the model.
 struct mk_start_finder {
@@ -16,6 +27,11 @@ struct mk_start_finder {
     std::vector<double> t, u[MK_MAX_INPUTS], w[MK_MAX_JOINTS];
     double oldest = 0.0; // age of the oldest reading (sensor delays), s
     mk::ShootData data;
+    // Where the readings are along the way, and what effects remember there; empty where they
+    // remember nothing, or hide a joint from the readings.
+    std::shared_ptr<const mk::Way> way;
+    std::vector<Eigen::VectorXd> memory; // by row of the way
+    Eigen::VectorXd usual;               // rms of each state about its mean
 };
 
 namespace mk
@@ -27,6 +43,21 @@ struct WindowNormal {
     Eigen::VectorXd g; // J'r
     double squares;    // r'r
     size_t readings;
+};
+
+// What the readings of a window say about parameters alone, joint by joint, with the start state
+// following them: it is where the combined least squares of all joints have it. A step d of the
+// parameters leaves squares - 2 g'd + d'Hd of the joint, and moves the start state by
+// shift - follow d.
+struct WindowQuadratic {
+    Eigen::MatrixXd H[MK_MAX_JOINTS];
+    Eigen::VectorXd g[MK_MAX_JOINTS];
+    double squares[MK_MAX_JOINTS]; // after the shift
+    double before[MK_MAX_JOINTS];  // from the start state as it was
+    size_t readings[MK_MAX_JOINTS];
+    Eigen::VectorXd shift;
+    Eigen::MatrixXd follow;
+    bool finite;
 };
 
 class WindowFit
@@ -44,10 +75,20 @@ class WindowFit
     // The same for several windows of one log, whose trajectories are integrated side by side.
     // Which of them were solved.
     static std::vector<char> solve(std::vector<WindowFit> &fits, std::vector<Eigen::VectorXd> &x);
+    // The same roughly, and from states that are near: over the whole window at once.
+    static std::vector<char> solve_near(std::vector<WindowFit> &fits,
+                                        std::vector<Eigen::VectorXd> &x);
     // Sum of squares over the window; infinite where the model runs away.
     double cost(const Eigen::VectorXd &x);
     // The normal equations about the trajectory from x, what is known of hidden states included.
     bool normal_at(const Eigen::VectorXd &x, WindowNormal &out);
+    // What is known of hidden states at the start; where nobody says, it is what a fit begins with,
+    // and linearise() takes them for right.
+    void expect(const Eigen::VectorXd &hidden) { expected = hidden; }
+    // Quadratics of several windows of one log in the parameters that each differentiates by, about
+    // the trajectories from x.
+    static void linearise(std::vector<WindowFit> &fits, const std::vector<Eigen::VectorXd> &x,
+                          std::vector<WindowQuadratic> &out);
     // Where the trajectory from x is at a row.
     bool carry(Eigen::VectorXd &x, size_t row);
 
@@ -58,20 +99,26 @@ class WindowFit
     const std::vector<int> *free = nullptr;
     const std::vector<double> *unit = nullptr;
     std::vector<double> residual, jac, x_end, jac_end;
+    std::vector<int> joint;
+    Eigen::VectorXd expected; // of hidden states, where that is known
+    Eigen::VectorXd known;    // of hidden states: 1 / variance of what is known of them at `from`
 
     // Where the search for a window's start state is: which trajectory it wants next.
     struct Progress {
-        Eigen::VectorXd known;     // where it began
+        Eigen::VectorXd begun_at;  // what is known of hidden states is there
         Eigen::VectorXd best;      // of the horizons so far
         Eigen::VectorXd at, trial; // of this horizon, and where it looks next
         WindowNormal now;          // about `at`
         double horizon, damping;   // s, Levenberg's
+        double settled;            // relative decrease at which the whole window is done
         size_t last;               // row behind the horizon
-        int steps;                 // of this horizon
+        int steps, most_steps;     // of this horizon
         bool begun;                // `now` is known
         bool whole, running, any;  // the horizon is the window; it goes on; one was solved
     };
     Progress begin(const Eigen::VectorXd &x) const;
+    static std::vector<char> solve_all(std::vector<WindowFit> &fits, std::vector<Progress> &all,
+                                       std::vector<Eigen::VectorXd> &x);
     void begin_horizon(Progress &p) const;
     void end_horizon(Progress &p) const;
     void propose(Progress &p) const;
@@ -79,9 +126,20 @@ class WindowFit
     void add_known(const Progress &p, WindowNormal &out) const;
     ShootTask task_over(const Eigen::VectorXd &x, size_t last, int columns);
     bool normal_of(const ShootTask &task, WindowNormal &out) const;
+    void quadratic_of(const ShootTask &task, WindowQuadratic &out) const;
     bool linearise(const Eigen::VectorXd &x, size_t last, bool parameters, WindowNormal &out);
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
 };
+
+std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model);
+// Whether what the model's effects remember is found along the way.
+bool remembers(const mk_model &model);
+// Runs the model along the finder's way: fills what its effects remember there.
+void remember(mk_start_finder &finder);
+// What they remember at a row, after that.
+Eigen::VectorXd remembered(const mk_start_finder &finder, size_t row);
+// A finder without a way. Throws std::bad_alloc.
+std::unique_ptr<mk_start_finder> basic_finder(const mk_record &record, const mk_model &model);
 
 // Angles and speeds by polynomial at `row`, no reading at `last` or later; states of effects by a
 // run of the model up to there. False where there are too few readings.
