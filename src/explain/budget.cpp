@@ -97,6 +97,7 @@ class Shares
     std::map<Set, HeldOutFigures> figures;
     std::vector<FitLog> other_logs;
     std::unique_ptr<Search> other;
+    std::unique_ptr<FreeRuns> other_runs;
     std::vector<std::vector<std::pair<Set, double>>>
         weights; // by item: what is there before, share
 
@@ -143,9 +144,30 @@ class Shares
         }
         if (given_column)
             m.input = out.given.input;
-        Search &fits = given_column ? search_with_given_column() : last.search();
         Hypothesis fitted;
-        return fits.refit_at(m, last.best, last.refit.drift, fitted) ? fitted.point.model : m;
+        if (given_column && last.runs())
+            return fitted_to_given_column(m);
+        const bool fine =
+            given_column
+                ? search_with_given_column().refit_at(m, last.best, last.refit.drift, fitted)
+                : last.fit_again(m, fitted);
+        return fine ? fitted.point.model : m;
+    }
+    mk_model fitted_to_given_column(const mk_model &m)
+    {
+        constexpr int ITERATIONS = 6;
+        const int threads = last.search().settings().threads;
+        if (!other_runs) {
+            other_runs =
+                std::make_unique<FreeRuns>(data.rows_by_log(), out.given, out.window_s, threads);
+            RunPoint at = other_runs->start(out.given);
+            other_runs->take_scale(at);
+        }
+        RunPoint point = other_runs->start(m);
+        RunPicture picture;
+        return other_runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, picture)
+                   ? point.model
+                   : m;
     }
     // The training data as the given model's column of the command drives them.
     Search &search_with_given_column()

@@ -418,7 +418,7 @@ bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
     for (int i = 0; i < c.effect->parameter_count; i++)
         use.value[i] =
             std::min(std::max(c.value[i], c.effect->parameter[i].min), c.effect->parameter[i].max);
-    use.spread[c.size] = c.spread;
+    use.spread[c.own >= 0 ? c.own : c.size] = c.spread;
     return true;
 }
 
@@ -456,6 +456,24 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
                 all.push_back(c);
             }
         }
+    }
+    return all;
+}
+
+std::vector<Candidate> with_own_places(const std::vector<Candidate> &candidates)
+{
+    constexpr double STIFFER = 5.0; // a place shows nothing where the effect is next to nothing
+    constexpr double APART = 0.05;  // rad, to start from
+    std::vector<Candidate> all;
+    for (Candidate c : candidates) {
+        const int rest = mk_effect_parameter_index(c.effect, "rest");
+        if (std::strcmp(c.effect->name, "cable-stiffness") != 0 || rest < 0)
+            continue;
+        c.own = rest;
+        c.spread = APART;
+        c.linear = false;
+        c.value[c.size] *= STIFFER;
+        all.push_back(c);
     }
     return all;
 }

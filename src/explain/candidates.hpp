@@ -30,7 +30,8 @@ struct Candidate {
     int size;
     double most = HUGE_VAL; // of it, for any rig
     int shape = -1;         // parameter that says little before the size is about right
-    double spread = 0.0;    // of `size` from log to log; 0: all logs share it
+    double spread = 0.0;    // of `own` from log to log; 0: all logs share it
+    int own = -1;           // parameter that has a value of its own in every log; -1: `size`
 };
 
 // All candidates for a model that may have effects already.
@@ -43,6 +44,10 @@ bool is_friction(const mk_effect_info *effect, const double *values);
 
 // Two bodies that touch now and then.
 bool is_play(const mk_effect_info *effect);
+
+// Of candidates those that act at a place, or from one, that is set by hand before each log: with a
+// place of its own in every log.
+std::vector<Candidate> with_own_places(const std::vector<Candidate> &candidates);
 
 // The same effect at the same joint, with whatever values. Terms of the library are causes of their
 // own.

@@ -70,6 +70,14 @@ void CarryOver::add_block(const mk_model &model, const mk_log *rows, Fold &fold)
     all.push_back(rows);
 }
 
+std::vector<std::vector<const mk_log *>> CarryOver::logs_by_fold() const
+{
+    std::vector<std::vector<const mk_log *>> logs;
+    for (const Fold &fold : folds)
+        logs.push_back(fold.logs);
+    return logs;
+}
+
 bool CarryOver::errors(const Hypothesis &h, bool halves, HeldOutFigures &out) const
 {
     const mk_model &m = h.point.model;
@@ -215,7 +223,9 @@ bool CarryOver::enough(const Carried &c, int tried)
     // Of many models that change nothing one passes by chance: 2 ln(n) is the square of the largest
     // of n normal deviates, about.
     const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
-    return promising(c) && c.mean < -z * c.error;
+    // The same quantile of Student's distribution, the error being one of few folds.
+    const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
+    return promising(c) && c.mean < -t * c.error;
 }
 
 void CarryOver::floor_of(const mk_model &model, const double *noise, double *floor) const

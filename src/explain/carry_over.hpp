@@ -38,6 +38,8 @@ class CarryOver
               const FitOptions &options);
     bool possible() const { return folds.size() >= FEWEST_FOLDS; }
     double window() const { return window_s; }
+    // The logs of every fold; they live as long as this.
+    std::vector<std::vector<const mk_log *>> logs_by_fold() const;
 
     // Errors in every fold of the model that the others lead to, `halves`: in its second half, with
     // own values from the first. False where that has no answer: the model cannot be integrated, or

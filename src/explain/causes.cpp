@@ -157,6 +157,38 @@ bool CauseSearch::take_over(const CauseSearch &other)
     return true;
 }
 
+bool CauseSearch::take_over(const PredictionSearch &other)
+{
+    best = refit;
+    rounds.clear();
+    suspects = other.suspects;
+    most_tried = std::max(most_tried, other.tried());
+    const Hypothesis from = refit;
+    if (!search.follow(other.refitted().point.model, &from, from.drift, refit) ||
+        !search.follow(other.extended().point.model, &from, from.drift, best))
+        return false;
+    other.judge(other.refitted(), refit);
+    other.judge(other.extended(), best);
+    for (const Carrier &carrier : other.causes) {
+        Round round;
+        round.field.push_back(best);
+        round.field[0].added = carrier.cause;
+        for (const RunFit &rival : carrier.rivals) {
+            Hypothesis h;
+            h.added = rival.cause;
+            h.point.model = rival.point.model;
+            other.judge(rival, h);
+            round.field.push_back(std::move(h));
+        }
+        Hypothesis less;
+        other.judge(carrier.without, less);
+        round.lack = lack_of(less);
+        rounds.push_back(std::move(round));
+        carried.push_back(carrier.carried);
+    }
+    return true;
+}
+
 // Causes that a fit has switched off, or made larger than they can be.
 void CauseSearch::drop_what_vanished()
 {

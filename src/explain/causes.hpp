@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "explain/carry_over.hpp"
+#include "explain/prediction_search.hpp"
 
 namespace mk
 {
@@ -16,12 +16,6 @@ constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data c
 // The best model without one of its causes, fitted.
 struct Lack {
     double score, evidence; // as of Hypothesis and FitPicture
-};
-
-// What a cause made of data that are left out when it was asked.
-struct Asked {
-    Candidate cause;
-    Carried carried;
 };
 
 struct Round {
@@ -62,6 +56,8 @@ class CauseSearch
     // Starts from what another search has found in stretches of another length: keeps of that what
     // carries over.
     bool take_over(const CauseSearch &other);
+    // Starts from what improves predictions: the causes of that search, fitted by likelihood.
+    bool take_over(const PredictionSearch &other);
     int tried() const { return most_tried; }
 
     // Where causes do not lead to a model that follows its data, each must carry over to data that

@@ -185,8 +185,11 @@ class Explainer
             return mk_error_set(err, MK_ERR_INTR, "stopped");
         clock.enter("last fit");
         FinalFit last(data, training, *causes, *search);
-        if (lost.joint == 0 && !data.whole.empty())
+        if (by_predictions) {
+            last.fit_runs(data, so, all_runs ? *all_runs : *free_runs);
+        } else if (lost.joint == 0 && !data.whole.empty()) {
             last.fit_all(data, so, out.window_s);
+        }
         Verdict verdict(values.model, *causes, last, lost, out);
         verdict.decide();
         out.given = given;
@@ -230,6 +233,9 @@ class Explainer
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
     std::unique_ptr<CarryOver> carry_over;
+    std::unique_ptr<FreeRuns> free_runs; // over the same data
+    std::unique_ptr<FreeRuns> all_runs;  // over all to learn from
+    bool by_predictions = false;         // have causes been found
 
     // The data as the model's column drives them, and the fit to them that all else starts from.
     enum mk_status load_and_fit(const LogList &logs, const LogList &holdouts, SearchOptions &so,
@@ -307,6 +313,7 @@ class Explainer
     }
     void search_beside_values(SearchOptions &so)
     {
+        by_predictions = false;
         Hypothesis refit = values.fit;
         clock.enter("missed counts");
         data.second_half = !values.found.empty();
@@ -314,21 +321,87 @@ class Explainer
             std::make_unique<CarryOver>(model, data, out.window_s, search->usual_options());
         if (!carry_over->possible())
             carry_over.reset();
-        put_back_lost_counts(so, refit);
+        // Of long logs windows are searched: there a search by likelihood takes long to fail.
+        std::unique_ptr<PredictionSearch> prediction;
+        if (!data.whole.empty())
+            prediction = search_predictions(refit);
+        clock.enter("missed counts");
+        // Times the noise: of long logs no single law explains all where several together are still
+        // that far off.
+        constexpr double FAR = 5.0;
+        const bool far = prediction && prediction->times_noise() > FAR;
+        if (!far)
+            put_back_lost_counts(so, refit);
         clock.enter("search");
-        search_causes(refit);
+        search_causes(refit, far);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
-            search_causes(refit);
+            search_causes(refit, false);
         clock.enter("closer look");
-        if (!look_closer(so) && causes->gave_up) {
+        const bool closer = !far && look_closer(so);
+        if (!closer && !prediction && !speaks_for_itself())
+            prediction = search_predictions(refit);
+        if (prediction && !speaks_for_itself() && take_predictions(prediction, refit))
+            by_predictions = true;
+        else if (!closer && causes->gave_up) {
             causes->give_up_early = false;
             causes->run();
         }
+        data.second_half = !own_parameters(causes->best.point.model).empty();
+        if (by_predictions)
+            return;
         clock.enter("rivals");
         causes->polish_rivals();
-        data.second_half = !own_parameters(causes->best.point.model).empty();
         ask_held_out();
         shed_what_misleads();
+    }
+    // Whether likelihood has found what is missing, or most of it.
+    bool speaks_for_itself() const
+    {
+        return lost.joint > 0 || causes->follows(causes->best) ||
+               CauseSearch::likelihood_counts(causes->best);
+    }
+    bool take_predictions(std::unique_ptr<PredictionSearch> &found, const Hypothesis &refit)
+    {
+        auto carried = std::make_unique<CauseSearch>(values.model, *search, refit);
+        carried->carry_over = carry_over.get();
+        if (!confirm(found) || !carried->take_over(*found))
+            return false;
+        causes = std::move(carried);
+        return true;
+    }
+    // What improves predictions, where the refitted model is so far from its data that likelihood
+    // does not say what is missing. NULL: it does, or the data are too few to leave some out.
+    std::unique_ptr<PredictionSearch> search_predictions(const Hypothesis &refit)
+    {
+        if (!carry_over || CauseSearch::likelihood_counts(refit) ||
+            mk_model_hides_joint(&refit.point.model))
+            return nullptr;
+        clock.enter("predictions");
+        free_runs = std::make_unique<FreeRuns>(carry_over->logs_by_fold(), start, out.window_s,
+                                               options.threads);
+        auto found = std::make_unique<PredictionSearch>(*search, *free_runs, refit.point.model);
+        return found->run() ? std::move(found) : nullptr;
+    }
+    // Where windows of longer logs were searched: once more over all of them. What remembers the
+    // past is known better there.
+    bool confirm(std::unique_ptr<PredictionSearch> &found)
+    {
+        all_runs.reset();
+        if (data.whole.empty())
+            return true;
+        all_runs =
+            std::make_unique<FreeRuns>(data.rows_by_log(), start, out.window_s, options.threads);
+        if (all_runs->fold_count() < CarryOver::FEWEST_FOLDS) {
+            RunPoint at = all_runs->start(found->refitted().point.model);
+            all_runs->take_scale(at);
+            return true;
+        }
+        auto again =
+            std::make_unique<PredictionSearch>(*search, *all_runs, found->refitted().point.model);
+        if (!again->confirm(*found))
+            return false;
+        found = std::move(again);
+        return true;
     }
     // What differs from log to log is looked for before the causes, and can then stand in for a
     // part of one. With the causes in the model it no longer differs, and the search is to be
@@ -350,12 +423,12 @@ class Explainer
         values = with_log_values(model, left, *search, plain);
         return true;
     }
-    void search_causes(const Hypothesis &refit)
+    void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         causes->give_up_early = lost.joint == 0; // look_closer() goes on
         causes->carry_over = carry_over.get();
-        causes->gave_up = quick_look_gives_up(refit);
+        causes->gave_up = far || quick_look_gives_up(refit);
         if (!causes->gave_up)
             causes->run();
     }

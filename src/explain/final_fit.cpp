@@ -39,4 +39,63 @@ void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, dou
     own = std::move(search);
 }
 
+void FinalFit::take_all(const TrainingData &data, const SearchOptions &usual)
+{
+    views.clear();
+    for (const FitLog &log : data.whole)
+        views.push_back(&log);
+    sources = data.whole_rows;
+    own = std::make_unique<Search>(views, usual);
+}
+
+// One by free runs, and the states that follow from it.
+static bool fit_by_runs(const FreeRuns &runs, Search &search, const Hypothesis &from,
+                        bool same_data, RunPoint &point, Hypothesis &out)
+{
+    constexpr int ITERATIONS = 10;
+    point = runs.start(from.point.model);
+    RunPicture picture;
+    if (!runs.minimise(point, fitted_parameters(point.model), ITERATIONS, search.settings().threads,
+                       picture))
+        return false;
+    Hypothesis fitted = from;
+    if (!search.follow(point.model, same_data ? &from : nullptr, from.drift, fitted))
+        return false;
+    if (fitted.point.own.size() == point.own.size())
+        fitted.point.own = point.own;
+    judge_by_runs(runs, point, picture, fitted);
+    out = std::move(fitted);
+    return true;
+}
+
+void FinalFit::fit_runs(const TrainingData &data, const SearchOptions &usual, const FreeRuns &runs)
+{
+    decided = &runs;
+    if (!data.whole.empty())
+        take_all(data, usual);
+    const bool extended = best.point.model.effect_count > refit.point.model.effect_count;
+    Hypothesis refit_again, best_again;
+    if (!fit_by_runs(runs, search(), refit, !own, run, refit_again) ||
+        (extended && !fit_by_runs(runs, search(), best, !own, run, best_again)))
+        return;
+    refit = std::move(refit_again);
+    best = extended ? std::move(best_again) : refit;
+}
+
+bool FinalFit::fit_again(const mk_model &model, Hypothesis &out) const
+{
+    constexpr int ITERATIONS = 6;
+    if (!decided)
+        return search().refit_at(model, best, refit.drift, out);
+    const bool same = mk_model_state_count(&model) == mk_model_state_count(&run.model);
+    RunPoint point =
+        same ? decided->adopt(run, model, search().settings().threads) : decided->start(model);
+    RunPicture picture;
+    if (!decided->minimise(point, fitted_parameters(model), ITERATIONS, search().settings().threads,
+                           picture))
+        return false;
+    out.point.model = point.model;
+    return true;
+}
+
 } // namespace mk

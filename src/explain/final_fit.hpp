@@ -26,6 +26,13 @@ class FinalFit
     // readings. `usual`: with the stretch of a usual search.
     void fit_all(const TrainingData &data, const SearchOptions &usual, double window_s);
 
+    // The same where free runs have decided: over all data, and parameters from them.
+    void fit_runs(const TrainingData &data, const SearchOptions &usual, const FreeRuns &runs);
+    // Which runs these were; NULL: none.
+    const FreeRuns *runs() const { return decided; }
+    // A model fitted again as the last fit was, from its values.
+    bool fit_again(const mk_model &model, Hypothesis &out) const;
+
     const std::vector<const FitLog *> &logs() const { return views; }
     // The rows that each of them has, as they were read.
     const std::vector<const mk_log *> &rows() const { return sources; }
@@ -38,6 +45,10 @@ class FinalFit
     std::vector<const mk_log *> sources;
     Search *used;
     std::unique_ptr<Search> own;
+    const FreeRuns *decided = nullptr;
+    RunPoint run; // of the best fit, where free runs have decided
+
+    void take_all(const TrainingData &data, const SearchOptions &usual);
 };
 
 } // namespace mk

@@ -90,6 +90,28 @@ bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drif
     return fitted;
 }
 
+bool Search::follow(const mk_model &model, const Hypothesis *from, double most, Hypothesis &out)
+{
+    FitOptions o = fit_options();
+    o.max_passes = 100.0;
+    Fit fit(logs, o);
+    FitPoint point = from ? fit.adopt(from->point, model) : fit.start(model);
+    out.free_count = (int)fitted_parameters(model).size();
+    bool any = false;
+    for (double drift = std::max(most, TIGHTEST); drift > 0.9 * TIGHTEST; drift /= 3.0) {
+        FitPicture picture;
+        if (!fit.settle(point, {}, drift, picture) ||
+            (any && picture.evidence >= out.picture.evidence))
+            break;
+        any = true;
+        out.point = point;
+        out.picture = picture;
+        out.drift = drift;
+    }
+    work += fit.work_done;
+    return any;
+}
+
 void Search::polish(Hypothesis &h, bool drift_too)
 {
     FitOptions o = fit_options();

@@ -56,6 +56,9 @@ class Search
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
     // A hypothesis' model fitted at one drift from another's parameters and states.
     bool refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out);
+    // The model as it is, with the states, noise and drift (at most this) that go best with it;
+    // `from`: what to start from, of the same data, or NULL.
+    bool follow(const mk_model &model, const Hypothesis *from, double drift, Hypothesis &out);
     // Carries a fit on until it stands still, its drift too.
     void polish(Hypothesis &h, bool drift_too);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at

@@ -239,6 +239,19 @@ enum mk_status TrainingData::load(const mk_model &model, const mk_explain_option
     return st;
 }
 
+std::vector<std::vector<const mk_log *>> TrainingData::rows_by_log() const
+{
+    const std::vector<const mk_log *> &all = whole.empty() ? rows : whole_rows;
+    const std::vector<FitLog> &of = whole.empty() ? logs : whole;
+    std::vector<std::vector<const mk_log *>> by_log;
+    for (size_t i = 0; i < all.size(); i++) {
+        if (i == 0 || of[i].source != of[i - 1].source)
+            by_log.emplace_back();
+        by_log.back().push_back(all[i]);
+    }
+    return by_log;
+}
+
 std::vector<FitLog> TrainingData::thinned(const mk_model &model, double most_s) const
 {
     double all_s = 0.0;

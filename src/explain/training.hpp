@@ -30,6 +30,9 @@ struct TrainingData {
                         const mk_log *const *given, size_t count, const mk_log *const *holdouts,
                         size_t holdout_count, mk_explanation &out, mk_error *err);
 
+    // All rows to learn from, by log.
+    std::vector<std::vector<const mk_log *>> rows_by_log() const;
+
     // Of every part to search in its middle, so that all together last no longer than this: what it
     // takes to say in which order causes are to be asked.
     std::vector<FitLog> thinned(const mk_model &model, double most_s) const;

@@ -1,0 +1,629 @@
+#include "explain/free_runs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <new>
+
+#include "base/dense.hpp"
+#include "base/parallel.hpp"
+#include "ident/stepper.hpp"
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double SAME_ERROR = 0.05;     // s over which a model's error hardly changes
+constexpr size_t FEWEST_ROWS = 12;      // of a window
+constexpr size_t TOGETHER = 16;         // windows that are shot side by side
+constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
+constexpr double MOST_LOST = 0.1;       // of the windows
+constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
+
+using Finder = std::unique_ptr<mk_start_finder>;
+
+std::vector<long> columns_of(const std::vector<int> &wanted, const std::vector<int> &free)
+{
+    std::vector<long> columns;
+    for (int number : wanted)
+        columns.push_back(std::find(free.begin(), free.end(), number) - free.begin());
+    return columns;
+}
+
+// Windows of `count` in chunks: calls body(first, last).
+template <class F>
+void by_chunks(size_t count, F &&body)
+{
+    for (size_t first = 0; first < count; first += TOGETHER)
+        body(first, std::min(first + TOGETHER, count));
+}
+
+} // namespace
+
+// p'Ap/2 - a'p of a fold in the wanted parameters, and what own values b make of it:
+// b = M (beta - K'p) once they are eliminated.
+struct FreeRuns::Normal {
+    MatrixXd A;
+    VectorXd a;
+    MatrixXd M, K;
+    VectorXd beta;
+};
+
+struct FreeRuns::Step {
+    VectorXd coordinates, scaled; // of the parameters
+    std::vector<VectorXd> own;    // by fold, scaled
+};
+
+FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const mk_model &near_in,
+                   double window_s, int threads_in)
+    : folds(given.size()), near(near_in), threads(std::max(1, threads_in))
+{
+    for (size_t f = 0; f < given.size(); f++)
+        for (const mk_log *log : given[f]) {
+            Log l = {{}, (int)f, {}};
+            if (mk_record_from_log(log, &near, &l.record, nullptr) == MK_OK)
+                logs.push_back(l);
+        }
+    double seconds = 0.0, rows = 0.0;
+    for (size_t i = 0; i < logs.size(); i++) {
+        add_windows((int)i, window_s);
+        seconds += logs[i].record.t[logs[i].record.rows - 1] - logs[i].record.t[0];
+        rows += (double)logs[i].record.rows;
+    }
+    independent = std::min(1.0, seconds / std::max(rows, 1.0) / SAME_ERROR);
+    parallel_for(threads, logs.size(),
+                 [&](size_t i) { logs[i].way = way_of(logs[i].record, near); });
+    measure_readings();
+}
+
+void FreeRuns::add_windows(int log, double window_s)
+{
+    const mk_record &r = logs[(size_t)log].record;
+    const double middle = 0.5 * (r.t[0] + r.t[r.rows - 1]);
+    const auto out = [&r](size_t k) { return r.left_out && r.left_out[k] != 0.0; };
+    for (size_t first = 0, last; first < r.rows; first = last) {
+        last = first + 1;
+        while (last < r.rows && r.t[last] - r.t[first] < window_s && out(last) == out(first))
+            last++;
+        if (last - first >= FEWEST_ROWS && !out(first))
+            windows.push_back({log, logs[(size_t)log].fold, first, last, r.t[first] >= middle});
+    }
+}
+
+void FreeRuns::measure_readings()
+{
+    for (int j = 0; j < mk_model_joints(&near); j++) {
+        double sum = 0.0, squares = 0.0, n = 0.0;
+        for (const Log &log : logs)
+            for (size_t k = 0; k < log.record.rows; k++) {
+                const double q = log.record.q[j][k];
+                if (std::isfinite(q))
+                    sum += q, squares += q * q, n += 1.0;
+            }
+        const double mean = sum / std::max(n, 1.0);
+        deviation[j] = std::sqrt(std::max(squares / std::max(n, 1.0) - mean * mean, 0.0)) /
+                       mk_model_count(&near, j);
+    }
+}
+
+// The model of every fold, with its own values in it.
+std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
+{
+    std::vector<mk_model> models(folds, point.model);
+    const std::vector<int> own = own_parameters(point.model);
+    for (size_t f = 0; f < folds; f++) {
+        mk_model &m = models[f];
+        for (size_t i = 0; i < own.size(); i++) {
+            char name[64];
+            const mk_parameter_info *info = mk_model_parameter_info(&m, own[i], name, sizeof name);
+            const double value = mk_model_parameter(&m, own[i]) + point.own[f]((long)i);
+            mk_model_set_parameter(&m, own[i], std::min(std::max(value, info->min), info->max));
+        }
+        for (int e = 0; e < m.effect_count; e++)
+            std::fill(std::begin(m.effect[e].spread), std::end(m.effect[e].spread), 0.0);
+    }
+    return models;
+}
+
+std::unique_ptr<mk_start_finder> FreeRuns::finder_of(const RunPoint &point, const mk_model &model,
+                                                     size_t log) const
+{
+    std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
+    if (remembers(model))
+        finder->way = logs[log].way;
+    if (log < point.usual.size())
+        finder->usual = point.usual[log];
+    return finder;
+}
+
+// What effects remember at the start of every window.
+void FreeRuns::recall(RunPoint &point, int threads_now) const
+{
+    point.z.clear();
+    point.usual.clear();
+    if (!remembers(point.model))
+        return;
+    const std::vector<mk_model> models = models_of(point);
+    std::vector<VectorXd> usual(logs.size());
+    point.z.resize(windows.size());
+    parallel_for(threads_now, logs.size(), [&](size_t l) {
+        const Finder finder = finder_of(point, models[(size_t)logs[l].fold], l);
+        remember(*finder);
+        usual[l] = finder->usual;
+        for (size_t w = 0; w < windows.size(); w++)
+            if (windows[w].log == (int)l)
+                point.z[w] = remembered(*finder, windows[w].first);
+    });
+    point.usual = std::move(usual);
+}
+
+RunPoint FreeRuns::start(const mk_model &model) const
+{
+    RunPoint point;
+    point.model = model;
+    point.own.assign(folds, VectorXd::Zero((long)own_parameters(model).size()));
+    point.x.assign(windows.size(), VectorXd::Zero(mk_model_state_count(&model)));
+    recall(point, threads);
+    const std::vector<mk_model> models = models_of(point);
+    parallel_for(threads, logs.size(), [&](size_t l) {
+        const Finder finder = finder_of(point, models[(size_t)logs[l].fold], l);
+        std::vector<size_t> mine;
+        for (size_t w = 0; w < windows.size(); w++)
+            if (windows[w].log == (int)l &&
+                mk_record_state_at(&logs[l].record, finder->model, 0, windows[w].last,
+                                   windows[w].first, 0, point.x[w].data(), nullptr) == MK_OK)
+                mine.push_back(w);
+        for (size_t w : mine)
+            if (!point.z.empty())
+                point.x[w].tail(point.z[w].size()) = point.z[w];
+        by_chunks(mine.size(), [&](size_t first, size_t last) {
+            std::vector<WindowFit> fits;
+            std::vector<VectorXd> x;
+            for (size_t i = first; i < last; i++) {
+                fits.emplace_back(*finder, windows[mine[i]].first, windows[mine[i]].last);
+                x.push_back(point.x[mine[i]]);
+            }
+            WindowFit::solve(fits, x);
+            for (size_t i = first; i < last; i++)
+                point.x[mine[i]] = x[i - first];
+        });
+    });
+    return point;
+}
+
+RunPoint FreeRuns::adopt(const RunPoint &from, const mk_model &model, int threads_now) const
+{
+    const long own = (long)own_parameters(model).size(), measured = 2 * mk_model_joints(&model);
+    RunPoint point = from;
+    point.model = model;
+    point.cost = HUGE_VAL;
+    for (VectorXd &b : point.own)
+        if (b.size() != own)
+            b = VectorXd::Zero(own);
+    recall(point, threads_now);
+    for (size_t w = 0; w < windows.size(); w++) {
+        point.x[w].conservativeResize(mk_model_state_count(&model));
+        if (!point.z.empty())
+            point.x[w].tail(point.x[w].size() - measured) = point.z[w];
+    }
+    return point;
+}
+
+// Whether the start state is not where it fits the window best: the linear step from it promises
+// more than a little.
+bool FreeRuns::off_its_best(const WindowQuadratic &q) const
+{
+    constexpr double A_LITTLE = 0.1;
+    double before = 0.0, after = 0.0;
+    for (int j = 0; j < mk_model_joints(&near); j++)
+        before += q.finite ? q.before[j] : 0.0, after += q.finite ? q.squares[j] : 0.0;
+    return !q.finite || before > (1.0 + A_LITTLE) * after;
+}
+
+// Windows [first, last) of one log.
+void FreeRuns::linearise_some(RunPoint &point, const mk_start_finder &finder,
+                              const std::vector<double> &unit, size_t first, size_t last,
+                              bool settle, RunPicture &out) const
+{
+    const auto fit_of = [&](size_t w) {
+        WindowFit fit(finder, windows[w].first, windows[w].last);
+        fit.differentiate_by(out.free, unit);
+        if (!point.z.empty())
+            fit.expect(point.z[w]);
+        return fit;
+    };
+    std::vector<size_t> which;
+    for (size_t w = first; w < last; w++)
+        if (w % out.stride == 0)
+            which.push_back(w);
+    for (bool again = false; !which.empty(); again = true) {
+        std::vector<WindowFit> fits;
+        std::vector<VectorXd> x;
+        for (size_t w : which) {
+            fits.push_back(fit_of(w));
+            x.push_back(point.x[w]);
+        }
+        if (again)
+            WindowFit::solve_near(fits, x);
+        std::vector<WindowQuadratic> some;
+        WindowFit::linearise(fits, x, some);
+        std::vector<size_t> left;
+        for (size_t i = 0; i < which.size(); i++) {
+            const size_t w = which[i];
+            point.x[w] = x[i];
+            out.window[w] = std::move(some[i]);
+            if (settle && !again && off_its_best(out.window[w]))
+                left.push_back(w);
+        }
+        which = std::move(left);
+    }
+}
+
+bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool settle,
+                         int threads_now, RunPicture &out) const
+{
+    out.free = free;
+    out.window.assign(windows.size(), {});
+    std::vector<double> unit;
+    for (int number : free)
+        unit.push_back(Fit::scale_of(point.model, number));
+    const std::vector<mk_model> models = models_of(point);
+    std::vector<Finder> finders;
+    for (size_t l = 0; l < logs.size(); l++)
+        finders.push_back(finder_of(point, models[(size_t)logs[l].fold], l));
+    std::vector<std::pair<size_t, size_t>> jobs; // windows of one log, [first, last)
+    for (size_t first = 0, last; first < windows.size(); first = last) {
+        last = first + 1;
+        while (last < windows.size() && last - first < TOGETHER &&
+               windows[last].log == windows[first].log)
+            last++;
+        jobs.emplace_back(first, last);
+    }
+    parallel_for(threads_now, jobs.size(), [&](size_t job) {
+        const auto [first, last] = jobs[job];
+        linearise_some(point, *finders[(size_t)windows[first].log], unit, first, last, settle, out);
+    });
+    double lost = 0.0, all = 0.0;
+    for (size_t w = 0; w < windows.size(); w += out.stride)
+        lost += !out.window[w].finite, all += 1.0;
+    return lost <= MOST_LOST * all;
+}
+
+void FreeRuns::take_scale(RunPoint &point)
+{
+    RunPicture picture;
+    if (!linearise(point, {}, true, threads, picture))
+        return;
+    for (int j = 0; j < mk_model_joints(&near); j++) {
+        double squares = 0.0, n = 0.0;
+        for (const WindowQuadratic &w : picture.window)
+            if (w.finite)
+                squares += w.squares[j], n += (double)w.readings[j];
+        scale[j] = std::max(squares / std::max(n, 1.0), ROUNDING);
+    }
+}
+
+double FreeRuns::relative(int joint, double error) const
+{
+    const double sd = deviation[joint] * mk_model_count(&near, joint);
+    return sd > 0.0 ? error / sd : 0.0;
+}
+
+// Base parameters are somewhere near the given ones. The shape of an effect (a yield, a speed, a
+// time) is known by its order of magnitude: far from it the law is another one, as a cable that
+// never yields is a spring, and data that leave it open would let it go there.
+double FreeRuns::surprise(const mk_model &model, int number, double &slope) const
+{
+    constexpr double SPREAD = 1.6; // of the logarithm
+    if (number < mk_plant(model.plant)->parameter_count)
+        return Fit::surprise(near, model, number, slope);
+    slope = 0.0;
+    char name[64];
+    const mk_parameter_info *info = mk_model_parameter_info(&model, number, name, sizeof name);
+    const double now = mk_model_parameter(&model, number);
+    if (info->fit != MK_FIT_FREE || !(info->min > 0.0) || !(info->initial > 0.0) || !(now > 0.0))
+        return 0.0;
+    slope = Fit::scale_of(model, number) / (now * SPREAD);
+    return std::log(now / info->initial) / SPREAD;
+}
+
+// Of the readings in units of what is usual, of own values and of base parameters.
+double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
+{
+    constexpr double LOST = 1e3; // of the usual: a window that cannot be run
+    double sum = 0.0;
+    for (size_t w = 0; w < windows.size(); w += picture.stride)
+        for (int j = 0; j < mk_model_joints(&near); j++) {
+            const WindowQuadratic &q = picture.window[w];
+            sum += 0.5 * independent *
+                   (q.finite ? q.before[j] / scale[j]
+                             : LOST * (double)(windows[w].last - windows[w].first));
+        }
+    const std::vector<int> own = own_parameters(point.model);
+    for (const VectorXd &b : point.own)
+        for (size_t i = 0; i < own.size(); i++) {
+            const double off = b((long)i) / mk_model_parameter_spread(&point.model, own[i]);
+            sum += 0.5 * off * off;
+        }
+    for (int number : picture.free) {
+        double slope;
+        const double off = surprise(point.model, number, slope);
+        sum += 0.5 * off * off;
+    }
+    return sum;
+}
+
+FreeRuns::Normal FreeRuns::normal_of(const RunPicture &picture, const std::vector<long> &columns,
+                                     size_t fold, bool first_half) const
+{
+    const long n = (long)columns.size();
+    Normal out;
+    out.A = MatrixXd::Zero(n, n);
+    out.a = VectorXd::Zero(n);
+    for (size_t w = 0; w < windows.size(); w++) {
+        const WindowQuadratic &q = picture.window[w];
+        if (windows[w].fold != (int)fold || !q.finite || (first_half && windows[w].second_half))
+            continue;
+        for (int j = 0; j < mk_model_joints(&near); j++) {
+            const double weight = independent / scale[j];
+            for (long i = 0; i < n; i++) {
+                out.a(i) += weight * q.g[j](columns[(size_t)i]);
+                for (long k = 0; k < n; k++)
+                    out.A(i, k) += weight * q.H[j](columns[(size_t)i], columns[(size_t)k]);
+            }
+        }
+    }
+    return out;
+}
+
+// Own values b = b0 + db with the prior |b / spread|^2 / 2: with E the columns of their means,
+//     K = A E ,  M = (E'AE + D)^-1 ,  beta = E'a - D b0 ,  D = (scale / spread)^2 ,
+// A - K M K' and a - K M beta are left.
+void FreeRuns::eliminate_own(const RunPoint &point, const std::vector<int> &wanted, Normal &n) const
+{
+    const std::vector<int> own = own_parameters(point.model);
+    const long m = (long)own.size();
+    n.M = MatrixXd::Zero(m, m);
+    n.K = MatrixXd::Zero((long)wanted.size(), m);
+    n.beta = VectorXd::Zero(m);
+    if (m == 0)
+        return;
+    const std::vector<long> place = columns_of(own, wanted);
+    MatrixXd inner = MatrixXd::Zero(m, m);
+    for (long i = 0; i < m; i++) {
+        const double unit = Fit::scale_of(point.model, own[(size_t)i]) /
+                            mk_model_parameter_spread(&point.model, own[(size_t)i]);
+        n.K.col(i) = n.A.col(place[(size_t)i]);
+        n.beta(i) = n.a(place[(size_t)i]);
+        inner(i, i) += unit * unit;
+        for (long k = 0; k < m; k++)
+            inner(i, k) += n.A(place[(size_t)i], place[(size_t)k]);
+    }
+    n.M = dense::inverse(inner);
+}
+
+static VectorXd scaled_own(const RunPoint &point, size_t fold)
+{
+    const std::vector<int> own = own_parameters(point.model);
+    VectorXd b = point.own[fold];
+    for (size_t i = 0; i < own.size(); i++)
+        b((long)i) /= Fit::scale_of(point.model, own[i]);
+    return b;
+}
+
+static VectorXd pull_of_prior(const RunPoint &point, size_t fold)
+{
+    const std::vector<int> own = own_parameters(point.model);
+    VectorXd pull = scaled_own(point, fold);
+    for (size_t i = 0; i < own.size(); i++) {
+        const double unit =
+            Fit::scale_of(point.model, own[i]) / mk_model_parameter_spread(&point.model, own[i]);
+        pull((long)i) *= unit * unit;
+    }
+    return pull;
+}
+
+// All folds but one, own values eliminated, and what is known of base parameters.
+FitPicture FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted,
+                           const std::vector<Normal> &parts, size_t but) const
+{
+    const long n = (long)wanted.size();
+    FitPicture p;
+    p.information = MatrixXd::Zero(n, n);
+    p.gradient = VectorXd::Zero(n);
+    for (size_t f = 0; f < parts.size(); f++) {
+        if (f == but)
+            continue;
+        const Normal &part = parts[f];
+        p.information += part.A - part.K * part.M * part.K.transpose();
+        p.gradient += part.a - part.K * (part.M * part.beta);
+    }
+    for (long i = 0; i < n; i++) {
+        double slope = 0.0;
+        const double off = surprise(point.model, wanted[(size_t)i], slope);
+        p.information(i, i) += slope * slope;
+        p.gradient(i) -= slope * off;
+    }
+    return p;
+}
+
+std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point, const RunPicture &picture,
+                                                   const std::vector<int> &wanted) const
+{
+    const std::vector<long> columns = columns_of(wanted, picture.free);
+    std::vector<Normal> parts;
+    for (size_t f = 0; f < folds; f++) {
+        parts.push_back(normal_of(picture, columns, f, false));
+        eliminate_own(point, wanted, parts.back());
+        parts.back().beta -= pull_of_prior(point, f);
+    }
+    return parts;
+}
+
+// Expectation and maximisation: spread^2 = mean over folds of b^2 + var(b).
+void FreeRuns::update_spreads(RunPoint &point, const RunPicture &picture) const
+{
+    const std::vector<int> own = own_parameters(point.model);
+    if (own.empty())
+        return;
+    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
+    for (size_t i = 0; i < own.size(); i++) {
+        const double unit = Fit::scale_of(point.model, own[i]);
+        double sum = 0.0;
+        for (size_t f = 0; f < folds; f++)
+            sum += std::pow(point.own[f]((long)i), 2) + unit * unit * parts[f].M((long)i, (long)i);
+        mk_model_set_parameter_spread(&point.model, own[i], std::sqrt(sum / (double)folds));
+    }
+    point.cost = cost(point, picture);
+}
+
+FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunPicture &picture,
+                                 double damping) const
+{
+    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
+    const Stepper stepper(point.model, picture.free);
+    Step step;
+    step.coordinates = stepper.solve(whole(point, picture.free, parts, folds), damping);
+    step.scaled = stepper.parameters(step.coordinates);
+    for (const Normal &part : parts)
+        step.own.push_back(part.M * (part.beta - part.K.transpose() * step.scaled));
+    return step;
+}
+
+RunPoint FreeRuns::moved(const RunPoint &from, const RunPicture &picture, const Step &step) const
+{
+    RunPoint to = from;
+    const std::vector<int> own = own_parameters(from.model);
+    const std::vector<long> place = columns_of(own, picture.free);
+    Stepper(from.model, picture.free).apply(to.model, step.coordinates);
+    for (size_t f = 0; f < folds; f++)
+        for (size_t i = 0; i < own.size(); i++)
+            to.own[f]((long)i) += step.own[f]((long)i) * Fit::scale_of(from.model, own[i]);
+    for (size_t w = 0; w < windows.size(); w++) {
+        const WindowQuadratic &q = picture.window[w];
+        if (!q.finite)
+            continue;
+        VectorXd d = step.scaled;
+        for (size_t i = 0; i < own.size(); i++)
+            d(place[i]) += step.own[(size_t)windows[w].fold]((long)i);
+        to.x[w] += q.shift - q.follow * d;
+    }
+    return to;
+}
+
+// Levenberg and Marquardt.
+bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int iterations,
+                        int threads_now, RunPicture &picture) const
+{
+    constexpr double SETTLED = 0.05; // log likelihood
+    constexpr double HARDER = 30.0, EASIER = 0.1, MOST_DAMPING = 10.0;
+    if (!linearise(point, free, true, threads_now, picture))
+        return false;
+    point.cost = cost(point, picture);
+    double damping = TRACE, gain = HUGE_VAL;
+    for (int i = 0; i < iterations && gain > SETTLED && damping < MOST_DAMPING; i++) {
+        RunPoint trial = moved(point, picture, step_of(point, picture, damping));
+        RunPicture there;
+        there.stride = picture.stride;
+        trial.cost = HUGE_VAL;
+        recall(trial, threads_now);
+        if (mk_model_check(&trial.model, nullptr) == MK_OK &&
+            linearise(trial, free, true, threads_now, there))
+            trial.cost = cost(trial, there);
+        if (!(trial.cost < point.cost)) {
+            damping = std::max(1e-3, HARDER * damping);
+            continue;
+        }
+        gain = point.cost - trial.cost;
+        damping = std::max(TRACE, EASIER * damping);
+        point = std::move(trial);
+        picture = std::move(there);
+        update_spreads(point, picture);
+    }
+    return true;
+}
+
+FitPicture FreeRuns::information(const RunPoint &point, const RunPicture &picture) const
+{
+    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
+    FitPicture out = whole(point, picture.free, parts, folds);
+    // Own values integrated out: their prior's and their posterior's widths.
+    out.cost = out.evidence = point.cost;
+    const std::vector<int> own = own_parameters(point.model);
+    for (const Normal &part : parts)
+        for (size_t i = 0; i < own.size(); i++)
+            out.evidence += std::log(mk_model_parameter_spread(&point.model, own[i]) /
+                                     Fit::scale_of(point.model, own[i])) -
+                            0.5 * std::log(part.M((long)i, (long)i));
+    out.finite = true;
+    return out;
+}
+
+double FreeRuns::independent_errors() const
+{
+    double rows = 0.0;
+    for (const Window &w : windows)
+        rows += (double)(w.last - w.first);
+    return rows * independent * mk_model_joints(&near);
+}
+
+// Squared errors of a fold's windows after a step, over the variance of the readings.
+void FreeRuns::add_errors(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
+                          bool halves, const VectorXd &step, HeldOutFigures &out) const
+{
+    VectorXd d = VectorXd::Zero((long)picture.free.size());
+    for (size_t i = 0; i < columns.size(); i++)
+        d(columns[i]) = step((long)i);
+    for (size_t w = 0; w < windows.size(); w++) {
+        if (windows[w].fold != (int)fold || (halves && !windows[w].second_half))
+            continue;
+        const WindowQuadratic &q = picture.window[w];
+        double sum = 0.0;
+        for (int j = 0; j < MK_MAX_JOINTS; j++) {
+            double square = 0.0;
+            if (q.finite && j < mk_model_joints(&near) && deviation[j] > 0.0) {
+                const double n = (double)q.readings[j], unit = 1.0 / (deviation[j] * deviation[j]);
+                square = unit * (q.squares[j] - 2.0 * q.g[j].dot(d) + d.dot(q.H[j] * d));
+                out.square[j] += square;
+                out.rows[j] += n;
+                sum += std::max(square, n * ROUNDING * unit);
+            }
+            out.part[j].push_back(square);
+        }
+        out.window.push_back(sum);
+        out.log.push_back((int)fold);
+    }
+}
+
+bool FreeRuns::left_out(const RunPoint &point, const RunPicture &picture,
+                        const std::vector<int> &wanted, bool halves, HeldOutFigures &out) const
+{
+    const std::vector<long> columns = columns_of(wanted, picture.free);
+    const std::vector<int> own = own_parameters(point.model);
+    const std::vector<long> place = columns_of(own, wanted);
+    const std::vector<Normal> parts = normals_of(point, picture, wanted);
+    const Stepper stepper(point.model, wanted);
+    out = {};
+    for (size_t f = 0; f < folds; f++) {
+        VectorXd step = stepper.parameters(stepper.solve(whole(point, wanted, parts, f), TRACE));
+        if (!step.allFinite())
+            return false;
+        if (!own.empty()) {
+            Normal begin = normal_of(picture, columns, f, true);
+            eliminate_own(point, wanted, begin);
+            begin.beta -= pull_of_prior(point, f);
+            const VectorXd b = begin.M * (begin.beta - begin.K.transpose() * step);
+            for (size_t i = 0; i < own.size(); i++)
+                step(place[i]) += b((long)i);
+        }
+        add_errors(picture, columns, f, halves, step, out);
+    }
+    return true;
+}
+
+} // namespace mk

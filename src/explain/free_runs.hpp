@@ -1,0 +1,122 @@
+// Free runs of a model over windows of logs, as least squares: the errors that a model is judged by
+// are what its parameters are fitted to.
+//
+// About a point every window's squared error is a quadratic in a step of the parameters, its start
+// state eliminated (sim/window_fit.hpp). From these come Gauss-Newton steps, and what a fit to all
+// logs but one would predict of that one: a solution of a small linear system for each log.
+//
+// Parameters with a spread have a value of their own in every fold (random effects, as in
+// ident/fit.hpp); of a fold that is left out they come from the first halves of its logs, and the
+// second halves are judged.
+#ifndef MECHKIT_EXPLAIN_FREE_RUNS_HPP
+#define MECHKIT_EXPLAIN_FREE_RUNS_HPP
+
+#include <vector>
+
+#include "ident/fit.hpp"
+#include "ident/held_out.hpp"
+#include "sim/window_fit.hpp"
+
+namespace mk
+{
+
+struct RunPoint {
+    mk_model model;
+    std::vector<Eigen::VectorXd> own; // by fold: own values less their means, as own_parameters()
+    std::vector<Eigen::VectorXd> x;   // by window: its start state,
+    std::vector<Eigen::VectorXd> z;   // and what is known of hidden states there, if there are any
+    std::vector<Eigen::VectorXd> usual; // by log: how much these vary
+    double cost = HUGE_VAL;             // minus log likelihood, up to a constant
+};
+
+// Errors about a point, in the scaled parameters `free` (numbers as in mechkit/ident.h).
+struct RunPicture {
+    std::vector<int> free;
+    size_t stride = 1; // one in so many windows is looked at
+    std::vector<WindowQuadratic> window;
+};
+
+class FreeRuns
+{
+  public:
+    // `folds`: logs by fold, must outlive it; `near`: base parameters are somewhere near these.
+    FreeRuns(const std::vector<std::vector<const mk_log *>> &folds, const mk_model &near,
+             double window_s, int threads);
+
+    // Start states fitted to the readings of every window.
+    RunPoint start(const mk_model &model) const;
+    // The same windows and states for a model with other effects.
+    RunPoint adopt(const RunPoint &from, const mk_model &model, int threads) const;
+    // What errors are usual, by joint, is from here on what they are at this point.
+    void take_scale(RunPoint &point);
+    // An error in a joint's unit over the deviation of its readings.
+    double relative(int joint, double error) const;
+
+    // False where too many windows cannot be run. `settle`: start states that are not where they
+    // fit best are fitted again.
+    bool linearise(RunPoint &point, const std::vector<int> &free, bool settle, int threads,
+                   RunPicture &out) const;
+    double cost(const RunPoint &point, const RunPicture &picture) const;
+    // Gauss-Newton in parameters, own values and start states together; the picture is that of
+    // where it ends.
+    bool minimise(RunPoint &point, const std::vector<int> &free, int iterations, int threads,
+                  RunPicture &picture) const;
+    // Errors that fits to all folds but one leave in that one, one step from the point in those of
+    // the picture's parameters that are `wanted`. `halves`: in second halves.
+    bool left_out(const RunPoint &point, const RunPicture &picture, const std::vector<int> &wanted,
+                  bool halves, HeldOutFigures &out) const;
+    // What the errors about a point say of the picture's parameters, own values eliminated.
+    FitPicture information(const RunPoint &point, const RunPicture &picture) const;
+    size_t fold_count() const { return folds; }
+    // Errors that are worth one each.
+    double independent_errors() const;
+
+  private:
+    struct Log {
+        mk_record record;
+        int fold;
+        std::shared_ptr<const Way> way;
+    };
+    struct Window {
+        int log, fold;
+        size_t first, last;
+        bool second_half;
+    };
+    struct Normal; // of a fold
+    struct Step;
+    std::vector<Log> logs;
+    std::vector<Window> windows;
+    size_t folds;
+    mk_model near;
+    int threads;
+    double scale[MK_MAX_JOINTS] = {1.0, 1.0};     // usual squared error of a reading, counts^2
+    double deviation[MK_MAX_JOINTS] = {1.0, 1.0}; // of the readings, counts
+    double independent = 1.0;                     // errors per reading
+
+    std::unique_ptr<mk_start_finder> finder_of(const RunPoint &point, const mk_model &model,
+                                               size_t log) const;
+    void recall(RunPoint &point, int threads) const;
+    void update_spreads(RunPoint &point, const RunPicture &picture) const;
+    std::vector<Normal> normals_of(const RunPoint &point, const RunPicture &picture,
+                                   const std::vector<int> &wanted) const;
+    double surprise(const mk_model &model, int number, double &slope) const;
+    void add_windows(int log, double window_s);
+    void measure_readings();
+    std::vector<mk_model> models_of(const RunPoint &point) const;
+    Normal normal_of(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
+                     bool first_half) const;
+    void eliminate_own(const RunPoint &point, const std::vector<int> &wanted, Normal &n) const;
+    FitPicture whole(const RunPoint &point, const std::vector<int> &wanted,
+                     const std::vector<Normal> &parts, size_t but) const;
+    Step step_of(const RunPoint &point, const RunPicture &picture, double damping) const;
+    RunPoint moved(const RunPoint &from, const RunPicture &picture, const Step &step) const;
+    void linearise_some(RunPoint &point, const mk_start_finder &finder,
+                        const std::vector<double> &unit, size_t first, size_t last, bool settle,
+                        RunPicture &out) const;
+    bool off_its_best(const WindowQuadratic &q) const;
+    void add_errors(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
+                    bool halves, const Eigen::VectorXd &step, HeldOutFigures &out) const;
+};
+
+} // namespace mk
+#endif

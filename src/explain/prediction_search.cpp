@@ -1,0 +1,437 @@
+#include "explain/prediction_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr size_t MOST_CAUSES = 8;
+constexpr size_t FINALISTS = 6; // of a round, fitted in full
+constexpr size_t RIVALS = 2;
+constexpr double HONEST = 5.0;     // log likelihood of independent errors that a cause gains
+constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
+constexpr int FULL_ITERATIONS = 8, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
+
+std::vector<int> range_of(const mk_model &model, int effect, const std::vector<int> &free)
+{
+    int first = mk_plant(model.plant)->parameter_count;
+    for (int e = 0; e < effect; e++)
+        first += mk_effect(model.effect[e].index)->parameter_count;
+    const int last = first + mk_effect(model.effect[effect].index)->parameter_count;
+    std::vector<int> inside;
+    for (int number : free)
+        if (number >= first && number < last)
+            inside.push_back(number);
+    return inside;
+}
+
+// Noise of the readings where they are quietest.
+double least_scatter(const std::vector<const FitLog *> &logs, int joint)
+{
+    double least = HUGE_VAL;
+    for (const FitLog *log : logs)
+        least = std::min(least, scatter_of({log}, joint));
+    return least;
+}
+
+bool same_values(const Candidate &a, const Candidate &b)
+{
+    return same_cause(a, b) && a.spread == b.spread &&
+           std::equal(a.value, a.value + a.effect->parameter_count, b.value);
+}
+
+bool several_logs(const std::vector<const FitLog *> &logs)
+{
+    return std::any_of(logs.begin(), logs.end(),
+                       [&](const FitLog *log) { return log->source != logs[0]->source; });
+}
+
+bool has_own_values(const RunFit &fit)
+{
+    return !own_parameters(fit.point.model).empty();
+}
+
+} // namespace
+
+PredictionSearch::PredictionSearch(Search &search_in, FreeRuns &runs_in, const mk_model &base_in)
+    : search(search_in), runs(runs_in), base(base_in), threads(search_in.settings().threads),
+      own_effects((size_t)base_in.effect_count)
+{
+}
+
+bool PredictionSearch::leave_out(const std::vector<int> &wanted, RunFit &fit) const
+{
+    return runs.left_out(fit.point, fit.picture, wanted, false, fit.left_out[0]) &&
+           runs.left_out(fit.point, fit.picture, wanted, true, fit.left_out[1]);
+}
+
+bool PredictionSearch::fit(const RunPoint &from, const mk_model &model, int iterations,
+                           int threads_now, RunFit &out) const
+{
+    out.point = runs.adopt(from, model, threads_now);
+    const std::vector<int> free = fitted_parameters(model);
+    out.fine = runs.minimise(out.point, free, iterations, threads_now, out.picture) &&
+               leave_out(free, out);
+    return out.fine;
+}
+
+Carried PredictionSearch::compare(const RunFit &with, const RunFit &less) const
+{
+    // Own values are learnt on first halves, and then all are judged on the second.
+    const bool half = has_own_values(with) || has_own_values(less);
+    return CarryOver::compare(with.left_out[half], less.left_out[half], refit.left_out[half], floor,
+                              mk_model_joints(&base));
+}
+
+double PredictionSearch::times_noise() const
+{
+    double sum = 0.0, n = 0.0;
+    for (int j = 0; j < mk_model_joints(&base); j++)
+        if (floor[j] > 0.0)
+            sum += std::pow(best.left_out[has_own_values(best)].nrmse(j) / floor[j], 2), n += 1.0;
+    return n > 0.0 ? std::sqrt(sum / n) : 0.0;
+}
+
+bool PredictionSearch::begin()
+{
+    RunPoint from = runs.start(base);
+    runs.take_scale(from);
+    if (!fit(from, base, FULL_ITERATIONS, threads, refit))
+        return false;
+    for (int j = 0; j < mk_model_joints(&base); j++)
+        floor[j] = runs.relative(j, least_scatter(search.training(), j));
+    all = search.candidates_of(base);
+    best = refit;
+    return true;
+}
+
+bool PredictionSearch::confirm(const PredictionSearch &found)
+{
+    if (!begin())
+        return false;
+    most_tried = found.most_tried;
+    suspects = found.suspects;
+    if (found.causes.empty())
+        return true;
+    const mk_model &m = found.best.point.model;
+    if (!fit(runs.start(m), m, FULL_ITERATIONS, threads, best))
+        return false;
+    for (const Carrier &carrier : found.causes)
+        causes.push_back({carrier.cause, {}, {}, {}});
+    runners_up = found.runners_up;
+    eliminate();
+    face_rivals();
+    return true;
+}
+
+bool PredictionSearch::run()
+{
+    if (!begin())
+        return false;
+    while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
+           add_one())
+        continue;
+    eliminate();
+    face_rivals();
+    return true;
+}
+
+// Those that vanish with their size, from their slope where they are next to nothing.
+void PredictionSearch::screen_group(const std::vector<Candidate> &group,
+                                    std::vector<Asked> &out) const
+{
+    constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
+    const std::vector<int> own = fitted_parameters(best.point.model);
+    RunPoint point;
+    RunPicture picture;
+    std::vector<const Candidate *> members;
+    for (double share = 1e-3; share > 1e-10; share *= 1e-3) {
+        mk_model model = best.point.model;
+        members.clear();
+        for (const Candidate &given : group) {
+            Candidate c = given;
+            c.value[c.size] *= share;
+            mk_model more;
+            if (with_candidate(model, c, more)) {
+                model = more;
+                members.push_back(&given);
+            }
+        }
+        point = runs.adopt(best.point, model, 1);
+        if (!runs.linearise(point, fitted_parameters(model), false, 1, picture))
+            return;
+        if (std::fabs(runs.cost(point, picture) - best.point.cost) < SAME)
+            break;
+    }
+    for (size_t i = 0; i < members.size(); i++) {
+        const Candidate &c = *members[i];
+        const int effect = best.point.model.effect_count + (int)i;
+        std::vector<int> wanted = own;
+        for (int number : range_of(point.model, effect, picture.free)) {
+            // The shape of a resonance has no slope where it is next to nothing.
+            const bool is_size = number == range_of(point.model, effect, picture.free)[0] + c.size;
+            if (c.effect->state_count == 0 || is_size)
+                wanted.push_back(number);
+        }
+        RunFit with;
+        with.point = point;
+        with.picture = picture;
+        if (leave_out(wanted, with))
+            out.push_back({c, compare(with, best)});
+    }
+}
+
+void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
+                                     std::vector<Asked> &out) const
+{
+    constexpr size_t TOGETHER = 6;
+    std::vector<std::vector<Candidate>> groups;
+    for (const Candidate &c : some) {
+        const bool alone = c.effect->state_count > 0;
+        if (groups.empty() || alone || groups.back().size() == TOGETHER ||
+            groups.back()[0].effect->state_count > 0)
+            groups.emplace_back();
+        groups.back().push_back(c);
+    }
+    std::vector<std::vector<Asked>> each(groups.size());
+    parallel_for(threads, groups.size(), [&](size_t g) { screen_group(groups[g], each[g]); });
+    for (const std::vector<Asked> &group : each)
+        out.insert(out.end(), group.begin(), group.end());
+}
+
+// All others from where they start, on some of the windows.
+void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out)
+{
+    constexpr size_t EVERY = 3;
+    std::vector<Asked> each(some.size());
+    std::vector<char> fine(some.size(), 0);
+    parallel_for(threads, some.size(), [&](size_t i) {
+        mk_model model;
+        RunFit with;
+        with.picture.stride = EVERY;
+        if (!with_candidate(best.point.model, some[i], model) ||
+            !fit(best.point, model, TRIAL_ITERATIONS, 1, with))
+            return;
+        each[i] = {some[i], compare(with, best)};
+        const mk_effect_use &use = with.point.model.effect[model.effect_count - 1];
+        std::copy_n(use.value, some[i].effect->parameter_count, each[i].cause.value);
+        fine[i] = 1;
+    });
+    for (size_t i = 0; i < some.size(); i++) {
+        const Carried &c = each[i].carried;
+        if (fine[i] && c.mean < 0.0)
+            out.push_back(each[i]);
+        if (!fine[i] || c.mean > -c.error)
+            hopeless.push_back(some[i]);
+    }
+}
+
+bool PredictionSearch::was_hopeless(const Candidate &cause) const
+{
+    return std::any_of(hopeless.begin(), hopeless.end(),
+                       [&](const Candidate &c) { return same_values(c, cause); });
+}
+
+// Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
+// where the search for it starts. A law whose shape has is another one: a cable that never yields a
+// spring, a friction that changes over hours a constant.
+bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) const
+{
+    constexpr double FAR = 3.0, AWAY = 12.0;
+    const mk_effect_use &use = model.effect[model.effect_count - 1];
+    Hypothesis h;
+    h.added = cause;
+    h.point.model = model;
+    if (Search::discredited(h))
+        return false;
+    for (int k = 0; k < cause.effect->parameter_count; k++) {
+        const mk_parameter_info &info = cause.effect->parameter[k];
+        double low = HUGE_VAL, high = 0.0;
+        for (const Candidate &c : all)
+            if (same_cause(c, cause))
+                low = std::min(low, c.value[k]), high = std::max(high, c.value[k]);
+        const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
+        if (shape && low > 0.0 && low < HUGE_VAL &&
+            (use.value[k] < low / FAR || use.value[k] > high * FAR))
+            return false;
+        // Turns of the joint: a spring that rests that far away is a constant torque.
+        if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
+            return false;
+    }
+    return true;
+}
+
+// The best start of every cause that might carry over, the most promising first.
+std::vector<Asked> PredictionSearch::screen()
+{
+    // Over a window frequencies are told apart less finely than over a log.
+    constexpr int SKIPPED = 3;
+    int resonances = 0;
+    std::vector<Candidate> linear, others;
+    std::vector<Candidate> possible = search.candidates_of(best.point.model);
+    if (several_logs(search.training())) {
+        const std::vector<Candidate> own = with_own_places(possible);
+        possible.insert(possible.end(), own.begin(), own.end());
+    }
+    for (const Candidate &c : possible) {
+        if (is_library(c.effect) || is_play(c.effect) ||
+            (c.effect->state_count > 0 && c.linear && ++resonances % SKIPPED != 0))
+            continue;
+        if (c.linear)
+            linear.push_back(c);
+        else if (!was_hopeless(c))
+            others.push_back(c);
+    }
+    most_tried = std::max(most_tried, (int)(linear.size() + others.size()));
+    std::vector<Asked> asked;
+    screen_linear(linear, asked);
+    screen_others(others, asked);
+    std::sort(asked.begin(), asked.end(),
+              [](const Asked &a, const Asked &b) { return a.carried.mean < b.carried.mean; });
+    std::vector<Asked> best_starts;
+    for (const Asked &a : asked)
+        if (a.carried.mean < 0.0 && a.carried.judged &&
+            std::none_of(best_starts.begin(), best_starts.end(),
+                         [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
+            best_starts.push_back(a);
+    return best_starts;
+}
+
+bool PredictionSearch::add_one()
+{
+    std::vector<Asked> asked = screen();
+    std::vector<RunFit> finalists(std::min(asked.size(), FINALISTS));
+    parallel_for(threads, finalists.size(), [&](size_t i) {
+        RunFit &f = finalists[i];
+        mk_model model;
+        f.cause = asked[i].cause;
+        if (!with_candidate(best.point.model, f.cause, model) ||
+            !fit(best.point, model, FULL_ITERATIONS, 1, f))
+            return;
+        f.carried = compare(f, best);
+        f.fine = plausible(f.point.model, f.cause);
+        const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
+        std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
+    });
+    finalists.erase(
+        std::remove_if(finalists.begin(), finalists.end(), [](const RunFit &f) { return !f.fine; }),
+        finalists.end());
+    std::sort(finalists.begin(), finalists.end(),
+              [](const RunFit &a, const RunFit &b) { return a.carried.mean < b.carried.mean; });
+    const auto chosen = std::find_if(finalists.begin(), finalists.end(), [](const RunFit &f) {
+        return CarryOver::promising(f.carried);
+    });
+    suspects.clear();
+    for (const RunFit &f : finalists)
+        if (f.carried.mean < 0.0 && f.carried.share > 0.0)
+            suspects.push_back({f.cause, f.carried});
+    if (chosen == finalists.end())
+        return false;
+    Carrier carrier = {chosen->cause, chosen->carried, {}, {}};
+    runners_up.emplace_back();
+    for (const RunFit &f : finalists)
+        if (&f != &*chosen && runners_up.back().size() < RIVALS && CarryOver::promising(f.carried))
+            runners_up.back().push_back(f.cause);
+    best = std::move(*chosen);
+    causes.push_back(carrier);
+    return true;
+}
+
+mk_model PredictionSearch::without(size_t cause) const
+{
+    mk_model m = best.point.model;
+    for (int e = (int)(own_effects + cause); e + 1 < m.effect_count; e++)
+        m.effect[e] = m.effect[e + 1];
+    m.effect_count--;
+    return m;
+}
+
+// Causes that no longer carry over beside those found after them: the weakest goes, and the others
+// are asked again.
+void PredictionSearch::eliminate()
+{
+    while (!causes.empty() && !search.cancelled) {
+        std::vector<RunFit> less(causes.size());
+        parallel_for(threads, causes.size(), [&](size_t i) {
+            const mk_model m = without(i);
+            const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
+            fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
+                less[i]);
+        });
+        size_t weakest = causes.size();
+        double least = HUGE_VAL;
+        for (size_t i = 0; i < causes.size(); i++) {
+            if (!less[i].fine)
+                continue;
+            causes[i].carried = compare(best, less[i]);
+            const Carried &c = causes[i].carried;
+            const double gain = score(less[i]) - score(best);
+            if ((gain < HONEST || !CarryOver::enough(c, (int)causes.size())) &&
+                -c.mean / c.error < least) {
+                least = -c.mean / c.error;
+                weakest = i;
+            }
+        }
+        if (weakest == causes.size()) {
+            for (size_t i = 0; i < causes.size(); i++)
+                causes[i].without = std::move(less[i]);
+            return;
+        }
+        suspects.push_back({causes[weakest].cause, causes[weakest].carried});
+        best = std::move(less[weakest]);
+        causes.erase(causes.begin() + (std::ptrdiff_t)weakest);
+        runners_up.erase(runners_up.begin() + (std::ptrdiff_t)weakest);
+    }
+}
+
+// The runners-up of each cause in its place, beside all others.
+void PredictionSearch::face_rivals()
+{
+    for (size_t i = 0; i < causes.size(); i++) {
+        const RunFit &less = causes[i].without;
+        for (const Candidate &rival : runners_up[i]) {
+            mk_model m;
+            RunFit faced;
+            faced.cause = rival;
+            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
+                return same_cause(c.cause, rival);
+            });
+            if (!there && less.fine && with_candidate(less.point.model, rival, m) &&
+                fit(less.point, m, FULL_ITERATIONS, threads, faced) &&
+                plausible(faced.point.model, rival))
+                causes[i].rivals.push_back(std::move(faced));
+        }
+    }
+}
+
+double PredictionSearch::score(const RunFit &fit) const
+{
+    Hypothesis h;
+    judge(fit, h);
+    return h.score;
+}
+
+void PredictionSearch::judge(const RunFit &fit, Hypothesis &out) const
+{
+    judge_by_runs(runs, fit.point, fit.picture, out);
+}
+
+void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunPicture &picture,
+                   Hypothesis &out)
+{
+    const FitPicture said = runs.information(point, picture);
+    out.picture.information = said.information;
+    out.picture.gradient = said.gradient;
+    out.picture.evidence = said.evidence;
+    out.free_count = (int)picture.free.size();
+    const double numbers = (double)picture.free.size() + (double)own_parameters(point.model).size();
+    out.score = said.evidence + 0.5 * numbers * std::log(runs.independent_errors());
+}
+
+} // namespace mk
