@@ -49,6 +49,7 @@
     X(usb)                                                                                         \
     X(parport)                                                                                     \
     X(ppdev)                                                                                       \
+    X(streams)                                                                                     \
     X(boards_cli)                                                                                  \
     X(bus_runs)                                                                                    \
     X(replug)                                                                                      \

@@ -35,7 +35,8 @@ enum mk_board_capability {
     MK_BOARD_CAP_TIMESTAMP = 2, /* board_ns is the board's own clock */
     MK_BOARD_CAP_SIMULATED = 4, /* no motor anywhere */
     MK_BOARD_CAP_FAST = 8,      /* can run on a simulated clock */
-    MK_BOARD_CAP_NO_RIG = 16    /* its counters stand still whatever it is told */
+    MK_BOARD_CAP_NO_RIG = 16,   /* its counters stand still whatever it is told */
+    MK_BOARD_CAP_ADDRESSED = 32 /* not searched for: mk_board_config.device says where it is */
 };
 
 /* Bits of mk_board_sample.status. */
@@ -67,7 +68,7 @@ struct mk_board_config {
     uint64_t seed;                /* virtual: noise */
     double count_noise;           /* virtual: counts */
     const char *fault_script;     /* virtual: see docs/faults.md; NULL: none; copied */
-    const char *device;           /* usb: serial number, parport: /dev/parportN; NULL: the first */
+    const char *device;           /* which board (docs/boards.md); NULL: the first */
     double start[MK_MAX_JOINTS];  /* virtual: start angles relative to rest, rad */
 };
 
@@ -90,7 +91,8 @@ struct mk_board_ops {
     size_t private_size;   /* bytes the core allocates, zeroed, behind the handle */
 
     /* Lists the boards of this kind that are there, motor untouched; at most `max`. Returns how
-     * many, or a negative mk_status. Optional: a back end without it has exactly one. */
+     * many, or a negative mk_status. Optional: a back end without it has exactly one, or cannot
+     * know (MK_BOARD_CAP_ADDRESSED). */
     int (*find)(struct mk_board_found *out, int max, struct mk_error *err);
 
     /* Finds and claims the device, motor off. Called once; may block up to a few seconds. On

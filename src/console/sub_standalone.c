@@ -52,8 +52,9 @@ static void on_signal(int number)
  */
 
 static const struct option_row option_rows[] = {
-    {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
-    {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
+    {"board", OPTION_TEXT(board), "NAME", "usb, parport, tcp, serial, virtual (default)"},
+    {"device", OPTION_TEXT(device), "NAME",
+     "which board, when there are several; with tcp HOST:PORT"},
     {"model", OPTION_TEXT(model), "M.ini",
      "the rig; default: the rig of the setup with Meesters' parameters"},
     {"gains", OPTION_TEXT(gains), "LIST",

@@ -5,6 +5,7 @@
 #define MECHKIT_TESTS_EMU_BENCH_H
 
 #include "emu/pp.h"
+#include "emu/stream.h"
 #include "emu/usb.h"
 #include "mechkit/board.h"
 
@@ -12,12 +13,16 @@ struct emu_bench {
     struct mk_emulated board;
     struct emu_usb usb;
     struct emu_pp pp;
+    struct emu_stream stream;
     struct emu_line *line;   /* of the bus it is on */
+    const char *device;      /* for mk_board_config; NULL: the first is the one */
     struct mk_board_ops ops; /* of the back end, FAST added */
 };
 
 /* `back_end`: "usb", "parport" (EPP), "parport-byte" or "parport-nibble" (a board that agrees to no
- * more), or one that needs no bench ("virtual", "null"). */
+ * more), "tcp" (a connection of this machine with itself), "serial" (a pseudo-terminal),
+ * "serial-cut" (of an answer twelve bytes at a time can be read), or one that needs no bench
+ * ("virtual", "null"). */
 void emu_bench_init(struct emu_bench *b, const char *back_end,
                     const struct mk_board_config *config);
 /* Plugs in again what the plan has unplugged. */
