@@ -10,9 +10,9 @@
 #include "mechkit/board.h"
 #include "mechkit/rig.h"
 
-static const char *const boards[] = {"null",    "virtual",      "usb",
-                                     "parport", "parport-byte", "parport-nibble",
-                                     "tcp",     "serial",       "serial-cut"};
+static const char *const boards[] = {"null",         "virtual",        "usb", "parport",
+                                     "parport-byte", "parport-nibble", "tcp", "serial",
+                                     "serial-cut",   "tcp-stepped"};
 #define BOARD_COUNT ((int)(sizeof boards / sizeof boards[0]))
 
 static struct mk_model model;

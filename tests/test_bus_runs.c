@@ -11,8 +11,8 @@
 
 #define SECONDS 4.0
 
-static const char *const buses[] = {"usb", "parport", "parport-byte", "parport-nibble",
-                                    "tcp", "serial",  "serial-cut",   "virtual"};
+static const char *const buses[] = {"usb",    "parport",    "parport-byte", "parport-nibble", "tcp",
+                                    "serial", "serial-cut", "tcp-stepped",  "virtual"};
 #define BUSES ((int)(sizeof buses / sizeof buses[0]))
 
 static struct mk_model model;

@@ -369,6 +369,21 @@ START_TEST(answers_that_come_a_byte_at_a_time_are_put_together)
 }
 END_TEST
 
+START_TEST(a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time)
+{
+    const char *name = _i == 0 ? "tcp" : "serial";
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    emu_bench_init(&bench, name, &config);
+    config.device = bench.device;
+    ck_assert_int_eq(mk_board_open(mk_board_backend_by_name(name), &config, &board, &err),
+                     MK_ERR_NOTSUP);
+    says("does not say that it is simulated");
+    says("leave out --fast");
+    ck_assert_ptr_null(board);
+    ck_assert_double_eq(bench.board.u, 0.0);
+}
+END_TEST
+
 /* --- serial ports ---------------------------------------------------------------------------- */
 
 START_TEST(a_device_of_another_kind_is_told)
@@ -680,6 +695,8 @@ Suite *suite_streams(void)
     tcase_add_test(t, what_was_said_before_the_end_is_still_heard);
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
+    tcase_add_loop_test(
+        t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
     tcase_add_test(t, a_device_of_another_kind_is_told);
     tcase_add_test(t, a_rate_that_is_none_or_too_slow_is_told);
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);

@@ -121,6 +121,10 @@ struct mk_board_ops {
                                    struct mk_error *err);
     /* Motor off, everything released. Always called exactly once after a successful open. */
     void (*close)(struct mk_board *board);
+    /* Of a back end that does not know beforehand whether its board can run on a simulated clock
+     * (no MK_BOARD_CAP_FAST): asks the board, which from here on follows board->clock. Called once,
+     * after open. MK_ERR_NOTSUP: the board is a real one. Optional. */
+    enum mk_status (*follow)(struct mk_board *board, struct mk_error *err);
 };
 
 struct mk_board {
@@ -130,6 +134,12 @@ struct mk_board {
     bool gone;  /* exchange has returned MK_ERR_NODEV */
     void *priv; /* the back end's private data */
 };
+
+/* Whether a back end may run on a simulated clock: its board may still refuse. */
+static inline bool mk_board_may_be_fast(const struct mk_board_ops *ops)
+{
+    return (ops->capabilities & MK_BOARD_CAP_FAST) != 0 || ops->follow != NULL;
+}
 
 /* Table of back ends; NULL out of range / unknown. Static. */
 const struct mk_board_ops *mk_board_backend(int index);

@@ -64,6 +64,7 @@ const struct mk_board_ops mk_board_tcp_ops = {
     .safe_state = mk_wire_board_safe,
     .set_watchdog = mk_wire_board_watchdog,
     .close = tcp_close,
+    .follow = mk_wire_board_follow,
 };
 
 /* --- serial ports ------------------------------------------------------------------------------
@@ -108,4 +109,5 @@ const struct mk_board_ops mk_board_serial_ops = {
     .safe_state = mk_wire_board_safe,
     .set_watchdog = mk_wire_board_watchdog,
     .close = serial_close,
+    .follow = mk_wire_board_follow,
 };

@@ -25,10 +25,10 @@ static void sit_at_parport(struct emu_bench *b, const char *back_end)
 
 static void sit_at_stream(struct emu_bench *b, const char *back_end)
 {
-    emu_stream_init(&b->stream, strcmp(back_end, "tcp") == 0 ? EMU_TCP : EMU_PTY,
+    emu_stream_init(&b->stream, strncmp(back_end, "tcp", 3) == 0 ? EMU_TCP : EMU_PTY,
                     emu_board_of(&b->board));
     b->line = &b->stream.line;
-    b->stream.timed = &b->board;
+    b->stream.timed = b->stepped ? NULL : &b->board;
     b->stream.cut = strstr(back_end, "cut") ? 12 : 0;
     b->device = b->stream.device;
 }
@@ -40,11 +40,19 @@ void emu_bench_init(struct emu_bench *b, const char *back_end, const struct mk_b
     memset(b, 0, sizeof *b);
     sscanf(back_end, "%31[^-]", name);
     b->ops = *mk_board_backend_by_name(name);
-    b->ops.capabilities |= MK_BOARD_CAP_FAST;
+    b->stepped = strstr(back_end, "stepped") != NULL;
+    if (!b->stepped)
+        b->ops.capabilities |= MK_BOARD_CAP_FAST;
     if (strcmp(name, "virtual") == 0 || strcmp(name, "null") == 0)
         return;
-    enum mk_status st = mk_emulated_init(&b->board, config, "emulated", "MK-0001", &err);
+    struct mk_board_config own = *config;
+    mk_step_clock_init(&b->clock);
+    if (b->stepped)
+        own.clock = &b->clock.clock;
+    enum mk_status st = mk_emulated_init(&b->board, &own, "emulated", "MK-0001", &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
+    if (b->stepped)
+        mk_emulated_allow_steps(&b->board, &b->clock);
     if (strcmp(name, "usb") == 0)
         sit_at_usb(b);
     else if (strcmp(name, "parport") == 0)
