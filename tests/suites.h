@@ -50,6 +50,7 @@
     X(parport)                                                                                     \
     X(ppdev)                                                                                       \
     X(streams)                                                                                     \
+    X(serve)                                                                                       \
     X(boards_cli)                                                                                  \
     X(bus_runs)                                                                                    \
     X(replug)                                                                                      \

@@ -444,6 +444,8 @@ void mk_device_hang_up(struct mk_device *d)
     motor_off(d);
     run_freely(d);
     d->greeted = false;
+    set_watchdog(d, MK_WATCHDOG_DEFAULT_MS);
+    d->watched = false; /* it is silent from here on, and may be */
     mk_decoder_reset(&d->decoder);
 }
 

@@ -94,7 +94,7 @@ static uint8_t hal_switches(void *user)
 /* --- a clock that the host steps ----------------------------------------------------------------
  */
 
-static void begin_anew(struct mk_emulated *e)
+void mk_emulated_begin_anew(struct mk_emulated *e)
 {
     e->failed = mk_rig_restart(e->rig, NULL) != MK_OK;
     e->random.state = ~e->seed;
@@ -107,7 +107,7 @@ static void hold(struct mk_emulated *e, bool held)
 {
     mk_step_clock_hold(e->steps, held);
     e->plant_ns = mk_clock_now_ns(e->clock);
-    begin_anew(e);
+    mk_emulated_begin_anew(e);
 }
 
 static void hal_step(void *user, uint64_t ns)

@@ -52,6 +52,8 @@ MK_NODISCARD enum mk_status mk_emulated_init(struct mk_emulated *e,
 void mk_emulated_free(struct mk_emulated *e);
 /* As after a loss of power: counters stand anywhere, nothing is remembered; the rig goes on. */
 void mk_emulated_restart(struct mk_emulated *e);
+/* The rig back at its start, the same noise again; the board goes on. Allocates. */
+void mk_emulated_begin_anew(struct mk_emulated *e);
 /* A host may step the board's clock, which must be the one of the configuration. When it begins to,
  * and when it ends, the rig is put back to its start: a run in steps is repeatable, whatever was
  * before it. That allocates, so such a board is not for the real-time path of a host. */
