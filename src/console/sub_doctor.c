@@ -89,7 +89,8 @@ static const struct option_row option_rows[] = {
      "asks for the joints to be turned by hand: does each encoder count?"},
     {"drive", OPTION_FLAG(drive), NULL,
      "two short pushes and a slow sweep: wiring, swapped encoders, cable drag"},
-    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {"fast", OPTION_FLAG(fast), NULL,
+     "in simulated time: the virtual board, or one that says it is simulated"},
     {0}};
 
 /* Set by a signal: what is under way ends, the motor goes off. */

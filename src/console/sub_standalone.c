@@ -65,7 +65,8 @@ static const struct option_row option_rows[] = {
     {"every", OPTION_COUNT(every), "N", "samples a record; default: so that the arrays last", 1,
      255},
     {"out", OPTION_TEXT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
-    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {"fast", OPTION_FLAG(fast), NULL,
+     "in simulated time: the virtual board, or one that says it is simulated"},
     {0}};
 
 static int run(int argc, char **argv);
