@@ -676,6 +676,90 @@ START_TEST(trouble_at_any_kind_of_request_ends_in_time_with_a_name_and_the_motor
 }
 END_TEST
 
+/* --- a clock that is stepped ------------------------------------------------------------------ */
+
+static void sit_at_stepped(void)
+{
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    emu_bench_init(&bench, "tcp-stepped", &config);
+    config.device = bench.device;
+    enum mk_status st = mk_board_open(&bench.ops, &config, &board, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+}
+
+static void pass_ms(int ms)
+{
+    mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + ms * INT64_C(1000000));
+}
+
+START_TEST(trouble_with_a_step_costs_one_sample_and_the_clocks_stay_together)
+{
+    static const enum emu_fault once[] = {EMU_FAULT_LOSE_REQUEST, EMU_FAULT_LOSE_ANSWER,
+                                          EMU_FAULT_FLIP_REQUEST, EMU_FAULT_SHORT_ANSWER,
+                                          EMU_FAULT_TWICE_REQUEST};
+    struct mk_board_sample first, s;
+    sit_at_stepped();
+    must(board->ops->set_watchdog(board, 20, &err));
+    must(mk_board_exchange(board, 1.0, &first));
+    int64_t start_ns = mk_clock_now_ns(&clock_);
+    emu_line_arm(bench.line, once[_i], 1, 1);
+    for (int k = 1, lost = 0; k <= 8; k++) {
+        pass_ms(2);
+        enum mk_status st = mk_board_exchange(board, 1.0, &s);
+        lost += st != MK_OK;
+        ck_assert_int_le(lost, once[_i] != EMU_FAULT_TWICE_REQUEST);
+        if (st == MK_OK)
+            ck_assert_int_eq(s.board_ns - first.board_ns, mk_clock_now_ns(&clock_) - start_ns);
+    }
+    ck_assert_uint_eq(bench.line->injected, 1);
+    ck_assert_double_eq(bench.board.u, 1.0);
+}
+END_TEST
+
+/* Time stands for the board as long as nobody steps it; that the line has closed it sees all the
+ * same (test_serve), and the host that comes next finds the motor off. */
+START_TEST(a_stepped_board_that_is_unplugged_is_gone_at_any_kind_of_request)
+{
+    for (size_t r = 0; r < REQUESTS; r++) {
+        if (requests[r].before == STREAMING || requests[r].ask == do_hello)
+            continue;
+        sit_at_stepped();
+        struct mk_wire *w = mk_wire_of(board);
+        struct mk_board_sample s;
+        must(board->ops->set_watchdog(board, 20, &err));
+        must(mk_board_exchange(board, 2.0, &s));
+        pass_ms(2);
+        emu_line_arm(bench.line, EMU_FAULT_UNPLUG, 0, 1);
+        ck_assert_msg(requests[r].ask(w) == MK_ERR_NODEV, "%s", requests[r].name);
+        ck_assert_int_eq(do_safe(w), MK_ERR_NODEV);
+        mk_board_close(board);
+        board = NULL;
+        emu_bench_plug(&bench);
+        struct mk_board_config config = {.model = &model, .clock = &clock_, .device = bench.device};
+        must(mk_board_open(&bench.ops, &config, &board, &err));
+        ck_assert_double_eq(bench.board.u, 0.0);
+        teardown();
+        setup();
+    }
+}
+END_TEST
+
+START_TEST(a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time)
+{
+    struct mk_board_sample s;
+    sit_at_stepped();
+    must(board->ops->set_watchdog(board, 20, &err));
+    must(mk_board_exchange(board, 2.0, &s));
+    int64_t fed_ns = s.board_ns;
+    pass_ms(60000);
+    must(mk_board_exchange(board, 2.0, &s));
+    ck_assert_uint_ne(s.status & MK_BOARD_ST_WATCHDOG, 0);
+    ck_assert_double_eq(s.u_applied, 0.0);
+    ck_assert_int_eq(s.board_ns - fed_ns, 60000 * INT64_C(1000000));
+    ck_assert_int_eq((int64_t)bench.board.device.fault_ns - fed_ns, 20 * INT64_C(1000000) + 1);
+}
+END_TEST
+
 Suite *suite_streams(void)
 {
     Suite *s = suite_create("streams");
@@ -705,6 +789,9 @@ Suite *suite_streams(void)
     tcase_add_loop_test(t,
                         trouble_at_any_kind_of_request_ends_in_time_with_a_name_and_the_motor_off,
                         0, 2 * TROUBLES);
+    tcase_add_loop_test(t, trouble_with_a_step_costs_one_sample_and_the_clocks_stay_together, 0, 5);
+    tcase_add_test(t, a_stepped_board_that_is_unplugged_is_gone_at_any_kind_of_request);
+    tcase_add_test(t, a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time);
     suite_add_tcase(s, t);
     return s;
 }

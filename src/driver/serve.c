@@ -19,6 +19,7 @@
 
 #define IDLE_NS 100000000 /* longest sleep: the rig goes on in pieces of it */
 #define PRIORITY 70       /* below the loop of a host on the same machine, which waits for it */
+#define READS 16          /* at most before others have their turn: a client may never stop */
 #define LOOK_NS 20000000  /* between two looks whether a pseudo-terminal has been opened */
 
 struct mk_server {
@@ -140,13 +141,13 @@ static void send_out(struct mk_server *s)
 static bool take_in(struct mk_server *s)
 {
     uint8_t bytes[4 * MK_FRAME_MAX];
-    ssize_t k;
-    while ((k = read(s->client, bytes, sizeof bytes)) > 0) {
+    ssize_t k = 1;
+    for (int i = 0; i < READS && (k = read(s->client, bytes, sizeof bytes)) > 0; i++) {
         if (mk_emulated_receive(&s->board, bytes, (size_t)k) != MK_OK)
             return true; /* the simulation has failed: seen to by whoever calls */
         send_out(s);
     }
-    return k < 0 && (errno == EAGAIN || errno == EINTR);
+    return k > 0 || (k < 0 && (errno == EAGAIN || errno == EINTR));
 }
 
 /* --- the board ---------------------------------------------------------------------------------

@@ -181,10 +181,13 @@ enum mk_status mk_tcp_connect(const char *device, int *fd, struct mk_error *err)
         st = look_up(&address, 0, &list, err);
     if (st != MK_OK)
         return st;
-    int64_t deadline_ns = now_ns() + MK_TCP_CONNECT_S * INT64_C(1000000000);
-    int why = EADDRNOTAVAIL;
-    for (a = list; a && *fd < 0; a = a->ai_next)
-        why = connect_to(a, deadline_ns, fd);
+    int64_t end_ns = now_ns() + MK_TCP_CONNECT_S * INT64_C(1000000000);
+    int why = EADDRNOTAVAIL, left = 0;
+    for (a = list; a; a = a->ai_next)
+        left++;
+    /* One address that does not answer leaves the others their share of the time. */
+    for (a = list; a && *fd < 0; a = a->ai_next, left--)
+        why = connect_to(a, now_ns() + (end_ns - now_ns()) / left, fd);
     freeaddrinfo(list);
     return *fd >= 0 ? MK_OK : connect_error(device, why, err);
 }
