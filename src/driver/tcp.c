@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "base/text.h"
+#include "driver/resolve.h"
 
 #define BACKLOG 4
 /* A client whose machine has vanished is given up after about half a minute. */
@@ -80,17 +81,16 @@ enum mk_status mk_tcp_parse(const char *text, bool any_port, struct mk_tcp_addre
     return MK_OK;
 }
 
-static enum mk_status look_up(const struct mk_tcp_address *a, int flags, struct addrinfo **out,
-                              struct mk_error *err)
+static enum mk_status look_up(const struct mk_tcp_address *a, int flags, int64_t deadline_ns,
+                              struct addrinfo **out, struct mk_error *err)
 {
-    const struct addrinfo hints = {
-        .ai_family = AF_UNSPEC, .ai_socktype = SOCK_STREAM, .ai_flags = flags | AI_NUMERICSERV};
-    int rc = getaddrinfo(a->host, a->port, &hints, out);
+    int rc = mk_resolve(a->host, a->port, flags, deadline_ns, out);
     if (rc == 0)
         return MK_OK;
     char shown[128];
     mk_show_text(shown, sizeof shown, a->host);
-    return mk_error_set(err, MK_ERR_NOTFOUND, "no address of host '%s': %s", shown,
+    return mk_error_set(err, rc == EAI_AGAIN ? MK_ERR_TIMEOUT : MK_ERR_NOTFOUND,
+                        "no address of host '%s': %s", shown,
                         rc == EAI_SYSTEM ? strerror(errno) : gai_strerror(rc));
 }
 
@@ -176,12 +176,12 @@ enum mk_status mk_tcp_connect(const char *device, int *fd, struct mk_error *err)
         return mk_error_set(err, MK_ERR_USAGE,
                             "a board over TCP has to be named: --device HOST:PORT, such as "
                             "127.0.0.1:7000 or [::1]:7000");
+    int64_t end_ns = now_ns() + MK_TCP_CONNECT_S * INT64_C(1000000000);
     enum mk_status st = mk_tcp_parse(device, false, &address, err);
     if (st == MK_OK)
-        st = look_up(&address, 0, &list, err);
+        st = look_up(&address, 0, end_ns, &list, err);
     if (st != MK_OK)
         return st;
-    int64_t end_ns = now_ns() + MK_TCP_CONNECT_S * INT64_C(1000000000);
     int why = EADDRNOTAVAIL, left = 0;
     for (a = list; a; a = a->ai_next)
         left++;
@@ -221,7 +221,8 @@ enum mk_status mk_tcp_listen(const char *where, int *fd, char *bound, size_t siz
     *fd = -1;
     enum mk_status st = mk_tcp_parse(where, true, &address, err);
     if (st == MK_OK)
-        st = look_up(&address, AI_PASSIVE, &list, err);
+        st = look_up(&address, AI_PASSIVE, now_ns() + MK_TCP_CONNECT_S * INT64_C(1000000000), &list,
+                     err);
     if (st != MK_OK)
         return st;
     int why = EADDRNOTAVAIL;

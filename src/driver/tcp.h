@@ -19,8 +19,8 @@ struct mk_tcp_address {
 MK_NODISCARD enum mk_status mk_tcp_parse(const char *text, bool any_port,
                                          struct mk_tcp_address *out, struct mk_error *err);
 
-/* Connects within MK_TCP_CONNECT_S (finding the address of a name takes what the system takes).
- * MK_ERR_USAGE, MK_ERR_NOTFOUND (nobody there), MK_ERR_TIMEOUT, ..., with what to do. */
+/* Connects within MK_TCP_CONNECT_S, in which the address of a name must be found too. MK_ERR_USAGE,
+ * MK_ERR_NOTFOUND (nobody there), MK_ERR_TIMEOUT, ..., with what to do. */
 MK_NODISCARD enum mk_status mk_tcp_connect(const char *device, int *fd, struct mk_error *err);
 
 /* Listens; `bound` gets the address with the port that it has become. */
