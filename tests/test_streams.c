@@ -16,6 +16,7 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -453,6 +454,45 @@ START_TEST(a_device_of_another_kind_is_told)
 }
 END_TEST
 
+START_TEST(the_terminal_of_the_program_itself_is_not_taken_for_a_board)
+{
+    struct emu_board none = {0};
+    int status;
+    emu_stream_init(&bench.stream, EMU_PTY, none);
+    pid_t pid = fork();
+    if (pid == 0) {
+        setsid();
+        int own = open(bench.stream.device, O_RDWR);
+        bool told = own >= 0 && try_open("serial", bench.stream.device) == MK_ERR_USAGE &&
+                    strstr(err.message, "the terminal that this program runs in");
+        _exit(told ? 0 : 1);
+    }
+    ck_assert_int_eq(waitpid(pid, &status, 0), pid);
+    ck_assert_int_eq(status, 0);
+    emu_stream_free(&bench.stream);
+}
+END_TEST
+
+/* Opening its port resets it: eight greetings are lost, longer than one request is patient. */
+START_TEST(a_board_that_still_boots_is_waited_for)
+{
+    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    emu_bench_init(&bench, "serial", &config);
+    config.device = bench.device;
+    emu_line_arm(bench.line, EMU_FAULT_LOSE_REQUEST, 0, 8);
+    enum mk_status st = mk_board_open(&bench.ops, &config, &board, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    ck_assert_uint_eq(bench.line->injected, 8);
+    mk_board_close(board);
+    board = NULL;
+    emu_line_arm(bench.line, EMU_FAULT_LOSE_REQUEST, 0, 1000);
+    double start = now_s();
+    ck_assert_int_eq(mk_board_open(&bench.ops, &config, &board, &err), MK_ERR_TIMEOUT);
+    says("no answer to 'hello'");
+    ck_assert_double_le(now_s() - start, 5.0);
+}
+END_TEST
+
 START_TEST(a_rate_that_is_none_or_too_slow_is_told)
 {
     static const char *const rates[] = {"9600", "115200", "fast", "", "-230400", "99999999999"};
@@ -827,6 +867,8 @@ Suite *suite_streams(void)
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
     tcase_add_test(t, a_device_of_another_kind_is_told);
+    tcase_add_test(t, the_terminal_of_the_program_itself_is_not_taken_for_a_board);
+    tcase_add_test(t, a_board_that_still_boots_is_waited_for);
     tcase_add_test(t, a_rate_that_is_none_or_too_slow_is_told);
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);
     tcase_add_test(t, a_port_that_is_in_use_is_told_and_left_alone);

@@ -7,6 +7,8 @@
 #include "driver/serial.h"
 #include "driver/tcp.h"
 
+#define BOOT_NS INT64_C(3000000000) /* a board at a serial port may take to answer */
+
 struct stream_board {
     struct mk_wire wire; /* first: the slots of wire.h find it there */
     struct mk_byte_stream stream;
@@ -76,6 +78,20 @@ static int serial_find(struct mk_board_found *out, int max, struct mk_error *err
     return mk_serial_find(out, max);
 }
 
+/* Opening a port resets some boards, and a boot loader has its say first. */
+static enum mk_status greet_patiently(struct stream_board *b, const struct mk_board_config *config,
+                                      struct mk_error *err)
+{
+    struct mk_clock clock;
+    enum mk_status st;
+    mk_clock_init_monotonic(&clock);
+    int64_t end_ns = mk_clock_now_ns(&clock) + BOOT_NS;
+    do
+        st = greet(b, b->serial.fd, config, err);
+    while (st == MK_ERR_TIMEOUT && mk_clock_now_ns(&clock) < end_ns);
+    return st;
+}
+
 static enum mk_status serial_open(struct mk_board *board, const struct mk_board_config *config,
                                   struct mk_error *err)
 {
@@ -83,7 +99,7 @@ static enum mk_status serial_open(struct mk_board *board, const struct mk_board_
     enum mk_status st = mk_serial_open(&b->serial, config->device, err);
     if (st != MK_OK)
         return st;
-    st = greet(b, b->serial.fd, config, err);
+    st = greet_patiently(b, config, err);
     if (st != MK_OK)
         mk_serial_close(&b->serial);
     return st;

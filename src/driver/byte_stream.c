@@ -45,8 +45,7 @@ static enum mk_status from_errno(struct mk_byte_stream *s, int why)
 /* A peer that has closed must not end the program: MSG_NOSIGNAL; terminals send no SIGPIPE. */
 static ssize_t put(const struct mk_byte_stream *s, const uint8_t *bytes, size_t n)
 {
-    ssize_t k = send(s->fd, bytes, n, MSG_NOSIGNAL);
-    return k < 0 && errno == ENOTSOCK ? write(s->fd, bytes, n) : k;
+    return s->socket ? send(s->fd, bytes, n, MSG_NOSIGNAL) : write(s->fd, bytes, n);
 }
 
 static enum mk_status stream_send(void *link, const uint8_t *bytes, size_t n, int64_t deadline_ns)
@@ -97,6 +96,9 @@ const struct mk_link_ops mk_byte_stream_link = {stream_send, stream_receive};
 
 void mk_byte_stream_init(struct mk_byte_stream *s, int fd)
 {
+    int type;
+    socklen_t size = sizeof type;
     memset(s, 0, sizeof *s);
     s->fd = fd;
+    s->socket = getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) == 0;
 }

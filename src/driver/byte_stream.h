@@ -12,8 +12,9 @@
 #include "driver/wire.h"
 
 struct mk_byte_stream {
-    int fd;    /* not blocking */
-    bool gone; /* the other end has closed it, or the device was unplugged */
+    int fd;      /* not blocking */
+    bool socket; /* else a terminal */
+    bool gone;   /* the other end has closed it, or the device was unplugged */
     uint8_t buffer[2 * MK_FRAME_MAX];
 };
 
