@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -14,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "driver/serve.h"
 #include "driver/tcp.h"
 #include "mechkit/log.h"
 #include "support/files.h"
@@ -378,6 +380,61 @@ START_TEST(a_server_that_stands_still_or_dies_ends_the_run_by_its_name)
 }
 END_TEST
 
+/* --- a simulation that fails ------------------------------------------------------------------ */
+
+static struct {
+    struct mk_server *server;
+    volatile int stop;
+    int failures;
+    bool mended;
+} ill;
+
+/* On the server's thread: the rig fails as soon as the first client is there. */
+static void fall_ill(void *user, const char *line)
+{
+    (void)user;
+    if (strncmp(line, "client", 6) == 0 && !strstr(line, "left") && ill.failures++ == 0)
+        mk_serve_emulated(ill.server)->failed = true;
+    ill.mended = ill.mended || strstr(line, "put back to its start");
+}
+
+static void *serve_the_ill(void *user)
+{
+    (void)user;
+    return mk_serve_run(ill.server, NULL) == MK_OK ? NULL : &ill;
+}
+
+START_TEST(a_simulation_that_fails_ends_its_client_and_serves_the_next)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_model model;
+    struct mk_clock clock;
+    struct mk_board *first = NULL, *second = NULL;
+    struct mk_board_sample s;
+    pthread_t thread;
+    void *result;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    mk_clock_init_simulated(&clock);
+    const struct mk_serve_config config = {
+        .model = &model, .listen = "127.0.0.1:0", .stop = &ill.stop, .say = fall_ill};
+    ck_assert_int_eq(mk_serve_open(&config, &ill.server, &err), MK_OK);
+    const struct mk_board_config way = {
+        .model = &model, .clock = &clock, .device = mk_serve_device(ill.server)};
+    ck_assert_int_eq(pthread_create(&thread, NULL, serve_the_ill, NULL), 0);
+    ck_assert_int_ne(mk_board_open(mk_board_backend_by_name("tcp"), &way, &first, &err), MK_OK);
+    enum mk_status st = mk_board_open(mk_board_backend_by_name("tcp"), &way, &second, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    ck_assert_int_eq(mk_board_exchange(second, 1.0, &s), MK_OK);
+    ck_assert_double_eq(s.u_applied, 1.0);
+    mk_board_close(second);
+    __atomic_store_n(&ill.stop, 1, __ATOMIC_RELAXED);
+    pthread_join(thread, &result);
+    ck_assert_ptr_null(result);
+    ck_assert(ill.mended);
+    mk_serve_close(ill.server);
+}
+END_TEST
+
 /* --- clients that are none ------------------------------------------------------------------- */
 
 START_TEST(noise_and_clients_that_come_and_go_do_no_harm)
@@ -421,6 +478,7 @@ Suite *suite_serve(void)
     tcase_add_loop_test(t, a_client_that_falls_silent_loses_the_motor_to_the_watchdog, 0, LINES);
     tcase_add_loop_test(t, a_server_that_stands_still_or_dies_ends_the_run_by_its_name, 0,
                         2 * LINES);
+    tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);
     return s;

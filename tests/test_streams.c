@@ -356,6 +356,37 @@ START_TEST(a_peer_that_does_not_read_holds_nobody_up)
 }
 END_TEST
 
+/* Stands before libc's: a line that takes so many bytes at a time; 0: as many as there are. */
+static atomic_size_t line_takes;
+
+__attribute__((visibility("default"))) ssize_t send(int fd, const void *bytes, size_t n, int flags)
+{
+    ssize_t (*next)(int, const void *, size_t, int) = (__typeof__(next))dlsym(RTLD_NEXT, "send");
+    size_t most = atomic_load(&line_takes);
+    return next(fd, bytes, most > 0 && n > most ? most : n, flags);
+}
+
+START_TEST(a_request_that_goes_out_in_pieces_arrives_whole)
+{
+    int fd[2];
+    struct mk_byte_stream s;
+    uint8_t out[200], in[sizeof out];
+    ck_assert_int_eq(socketpair(AF_UNIX, SOCK_STREAM, 0, fd), 0);
+    no_block(fd);
+    mk_byte_stream_init(&s, fd[0]);
+    for (size_t i = 0; i < sizeof out; i++)
+        out[i] = (uint8_t)(7 * i + 3);
+    atomic_store(&line_takes, 9);
+    ck_assert_int_eq(mk_byte_stream_link.send(&s, out, sizeof out, in_ms(5000)), MK_OK);
+    atomic_store(&line_takes, 0);
+    ck_assert_int_eq(read(fd[1], in, sizeof in), sizeof in);
+    ck_assert_mem_eq(in, out, sizeof out);
+    ck_assert_int_eq(read(fd[1], in, sizeof in), -1);
+    close(fd[0]);
+    close(fd[1]);
+}
+END_TEST
+
 START_TEST(what_was_said_before_the_end_is_still_heard)
 {
     int fd[2];
@@ -861,6 +892,7 @@ Suite *suite_streams(void)
     tcase_add_test(t, a_peer_that_closes_at_once_is_told_and_no_signal_comes);
     tcase_add_test(t, a_peer_that_talks_of_other_things_for_ever_is_no_board);
     tcase_add_test(t, a_peer_that_does_not_read_holds_nobody_up);
+    tcase_add_test(t, a_request_that_goes_out_in_pieces_arrives_whole);
     tcase_add_test(t, what_was_said_before_the_end_is_still_heard);
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);

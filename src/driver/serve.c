@@ -285,6 +285,11 @@ const char *mk_serve_device(const struct mk_server *s)
     return s->device;
 }
 
+struct mk_emulated *mk_serve_emulated(struct mk_server *s)
+{
+    return &s->board;
+}
+
 void mk_serve_close(struct mk_server *s)
 {
     if (!s)

@@ -32,6 +32,8 @@ MK_NODISCARD enum mk_status mk_serve_open(const struct mk_serve_config *config,
 /* What --board and --device take to get there. */
 const char *mk_serve_board(const struct mk_server *s);
 const char *mk_serve_device(const struct mk_server *s);
+/* Tests: the board that is served; borrowed, on the thread of mk_serve_run. */
+struct mk_emulated *mk_serve_emulated(struct mk_server *s);
 MK_NODISCARD enum mk_status mk_serve_run(struct mk_server *s, struct mk_error *err);
 void mk_serve_close(struct mk_server *s); /* motor off; NULL allowed */
 
