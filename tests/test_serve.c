@@ -91,6 +91,7 @@ static const char *server_says(const char *text)
 static void serve(const char *where, const char *options)
 {
     snprintf(log_path, sizeof log_path, "%s", scratch("serve.txt"));
+    unlink(log_path); /* what an earlier one said is not to be read for this one's */
     server = start(log_path, "%s serve --listen %s %s", MK_TEST_APP, where, options);
     const char *at = server_says("--device ");
     ck_assert_msg(at != NULL, "%s", server_said());
