@@ -112,7 +112,8 @@ struct mk_board_ops {
      * once. safe_state ends it too. Optional: MK_ERR_NOTSUP from boards that refuse. */
     enum mk_status (*stream)(struct mk_board *board, uint32_t period_us, struct mk_error *err);
     /* Zero torque now, and clears nothing. Callable at any time between open and close, also after
-     * an error. RT; a board that does not answer is waited for up to 20 ms. */
+     * an error. RT; a board that does not answer is waited for up to 20 ms (one that is simulated
+     * and follows a simulated clock: a few seconds). */
     enum mk_status (*safe_state)(struct mk_board *board);
     /* Zero torque by the board itself when no exchange came for `timeout_ms` (0: off); also clears
      * a watchdog that has fired and every fault that the board has latched: the loop calls it when

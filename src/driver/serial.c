@@ -46,9 +46,11 @@ static enum mk_status wrong_rate(const char *text, struct mk_error *err)
         snprintf(known + n, sizeof known - n, "%s%u", i ? ", " : "", rates[i].baud);
     }
     mk_show_text(shown, sizeof shown, text);
-    return mk_error_set(err, MK_ERR_USAGE,
-                        "'%s' bits per second: an exchange carries 64 bytes within 3.5 ms, so %s",
-                        shown, known);
+    return mk_error_set(
+        err, MK_ERR_USAGE,
+        "'%s' bits per second: an exchange carries 64 bytes within 3.5 ms, which takes "
+        "one of %s",
+        shown, known);
 }
 
 /* --- which port is meant -----------------------------------------------------------------------
