@@ -92,8 +92,8 @@ LIB_DIRS := base model sim ctrl driver ident exchange experiment explain
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
-EMU_C    := $(filter-out %/plugged.c %/bench.c,$(wildcard tests/emu/*.c))
-TEST_C   := $(wildcard tests/*.c tests/support/*.c) $(EMU_C) tests/emu/bench.c
+EMU_C    := $(filter-out %/plugged.c %/bench.c %/stream.c,$(wildcard tests/emu/*.c))
+TEST_C   := $(wildcard tests/*.c tests/support/*.c) $(EMU_C) tests/emu/bench.c tests/emu/stream.c
 TEST_CXX := $(wildcard tests/test_*.cpp tests/support/*.cpp)
 
 # The fast path is one source compiled once per instruction set and chosen when the program runs.

@@ -49,6 +49,8 @@
     X(usb)                                                                                         \
     X(parport)                                                                                     \
     X(ppdev)                                                                                       \
+    X(streams)                                                                                     \
+    X(serve)                                                                                       \
     X(boards_cli)                                                                                  \
     X(bus_runs)                                                                                    \
     X(replug)                                                                                      \

@@ -10,8 +10,9 @@
 #include "mechkit/board.h"
 #include "mechkit/rig.h"
 
-static const char *const boards[] = {"null",    "virtual",      "usb",
-                                     "parport", "parport-byte", "parport-nibble"};
+static const char *const boards[] = {"null",         "virtual",        "usb", "parport",
+                                     "parport-byte", "parport-nibble", "tcp", "serial",
+                                     "serial-cut",   "tcp-stepped"};
 #define BOARD_COUNT ((int)(sizeof boards / sizeof boards[0]))
 
 static struct mk_model model;
@@ -40,6 +41,7 @@ static void open_board(const char *name)
     struct mk_error err = MK_ERROR_INIT;
     if (!bench.ops.name)
         emu_bench_init(&bench, name, &config);
+    config.device = bench.device;
     const struct mk_board_ops *ops = bench.line ? &bench.ops : mk_board_backend_by_name(name);
     enum mk_status st = mk_board_open(ops, &config, &board, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);

@@ -33,6 +33,8 @@ START_TEST(boards_lists_every_kind)
     ck_assert_says("virtual");
     ck_assert_says("usb");
     ck_assert_says("parport");
+    ck_assert_says("tcp      HOST:PORT");
+    ck_assert_says("serial");
     ck_assert_int_eq(mechkit("boards nonsense"), 2);
 }
 END_TEST
@@ -50,6 +52,10 @@ END_TEST
 START_TEST(doctor_without_a_board_says_where_to_look)
 {
     ck_assert_int_eq(mechkit("doctor --fast --board usb --device nowhere"), 1);
+    ck_assert_int_eq(mechkit("doctor --fast --board tcp"), 1);
+    ck_assert_says("--device HOST:PORT");
+    ck_assert_int_eq(mechkit("doctor --fast --board serial --device /dev/null"), 1);
+    ck_assert_says("not a serial port");
     ck_assert_int_eq(mechkit("doctor --board warp"), 2);
     ck_assert_int_eq(mechkit("doctor --model nowhere.ini"), 3);
     ck_assert_int_eq(mechkit("doctor --unknown"), 2);

@@ -22,7 +22,7 @@ static struct mk_clock clock_;
 static struct emu_bench bench;
 static struct mk_signal *push;
 
-static const char *const buses[] = {"usb", "parport", "parport-nibble"};
+static const char *const buses[] = {"usb", "parport", "parport-nibble", "tcp", "serial"};
 #define BUSES ((int)(sizeof buses / sizeof buses[0]))
 #define KINDS (EMU_FAULT_COUNT - 1)
 
@@ -65,7 +65,7 @@ static enum mk_status drive(struct mk_board *board, struct mk_ctrl *ctrl, struct
 static struct outcome short_run(void)
 {
     struct outcome o = {.status = MK_OK, .err = MK_ERROR_INIT};
-    struct mk_board_config config = {.model = &model, .clock = &clock_};
+    struct mk_board_config config = {.model = &model, .clock = &clock_, .device = bench.device};
     struct mk_board *board = NULL;
     struct mk_ctrl *ctrl = NULL;
     double start = now_s();
@@ -192,6 +192,7 @@ START_TEST(a_single_fault_of_an_exchange_costs_one_sample)
     struct mk_board *board;
     struct mk_board_sample s;
     sit_at(buses[_i]);
+    config.device = bench.device;
     ck_assert_int_eq(mk_board_open(&bench.ops, &config, &board, NULL), MK_OK);
     for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {
         /* Whether a port that is busy for a while costs a sample is a matter of microseconds. */

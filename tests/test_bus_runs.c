@@ -11,7 +11,8 @@
 
 #define SECONDS 4.0
 
-static const char *const buses[] = {"usb", "parport", "parport-byte", "parport-nibble", "virtual"};
+static const char *const buses[] = {"usb",    "parport",    "parport-byte", "parport-nibble", "tcp",
+                                    "serial", "serial-cut", "tcp-stepped",  "virtual"};
 #define BUSES ((int)(sizeof buses / sizeof buses[0]))
 
 static struct mk_model model;
@@ -35,8 +36,9 @@ static struct mk_log *swing_up(const char *bus, bool stream)
     struct mk_loop_snapshot end;
     char name[32];
     mk_clock_init_simulated(&clock);
-    const struct mk_board_config config = {.model = &model, .clock = &clock};
+    struct mk_board_config config = {.model = &model, .clock = &clock};
     emu_bench_init(&bench, bus, &config);
+    config.device = bench.device;
     must(mk_board_open(&bench.ops, &config, &board, &err), &err);
     mk_loop_config_default(&model, &loop_config);
     loop_config.stream = stream;

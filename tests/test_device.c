@@ -85,8 +85,16 @@ static void setup(void)
 {
     memset(&hw, 0, sizeof hw);
     hw.weak = 100 * VOLT;
-    hal = (struct mk_device_hal){&hw,        now_ns,    read_counters, zero_counters, apply,
-                                 send_bytes, alarm_now, lcd,           leds,          switches};
+    hal = (struct mk_device_hal){.user = &hw,
+                                 .now_ns = now_ns,
+                                 .read_counters = read_counters,
+                                 .zero_counters = zero_counters,
+                                 .apply = apply,
+                                 .send = send_bytes,
+                                 .alarm = alarm_now,
+                                 .lcd = lcd,
+                                 .leds = leds,
+                                 .switches = switches};
     sequence = 100;
     switch_on();
 }
@@ -582,6 +590,141 @@ START_TEST(an_answer_to_a_sample_that_never_was_is_refused)
 }
 END_TEST
 
+/* --- a clock that the host steps ----------------------------------------------------------------
+ */
+
+static int freed;
+
+static void step_to(void *user, uint64_t ns)
+{
+    struct electronics *e = user;
+    for (uint64_t event; (event = mk_device_next_event(&device)) <= ns;) {
+        e->now_ns = event > e->now_ns ? event : e->now_ns;
+        mk_device_poll(&device);
+    }
+    e->now_ns = ns > e->now_ns ? ns : e->now_ns;
+}
+
+static void run_freely(void *user)
+{
+    (void)user;
+    freed++;
+}
+
+static void be_simulated(void)
+{
+    hal.step = step_to;
+    hal.run_freely = run_freely;
+    freed = 0;
+    greet();
+}
+
+static struct mk_frame step(uint64_t ns)
+{
+    uint8_t p[8];
+    mk_put64(p, ns);
+    return ask(MK_MSG_STEP, p, sizeof p);
+}
+
+static struct mk_frame exchange_at(int32_t micro, uint64_t ns)
+{
+    uint8_t p[12];
+    mk_put32(p, (uint32_t)micro);
+    mk_put64(p + 4, ns);
+    return ask(MK_MSG_EXCHANGE, p, sizeof p);
+}
+
+START_TEST(a_real_board_refuses_to_be_stepped)
+{
+    greet();
+    must_refuse(MK_REFUSED_NOTSUP, step(0));
+    must_refuse(MK_REFUSED_LENGTH, exchange_at(VOLT, 0));
+    ck_assert_int_eq(hw.micro, 0);
+}
+END_TEST
+
+START_TEST(a_simulated_board_says_so_and_goes_by_steps)
+{
+    be_simulated();
+    unsigned caps = mk_get32(ask(MK_MSG_HELLO, NULL, 0).payload + MK_HELLO_CAPABILITIES);
+    ck_assert_uint_eq(caps, 63 + MK_WIRE_CAP_STEP);
+    hw.now_ns = 5 * MS;
+    ck_assert_uint_eq(mk_get64(step(0).payload), 5 * MS); /* where it stands */
+    ck_assert_uint_eq(mk_get64(step(9 * MS).payload), 9 * MS);
+    ck_assert_uint_eq(mk_get64(step(7 * MS).payload), 9 * MS); /* it never goes back */
+    struct reading r = parse(exchange_at(3 * VOLT, 11 * MS).payload);
+    ck_assert_uint_eq(r.t_ns, 11 * MS);
+    ck_assert_int_eq(r.micro, 3 * VOLT);
+    must_refuse(MK_REFUSED_RANGE, step(11 * MS + MK_STEP_MAX_NS + 1));
+    must_refuse(MK_REFUSED_RANGE, exchange_at(0, UINT64_MAX));
+    ck_assert_uint_eq(hw.now_ns, 11 * MS);
+    ck_assert_int_eq(hw.micro, 3 * VOLT);
+}
+END_TEST
+
+START_TEST(what_is_due_within_a_step_is_done_at_its_time)
+{
+    be_simulated();
+    number(MK_MSG_WATCHDOG, 20);
+    step(0);
+    exchange_at(3 * VOLT, 2 * MS);
+    step(500 * MS);
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_WATCHDOG);
+    ck_assert_uint_eq(device.fault_ns, 22 * MS + 1);
+}
+END_TEST
+
+START_TEST(a_step_that_comes_twice_is_one)
+{
+    uint8_t p[12];
+    be_simulated();
+    step(0);
+    mk_put32(p, 2 * VOLT);
+    mk_put64(p + 4, 4 * MS);
+    struct reading first = parse(ask(MK_MSG_EXCHANGE, p, 12).payload);
+    hw.count[0] = 77;
+    struct reading again =
+        parse(send_frame(MK_FRAME_VERSION, MK_MSG_EXCHANGE, sequence, p, 12).payload);
+    ck_assert_uint_eq(again.exchanges, first.exchanges);
+    ck_assert_int_eq(again.count[0], first.count[0]);
+}
+END_TEST
+
+/* As after a loss of power: the host that stepped learns that nobody follows it any more. */
+START_TEST(a_greeting_lets_the_clock_run_and_a_time_is_refused_then)
+{
+    be_simulated();
+    must_refuse(MK_REFUSED_STATE, exchange_at(VOLT, 0));
+    step(0);
+    exchange_at(VOLT, 0);
+    ck_assert_int_eq(freed, 0);
+    greet();
+    ck_assert_int_eq(freed, 1);
+    must_refuse(MK_REFUSED_STATE, exchange_at(VOLT, 0));
+    greet();
+    ck_assert_int_eq(freed, 1);
+    exchange(VOLT); /* without a time, as ever */
+}
+END_TEST
+
+START_TEST(a_host_that_hangs_up_leaves_the_motor_off_at_once)
+{
+    be_simulated();
+    number(MK_MSG_WATCHDOG, 0);
+    step(0);
+    exchange_at(4 * VOLT, 1 * MS);
+    ck_assert_int_eq(hw.micro, 4 * VOLT);
+    mk_device_hang_up(&device);
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_int_eq(freed, 1);
+    uint8_t p[4] = {0};
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_EXCHANGE, p, 4));
+    greet();
+    exchange(VOLT);
+}
+END_TEST
+
 Suite *suite_device(void)
 {
     Suite *s = suite_create("device");
@@ -611,6 +754,12 @@ Suite *suite_device(void)
     tcase_add_test(t,
                    an_answer_that_waits_for_its_sample_is_guarded_though_nobody_set_the_watchdog);
     tcase_add_test(t, an_answer_to_a_sample_that_never_was_is_refused);
+    tcase_add_test(t, a_real_board_refuses_to_be_stepped);
+    tcase_add_test(t, a_simulated_board_says_so_and_goes_by_steps);
+    tcase_add_test(t, what_is_due_within_a_step_is_done_at_its_time);
+    tcase_add_test(t, a_step_that_comes_twice_is_one);
+    tcase_add_test(t, a_greeting_lets_the_clock_run_and_a_time_is_refused_then);
+    tcase_add_test(t, a_host_that_hangs_up_leaves_the_motor_off_at_once);
     suite_add_tcase(s, t);
     return s;
 }

@@ -3,6 +3,8 @@
  * mid swing-up. */
 #include "suites.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -13,6 +15,7 @@
 #include <unistd.h>
 
 #include "console/session.h"
+#include "driver/tcp.h"
 #include "emu/bench.h"
 #include "support/files.h"
 
@@ -30,7 +33,10 @@ static struct mk_error err;
 static const struct {
     const char *bus;
     enum mk_fault fault;
-} rows[] = {{"usb", MK_FAULT_UNPLUGGED}, {"parport", MK_FAULT_LINK}};
+} rows[] = {{"usb", MK_FAULT_UNPLUGGED},
+            {"parport", MK_FAULT_LINK},
+            {"tcp", MK_FAULT_UNPLUGGED},
+            {"serial", MK_FAULT_UNPLUGGED}};
 #define ROWS ((int)(sizeof rows / sizeof rows[0]))
 
 static void open_session(const char *bus)
@@ -38,9 +44,12 @@ static void open_session(const char *bus)
     mk_model_default(MK_PLANT_PENDUBOT, &model);
     mk_clock_init_monotonic(&clock_);
     const struct mk_board_config config = {.model = &model, .clock = &clock_};
-    const struct session_options options = {
-        .board = bus, .out = scratch("runs"), .rate_hz = RATE_HZ, .seed = 1};
     emu_bench_init(&bench, bus, &config);
+    const struct session_options options = {.board = bus,
+                                            .device = bench.device,
+                                            .out = scratch("runs"),
+                                            .rate_hz = RATE_HZ,
+                                            .seed = 1};
     err = (struct mk_error)MK_ERROR_INIT;
     ck_assert_msg(session_open(&session, &options, &err) == MK_OK, "%s", err.message);
 }
@@ -189,6 +198,58 @@ static size_t socket_take(void *ctx, uint8_t *bytes, size_t size)
     return n > 0 ? (size_t)n : 0;
 }
 
+/* --- the line between the two ------------------------------------------------------------------
+ */
+
+/* Buses are emulated in the host's process, and what arrives there goes on by a pair of sockets;
+ * TCP and serial lines are the kernel's own. */
+struct far_line {
+    int far_fd, host_fd; /* -1: opened by name */
+    char device[80];     /* "": the first */
+};
+
+static void line_open(struct far_line *l, const char *bus)
+{
+    int ends[2];
+    *l = (struct far_line){-1, -1, ""};
+    if (strcmp(bus, "tcp") == 0) {
+        ck_assert_int_eq(
+            mk_tcp_listen("127.0.0.1:0", &l->far_fd, l->device, sizeof l->device, NULL), MK_OK);
+    } else if (strcmp(bus, "serial") == 0) {
+        l->far_fd = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
+        ck_assert_int_eq(grantpt(l->far_fd) | unlockpt(l->far_fd), 0);
+        snprintf(l->device, sizeof l->device, "%s", ptsname(l->far_fd));
+    } else {
+        ck_assert_int_eq(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends), 0);
+        l->far_fd = ends[0];
+        l->host_fd = ends[1];
+    }
+}
+
+/* The board's side, when the host's is in other hands. */
+static void line_take(struct far_line *l, const char *bus)
+{
+    char peer[80];
+    if (l->host_fd >= 0)
+        close(l->host_fd);
+    if (strcmp(bus, "tcp") != 0)
+        return;
+    int listening = l->far_fd;
+    while ((l->far_fd = mk_tcp_accept(listening, peer, sizeof peer)) < 0)
+        usleep(1000);
+    fcntl(l->far_fd, F_SETFL, 0); /* it waits for what comes */
+    close(listening);
+}
+
+/* 0: the host is gone. A pseudo-terminal that nobody has opened yet looks the same. */
+static ssize_t line_read(const struct far_line *l, uint8_t *bytes, size_t size, bool heard)
+{
+    ssize_t n;
+    while ((n = read(l->far_fd, bytes, size)) < 0 && errno == EIO && !heard)
+        usleep(1000);
+    return n > 0 ? n : 0;
+}
+
 /* --- the host, a process of its own ------------------------------------------------------------
  */
 
@@ -196,6 +257,8 @@ static void plug_in(const char *bus, int *fd)
 {
     static struct emu_usb usb;
     static struct emu_pp pp;
+    if (*fd < 0)
+        return;
     const struct emu_board board = {fd, socket_receive, socket_take};
     if (strcmp(bus, "usb") == 0) {
         emu_usb_init(&usb, 3, "far", board);
@@ -206,14 +269,15 @@ static void plug_in(const char *bus, int *fd)
 }
 
 /* Swings up until somebody kills it; the motor is never switched off by this side. */
-static void swing_up(const char *bus, int fd)
+static void swing_up(const char *bus, struct far_line *l)
 {
-    struct mk_board_config board_config = {.model = &model, .clock = &clock_};
+    struct mk_board_config board_config = {
+        .model = &model, .clock = &clock_, .device = l->device[0] ? l->device : NULL};
     struct mk_board *board;
     struct mk_ctrl *ctrl;
     struct mk_loop *loop;
     struct mk_loop_config config;
-    plug_in(bus, &fd);
+    plug_in(bus, &l->host_fd);
     mk_loop_config_default(&model, &config);
     config.rate_hz = RATE_HZ;
     mk_safety_default(&model, 1.0 / RATE_HZ, &config.limits);
@@ -234,15 +298,16 @@ static void swing_up(const char *bus, int fd)
  */
 
 /* Serves the host and kills it after so many requests. */
-static void serve(struct mk_emulated *e, int fd, pid_t host)
+static void serve(struct mk_emulated *e, const struct far_line *l, pid_t host)
 {
     uint8_t bytes[MK_FRAME_MAX];
     ssize_t n;
-    for (int k = 0; (n = recv(fd, bytes, sizeof bytes, 0)) > 0; k++) {
+    for (int k = 0; (n = line_read(l, bytes, sizeof bytes, k > 0)) > 0; k++) {
         far_heard();
         (void)mk_emulated_receive(e, bytes, (size_t)n);
         size_t size = mk_emulated_take(e, bytes, sizeof bytes);
-        (void)send(fd, bytes, size, MSG_NOSIGNAL);
+        if (size > 0 && write(l->far_fd, bytes, size) < 0)
+            break;
         if (k >= KILL_AFTER && e->u != 0.0 && far.host_lives) {
             kill(host, SIGKILL);
             far.host_lives = false;
@@ -252,21 +317,23 @@ static void serve(struct mk_emulated *e, int fd, pid_t host)
 
 START_TEST(a_host_that_is_killed_loses_the_motor_within_the_watchdogs_time)
 {
-    int ends[2], status;
+    int status;
+    struct far_line line;
     struct mk_emulated e;
     mk_model_default(MK_PLANT_PENDUBOT, &model);
     mk_clock_init_monotonic(&clock_);
     far_init();
     const struct mk_board_config config = {.model = &model, .clock = &far.clock};
     ck_assert_int_eq(mk_emulated_init(&e, &config, "far", "far", &err), MK_OK);
-    ck_assert_int_eq(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, ends), 0);
+    line_open(&line, rows[_i].bus);
     pid_t host = fork();
     if (host == 0) {
-        close(ends[0]);
-        swing_up(rows[_i].bus, ends[1]);
+        close(line.far_fd);
+        swing_up(rows[_i].bus, &line);
     }
-    close(ends[1]);
-    serve(&e, ends[0], host);
+    line_take(&line, rows[_i].bus);
+    signal(SIGPIPE, SIG_IGN);
+    serve(&e, &line, host);
     ck_assert_int_eq(waitpid(host, &status, 0), host);
     ck_assert_msg(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL, "status %d", status);
     /* In mid swing-up: it moves, and the motor drives. */
@@ -289,7 +356,7 @@ START_TEST(a_host_that_is_killed_loses_the_motor_within_the_watchdogs_time)
                "watchdog %d ms\n",
                rows[_i].bus, 1e-6 * (double)off_ns, WATCHDOG_MS);
     mk_emulated_free(&e);
-    close(ends[0]);
+    close(line.far_fd);
 }
 END_TEST
 

@@ -76,6 +76,9 @@ export PATH=/bin
 mount -t proc none /proc
 mount -t sysfs none /sys
 mount -t devtmpfs none /dev
+mkdir -p /dev/pts
+mount -t devpts none /dev/pts
+ifconfig lo 127.0.0.1 up
 for m in usb-common usbcore usbip-core vhci-hcd parport parport_pc ppdev; do
     insmod /modules/\$m.ko || echo "no module \$m"
 done

@@ -1,9 +1,10 @@
-/* Round trips through libusb to an emulated board: how long an exchange takes at 1 kHz.
+/* Round trips to a board: how long an exchange takes at 1 kHz.
  *
- *     roundtrip [SECONDS [RATE_HZ]]
+ *     roundtrip [SECONDS [RATE_HZ [BOARD DEVICE]]]
  *
- * The port and the board are emulated in this process, so this measures the host: libusb, the
- * protocol, the simulated rig; a real bus adds its frames (125 us each way at high speed).
+ * Without a board it is an emulated one behind libusb, port and board in this process, so that this
+ * measures the host: libusb, the protocol, the simulated rig; a real bus adds its frames (125 us
+ * each way at high speed).
  */
 #include <sched.h>
 #include <stdio.h>
@@ -50,6 +51,7 @@ static size_t measure(struct mk_board *board, double rate_hz, size_t n, double *
 int main(int argc, char **argv)
 {
     double seconds = argc > 1 ? atof(argv[1]) : 60.0, rate_hz = argc > 2 ? atof(argv[2]) : 1000.0;
+    const char *name = argc > 3 ? argv[3] : "usb", *device = argc > 4 ? argv[4] : NULL;
     size_t n = (size_t)(seconds * rate_hz);
     double *us = calloc(n + 1, sizeof *us);
     struct mk_model model;
@@ -58,9 +60,9 @@ int main(int argc, char **argv)
     struct mk_error err = MK_ERROR_INIT;
     mk_model_default(MK_PLANT_PENDUBOT, &model);
     mk_clock_init_monotonic(&clock);
-    const struct mk_board_config config = {.model = &model, .clock = &clock};
+    const struct mk_board_config config = {.model = &model, .clock = &clock, .device = device};
     if (!us || n < 1 ||
-        mk_board_open(mk_board_backend_by_name("usb"), &config, &board, &err) != MK_OK ||
+        mk_board_open(mk_board_backend_by_name(name), &config, &board, &err) != MK_OK ||
         board->ops->set_watchdog(board, 0, &err) != MK_OK) {
         fprintf(stderr, "roundtrip: %s\n", err.message);
         return 1;
@@ -72,11 +74,11 @@ int main(int argc, char **argv)
     cpu = cpu_s() - cpu;
     mk_board_close(board);
     qsort(us, n, sizeof *us, by_size);
-    printf(
-        "%zu exchanges at %g Hz through libusb: p50 %.1f us, p99 %.1f us, p99.9 %.1f us, max %.1f "
-        "us; %zu lost; host CPU %.1f %% of a core; %s\n",
-        n, rate_hz, us[n / 2], us[n * 99 / 100], us[n * 999 / 1000], us[n - 1], lost,
-        100.0 * cpu * rate_hz / (double)n, fifo ? "SCHED_FIFO" : "no real-time priority");
+    printf("%zu exchanges at %g Hz through %s: p50 %.1f us, p99 %.1f us, p99.9 %.1f us, max %.1f "
+           "us; %zu lost; host CPU %.1f %% of a core; %s\n",
+           n, rate_hz, argc > 3 ? name : "libusb", us[n / 2], us[n * 99 / 100], us[n * 999 / 1000],
+           us[n - 1], lost, 100.0 * cpu * rate_hz / (double)n,
+           fifo ? "SCHED_FIFO" : "no real-time priority");
     free(us);
     return lost > 0;
 }

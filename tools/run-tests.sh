@@ -9,7 +9,7 @@ export CK_TIMEOUT_MULTIPLIER=1
 export CK_MAX_MSG_SIZE=65536
 # What runs the same code many times over, for the figures, runs once: without a sanitizer.
 threaded="ring clock log_writer console console_pty tui safety rig loop loop_faults board standalone \
-    doctor usb parport ppdev boards_cli bus_runs replug bus_faults fault_script robustness \
+    doctor usb parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script robustness \
     hidden sweep"
 suites=""
 case $variant in

@@ -35,7 +35,8 @@ enum mk_board_capability {
     MK_BOARD_CAP_TIMESTAMP = 2, /* board_ns is the board's own clock */
     MK_BOARD_CAP_SIMULATED = 4, /* no motor anywhere */
     MK_BOARD_CAP_FAST = 8,      /* can run on a simulated clock */
-    MK_BOARD_CAP_NO_RIG = 16    /* its counters stand still whatever it is told */
+    MK_BOARD_CAP_NO_RIG = 16,   /* its counters stand still whatever it is told */
+    MK_BOARD_CAP_ADDRESSED = 32 /* not searched for: mk_board_config.device says where it is */
 };
 
 /* Bits of mk_board_sample.status. */
@@ -67,7 +68,7 @@ struct mk_board_config {
     uint64_t seed;                /* virtual: noise */
     double count_noise;           /* virtual: counts */
     const char *fault_script;     /* virtual: see docs/faults.md; NULL: none; copied */
-    const char *device;           /* usb: serial number, parport: /dev/parportN; NULL: the first */
+    const char *device;           /* which board (docs/boards.md); NULL: the first */
     double start[MK_MAX_JOINTS];  /* virtual: start angles relative to rest, rad */
 };
 
@@ -90,7 +91,8 @@ struct mk_board_ops {
     size_t private_size;   /* bytes the core allocates, zeroed, behind the handle */
 
     /* Lists the boards of this kind that are there, motor untouched; at most `max`. Returns how
-     * many, or a negative mk_status. Optional: a back end without it has exactly one. */
+     * many, or a negative mk_status. Optional: a back end without it has exactly one, or cannot
+     * know (MK_BOARD_CAP_ADDRESSED). */
     int (*find)(struct mk_board_found *out, int max, struct mk_error *err);
 
     /* Finds and claims the device, motor off. Called once; may block up to a few seconds. On
@@ -110,7 +112,8 @@ struct mk_board_ops {
      * once. safe_state ends it too. Optional: MK_ERR_NOTSUP from boards that refuse. */
     enum mk_status (*stream)(struct mk_board *board, uint32_t period_us, struct mk_error *err);
     /* Zero torque now, and clears nothing. Callable at any time between open and close, also after
-     * an error. RT; a board that does not answer is waited for up to 20 ms. */
+     * an error. RT; a board that does not answer is waited for up to 20 ms (one that is simulated
+     * and follows a simulated clock: a few seconds). */
     enum mk_status (*safe_state)(struct mk_board *board);
     /* Zero torque by the board itself when no exchange came for `timeout_ms` (0: off); also clears
      * a watchdog that has fired and every fault that the board has latched: the loop calls it when
@@ -119,6 +122,10 @@ struct mk_board_ops {
                                    struct mk_error *err);
     /* Motor off, everything released. Always called exactly once after a successful open. */
     void (*close)(struct mk_board *board);
+    /* Of a back end that does not know beforehand whether its board can run on a simulated clock
+     * (no MK_BOARD_CAP_FAST): asks the board, which from here on follows board->clock. Called once,
+     * after open. MK_ERR_NOTSUP: the board is a real one. Optional. */
+    enum mk_status (*follow)(struct mk_board *board, struct mk_error *err);
 };
 
 struct mk_board {
@@ -128,6 +135,12 @@ struct mk_board {
     bool gone;  /* exchange has returned MK_ERR_NODEV */
     void *priv; /* the back end's private data */
 };
+
+/* Whether a back end may run on a simulated clock: its board may still refuse. */
+static inline bool mk_board_may_be_fast(const struct mk_board_ops *ops)
+{
+    return (ops->capabilities & MK_BOARD_CAP_FAST) != 0 || ops->follow != NULL;
+}
 
 /* Table of back ends; NULL out of range / unknown. Static. */
 const struct mk_board_ops *mk_board_backend(int index);

@@ -77,7 +77,7 @@ static enum mk_status open_board_kind(struct session *s, struct mk_error *err)
         return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'; built in are %s", name,
                             known);
     }
-    if (s->options.fast && !(s->backend->capabilities & MK_BOARD_CAP_FAST))
+    if (s->options.fast && !mk_board_may_be_fast(s->backend))
         return mk_error_set(err, MK_ERR_USAGE, "board %s runs in real time only: leave out --fast",
                             name);
     return MK_OK;

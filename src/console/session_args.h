@@ -9,8 +9,9 @@
 /* clang-format off */
 #define SESSION_OPTIONS(model_help, fast_help)                                                     \
     {"board", OPTION_TEXT(session.board), "NAME",                                                  \
-     "virtual (default), usb, parport (docs/boards.md), null"},                                    \
-    {"device", OPTION_TEXT(session.device), "NAME", "which board, when there are several"},        \
+     "virtual (default), usb, parport, tcp, serial (docs/boards.md), null"},                       \
+    {"device", OPTION_TEXT(session.device), "NAME",                                                \
+     "which board, when there are several; with tcp HOST:PORT"},                                   \
     {"model", OPTION_TEXT(session.model), "M.ini", model_help},                                    \
     {"believe", OPTION_TEXT(session.believe), "M.ini",                                             \
      "what the controller believes; default: the same model"},                                     \

@@ -21,7 +21,8 @@ struct options {
 
 static const struct option_row option_rows[] = {
     SESSION_OPTIONS("the rig; default: the rig of the setup with Meesters' parameters",
-                    "virtual board in simulated time, ten times as fast as the clock"),
+                    "in simulated time, ten times as fast as the clock: the virtual board, or one "
+                    "that says it is simulated"),
     {"setup", OPTION_TEXT(setup), "NAME", "choose this setup at once"},
     {"replay", OPTION_TEXT(replay), "LOG", "show a log; no board is needed"},
     {"mono", OPTION_FLAG(term.mono), NULL, "no colours (also with NO_COLOR in the environment)"},

@@ -25,6 +25,12 @@ static int list_kind(const struct mk_board_ops *ops)
 {
     struct mk_board_found found[BOARDS_MAX];
     struct mk_error err = MK_ERROR_INIT;
+    if (ops->capabilities & MK_BOARD_CAP_ADDRESSED) {
+        printf("%-8s %-20s %-18s %-24s %s\n", ops->name, "HOST:PORT", "-", "network",
+               "not searched for");
+        printf("         mechkit doctor --board %s --device HOST:PORT looks at one\n", ops->name);
+        return 0;
+    }
     if (!ops->find) {
         printf("%-8s %-20s %-18s %-24s %s\n", ops->name, "-", "built in", "-", "ok");
         return 0;
@@ -74,15 +80,17 @@ struct options {
 };
 
 static const struct option_row option_rows[] = {
-    {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
-    {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
+    {"board", OPTION_TEXT(board), "NAME", "usb, parport, tcp, serial, virtual (default)"},
+    {"device", OPTION_TEXT(device), "NAME",
+     "which board, when there are several; with tcp HOST:PORT"},
     {"model", OPTION_TEXT(model), "M.ini",
      "the rig; default: the pendubot with Meesters' parameters"},
     {"hand", OPTION_FLAG(hand), NULL,
      "asks for the joints to be turned by hand: does each encoder count?"},
     {"drive", OPTION_FLAG(drive), NULL,
      "two short pushes and a slow sweep: wiring, swapped encoders, cable drag"},
-    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {"fast", OPTION_FLAG(fast), NULL,
+     "in simulated time: the virtual board, or one that says it is simulated"},
     {0}};
 
 /* Set by a signal: what is under way ends, the motor goes off. */

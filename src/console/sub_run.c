@@ -27,7 +27,8 @@ struct options {
 static const struct option_row option_rows[] = {
     SESSION_OPTIONS("the rig, before what the file says; default: the rig of the setup with the "
                     "Meesters' parameters",
-                    "virtual board in simulated time, as fast as it goes"),
+                    "in simulated time, as fast as it goes: the virtual board, or one that says it "
+                    "is simulated"),
     {"check", OPTION_FLAG(check), NULL,
      "report every mistake in the script that shows without a board, run nothing"},
     {"commands", OPTION_FLAG(commands), NULL, "list commands, conditions and setups"},

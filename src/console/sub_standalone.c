@@ -52,8 +52,9 @@ static void on_signal(int number)
  */
 
 static const struct option_row option_rows[] = {
-    {"board", OPTION_TEXT(board), "NAME", "usb, parport, virtual (default)"},
-    {"device", OPTION_TEXT(device), "NAME", "which board, when there are several"},
+    {"board", OPTION_TEXT(board), "NAME", "usb, parport, tcp, serial, virtual (default)"},
+    {"device", OPTION_TEXT(device), "NAME",
+     "which board, when there are several; with tcp HOST:PORT"},
     {"model", OPTION_TEXT(model), "M.ini",
      "the rig; default: the rig of the setup with Meesters' parameters"},
     {"gains", OPTION_TEXT(gains), "LIST",
@@ -64,7 +65,8 @@ static const struct option_row option_rows[] = {
     {"every", OPTION_COUNT(every), "N", "samples a record; default: so that the arrays last", 1,
      255},
     {"out", OPTION_TEXT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
-    {"fast", OPTION_FLAG(fast), NULL, "virtual board in simulated time"},
+    {"fast", OPTION_FLAG(fast), NULL,
+     "in simulated time: the virtual board, or one that says it is simulated"},
     {0}};
 
 static int run(int argc, char **argv);

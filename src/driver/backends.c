@@ -4,10 +4,8 @@
 #include <string.h>
 
 static const struct mk_board_ops *const backends[] = {
-    &mk_board_virtual_ops,
-    &mk_board_usb_ops,
-    &mk_board_parport_ops,
-    &mk_board_null_ops,
+    &mk_board_virtual_ops, &mk_board_usb_ops,    &mk_board_parport_ops,
+    &mk_board_tcp_ops,     &mk_board_serial_ops, &mk_board_null_ops,
 };
 #define BACKEND_COUNT ((int)(sizeof backends / sizeof backends[0]))
 

@@ -7,6 +7,8 @@
 extern const struct mk_board_ops mk_board_virtual_ops;
 extern const struct mk_board_ops mk_board_usb_ops;
 extern const struct mk_board_ops mk_board_parport_ops;
+extern const struct mk_board_ops mk_board_tcp_ops;
+extern const struct mk_board_ops mk_board_serial_ops;
 extern const struct mk_board_ops mk_board_null_ops;
 
 #endif

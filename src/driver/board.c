@@ -19,7 +19,7 @@ enum mk_status mk_board_open(const struct mk_board_ops *ops, const struct mk_boa
     if (!(config->model->u_max > 0.0))
         return mk_error_set(err, MK_ERR_INVALID, "the model's u_max must be positive, not %g",
                             config->model->u_max);
-    if (config->clock->ops->simulated && !(ops->capabilities & MK_BOARD_CAP_FAST))
+    if (config->clock->ops->simulated && !mk_board_may_be_fast(ops))
         return mk_error_set(err, MK_ERR_NOTSUP, "board %s runs in real time only", ops->name);
 
     char *block = calloc(1, PRIVATE_OFFSET + ops->private_size);
@@ -34,6 +34,12 @@ enum mk_status mk_board_open(const struct mk_board_ops *ops, const struct mk_boa
     enum mk_status st = ops->open(board, config, err);
     if (st != MK_OK) {
         free(block);
+        return st;
+    }
+    if (config->clock->ops->simulated && !(ops->capabilities & MK_BOARD_CAP_FAST))
+        st = ops->follow(board, err);
+    if (st != MK_OK) {
+        mk_board_close(board);
         return st;
     }
     *out = board;

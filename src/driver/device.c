@@ -97,12 +97,20 @@ static void take_reading(struct mk_device *d, int32_t micro, uint8_t *out)
 
 /* --- requests: each fills the answer's payload and returns its length, or refuses ------------- */
 
+static void run_freely(struct mk_device *d)
+{
+    if (d->stepped)
+        d->hal->run_freely(d->hal->user);
+    d->stepped = false;
+}
+
 static int on_hello(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
 {
     (void)f;
     const struct mk_device_info *info = &d->info;
     const struct mk_device_hal *hal = d->hal;
     motor_off(d);
+    run_freely(d);
     d->greeted = true;
     d->line_errors = 0;
     set_watchdog(d, MK_WATCHDOG_DEFAULT_MS);
@@ -114,7 +122,7 @@ static int on_hello(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
     mk_put32(out + MK_HELLO_CAPABILITIES,
              MK_WIRE_CAP_WATCHDOG | MK_WIRE_CAP_STREAM | MK_WIRE_CAP_STANDALONE |
                  (hal->lcd ? MK_WIRE_CAP_LCD : 0u) | (hal->leds ? MK_WIRE_CAP_LEDS : 0u) |
-                 (hal->switches ? MK_WIRE_CAP_DIP : 0u));
+                 (hal->switches ? MK_WIRE_CAP_DIP : 0u) | (hal->step ? MK_WIRE_CAP_STEP : 0u));
     for (int j = 0; j < MK_WIRE_JOINTS; j++)
         mk_put32(out + MK_HELLO_CPR + 4 * j, (uint32_t)info->cpr[j]);
     mk_put32(out + MK_HELLO_U_MAX, (uint32_t)info->u_max_micro);
@@ -149,8 +157,38 @@ static int on_watchdog(struct mk_device *d, const struct mk_frame *f, uint8_t *o
     return 0;
 }
 
+/* 0, or a refusal. */
+static int step(struct mk_device *d, uint64_t ns)
+{
+    uint64_t now = d->hal->now_ns(d->hal->user);
+    if (ns > now && ns - now > MK_STEP_MAX_NS)
+        return refuse(MK_REFUSED_RANGE);
+    d->stepped = true;
+    d->hal->step(d->hal->user, ns);
+    return 0;
+}
+
+static int on_step(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
+{
+    int refused = d->hal->step ? step(d, mk_get64(f->payload)) : refuse(MK_REFUSED_NOTSUP);
+    if (refused < 0)
+        return refused;
+    mk_put64(out, d->hal->now_ns(d->hal->user));
+    return 8;
+}
+
+/* With a time, where the host steps the clock; a host that does and a board that does not know are
+ * strangers to each other: the board has restarted. */
 static int on_exchange(struct mk_device *d, const struct mk_frame *f, uint8_t *out)
 {
+    if (f->length != MK_EXCHANGE_SIZE) {
+        if (f->length != MK_EXCHANGE_AT_SIZE || !d->hal->step)
+            return refuse(MK_REFUSED_LENGTH);
+        int refused = d->stepped ? step(d, mk_get64(f->payload + MK_EXCHANGE_SIZE))
+                                 : refuse(MK_REFUSED_STATE);
+        if (refused < 0)
+            return refused;
+    }
     feed(d);
     take_reading(d, (int32_t)mk_get32(f->payload), out);
     return MK_READING_SIZE;
@@ -336,7 +374,7 @@ static const struct request {
     uint8_t shortest, longest; /* payload */
     int (*handle)(struct mk_device *d, const struct mk_frame *f, uint8_t *out);
 } requests[] = {
-    {MK_MSG_EXCHANGE, 4, 4, on_exchange},
+    {MK_MSG_EXCHANGE, MK_EXCHANGE_SIZE, MK_EXCHANGE_AT_SIZE, on_exchange},
     {MK_MSG_COMMAND, 8, 8, on_command},
     {MK_MSG_HELLO, 0, 16, on_hello},
     {MK_MSG_ZERO, 0, 0, on_zero},
@@ -347,6 +385,7 @@ static const struct request {
     {MK_MSG_LCD, 1, 1 + MK_LCD_COLUMNS, on_lcd},
     {MK_MSG_LEDS, 1, 1, on_leds},
     {MK_MSG_STREAM, 4, 4, on_stream},
+    {MK_MSG_STEP, 8, 8, on_step},
     {MK_MSG_SETUP, 8, 8, on_setup},
     {MK_MSG_GAINS, 2, 2 + 4 * MK_STANDALONE_GAINS, on_gains},
     {MK_MSG_START, 0, 0, on_start},
@@ -398,6 +437,16 @@ static void on_frame(struct mk_device *d, const struct mk_frame *f)
     } else {
         execute(d, f);
     }
+}
+
+void mk_device_hang_up(struct mk_device *d)
+{
+    motor_off(d);
+    run_freely(d);
+    d->greeted = false;
+    set_watchdog(d, MK_WATCHDOG_DEFAULT_MS);
+    d->watched = false; /* it is silent from here on, and may be */
+    mk_decoder_reset(&d->decoder);
 }
 
 void mk_device_receive(struct mk_device *d, const uint8_t *bytes, size_t n)

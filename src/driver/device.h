@@ -27,6 +27,11 @@ struct mk_device_hal {
     void (*lcd)(void *user, unsigned row, const char text[MK_LCD_COLUMNS + 1]); /* optional */
     void (*leds)(void *user, uint8_t mask);                                     /* optional */
     uint8_t (*switches)(void *user);                                            /* optional */
+    /* A simulated board. The clock goes on to `ns`, with mk_device_poll whenever something is due,
+     * and stands from then on until it is stepped again. Optional. */
+    void (*step)(void *user, uint64_t ns);
+    /* It runs by itself again. With step. */
+    void (*run_freely)(void *user);
 };
 
 struct mk_device_info {
@@ -60,6 +65,7 @@ struct mk_device {
     int32_t stream_micro;     /* the newest answer: acts with the next sample */
 
     struct mk_standalone standalone;
+    bool stepped; /* the host steps the clock */
 
     struct mk_decoder decoder;
     unsigned line_errors; /* rises by 8 a broken frame, falls by 1 a good one */
@@ -78,6 +84,9 @@ void mk_device_receive(struct mk_device *d, const uint8_t *bytes, size_t n);
 void mk_device_poll(struct mk_device *d);
 /* When mk_device_poll has something to do next, ns of the board's clock; UINT64_MAX: never. */
 uint64_t mk_device_next_event(const struct mk_device *d);
+/* The host has hung up: motor off, at once and not only when the watchdog sees it; a clock that was
+ * stepped runs again. Nothing but HELLO is taken from here on. */
+void mk_device_hang_up(struct mk_device *d);
 /* Latches a fault (the first one stays) and switches the motor off. */
 void mk_device_trip(struct mk_device *d, uint16_t fault);
 

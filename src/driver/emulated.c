@@ -91,6 +91,46 @@ static uint8_t hal_switches(void *user)
     return e->switches;
 }
 
+/* --- a clock that the host steps ----------------------------------------------------------------
+ */
+
+void mk_emulated_begin_anew(struct mk_emulated *e)
+{
+    e->failed = mk_rig_restart(e->rig, NULL) != MK_OK;
+    e->random.state = ~e->seed;
+    memset(e->offset, 0, sizeof e->offset);
+    memset(e->held, 0, sizeof e->held);
+    memset(e->was_stuck, 0, sizeof e->was_stuck);
+}
+
+static void hold(struct mk_emulated *e, bool held)
+{
+    mk_step_clock_hold(e->steps, held);
+    e->plant_ns = mk_clock_now_ns(e->clock);
+    mk_emulated_begin_anew(e);
+}
+
+static void hal_step(void *user, uint64_t ns)
+{
+    struct mk_emulated *e = user;
+    if (!e->steps->held)
+        hold(e, true);
+    mk_clock_sleep_until(e->clock, e->opened_ns + (int64_t)ns);
+    (void)mk_emulated_run(e);
+}
+
+static void hal_run_freely(void *user)
+{
+    hold(user, false);
+}
+
+void mk_emulated_allow_steps(struct mk_emulated *e, struct mk_step_clock *clock)
+{
+    e->steps = clock;
+    e->hal.step = hal_step;
+    e->hal.run_freely = hal_run_freely;
+}
+
 /* --- life --------------------------------------------------------------------------------------
  */
 
@@ -127,6 +167,7 @@ enum mk_status mk_emulated_init(struct mk_emulated *e, const struct mk_board_con
         return st;
     e->joints = mk_model_joints(model);
     e->clock = config->clock;
+    e->seed = config->seed;
     e->random.state = ~config->seed;
     e->effects.u_limit = INFINITY;
     e->opened_ns = e->plant_ns = mk_clock_now_ns(e->clock);

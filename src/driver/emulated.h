@@ -13,6 +13,7 @@
 #include "base/random.h"
 #include "driver/device.h"
 #include "driver/fault_script.h"
+#include "driver/step_clock.h"
 #include "mechkit/board.h"
 #include "mechkit/rig.h"
 
@@ -28,6 +29,8 @@ struct mk_emulated {
     int64_t plant_ns;  /* how far the plant has been integrated */
     double u;          /* command in force */
     bool failed;       /* the simulation has */
+    uint64_t seed;
+    struct mk_step_clock *steps; /* the clock, where a host may step it */
 
     struct mk_fault_effects effects; /* in force now: set by whoever plays a script */
     bool was_stuck[MK_MAX_JOINTS];
@@ -49,6 +52,12 @@ MK_NODISCARD enum mk_status mk_emulated_init(struct mk_emulated *e,
 void mk_emulated_free(struct mk_emulated *e);
 /* As after a loss of power: counters stand anywhere, nothing is remembered; the rig goes on. */
 void mk_emulated_restart(struct mk_emulated *e);
+/* The rig back at its start, the same noise again; the board goes on. Allocates. */
+void mk_emulated_begin_anew(struct mk_emulated *e);
+/* A host may step the board's clock, which must be the one of the configuration. When it begins to,
+ * and when it ends, the rig is put back to its start: a run in steps is repeatable, whatever was
+ * before it. That allocates, so such a board is not for the real-time path of a host. */
+void mk_emulated_allow_steps(struct mk_emulated *e, struct mk_step_clock *clock);
 /* Brings plant and board to now. MK_ERR_NUMERIC. RT. */
 enum mk_status mk_emulated_run(struct mk_emulated *e);
 /* Bytes reach the board now. RT. */

@@ -26,6 +26,7 @@ enum mk_message {
     MK_MSG_LEDS = 0x09,
     MK_MSG_STREAM = 0x0a,  /* the board samples by its own clock */
     MK_MSG_COMMAND = 0x0b, /* the host's answer to a streamed sample; acts with the next one */
+    MK_MSG_STEP = 0x0c,    /* a simulated board's clock goes on to a time, and stands */
     MK_MSG_SETUP = 0x10,   /* stand-alone: choose a controller */
     MK_MSG_GAINS = 0x11,
     MK_MSG_START = 0x12,
@@ -54,6 +55,7 @@ enum mk_wire_capability {
     MK_WIRE_CAP_LEDS = 8,
     MK_WIRE_CAP_DIP = 16,
     MK_WIRE_CAP_STANDALONE = 32,
+    MK_WIRE_CAP_STEP = 64, /* simulated: the host may step its clock */
 };
 
 /* Status bits of readings; the first three are those of mk_board_sample. */
@@ -89,7 +91,10 @@ enum mk_wire_fault {
 #define MK_HELLO_TEXT 24
 #define MK_HELLO_SIZE 92
 
-/* EXCHANGE and COMMAND: i32 command, micro. The answer, and SAMPLE: */
+/* EXCHANGE and COMMAND (behind u32 sample): i32 command, micro. An EXCHANGE with a board that is
+ * stepped goes on with u64 ns, the time at which it happens. The answer, and SAMPLE: */
+#define MK_EXCHANGE_SIZE 4
+#define MK_EXCHANGE_AT_SIZE 12
 #define MK_READING_COUNT 0      /* i32[2] */
 #define MK_READING_TIME 8       /* u64, ns of the board's clock when the counters were latched */
 #define MK_READING_APPLIED 16   /* i32 micro, in force from then on */
@@ -119,6 +124,7 @@ enum mk_wire_fault {
 
 #define MK_WATCHDOG_MAX_MS 60000
 #define MK_WATCHDOG_DEFAULT_MS 20 /* from HELLO until a host sets it */
+#define MK_STEP_MAX_NS 1000000000 /* at a time */
 #define MK_STREAM_MIN_US 250
 #define MK_STREAM_MAX_US 1000000
 

@@ -15,6 +15,10 @@
 /* What is there already is looked at even past a deadline, for it may be us who were late; but a
  * board that never stops talking must not hold its host. */
 #define LATE_LOOKS 4
+/* A board whose clock is stepped has no motor that would have to wait for an answer, but a
+ * simulation that may be slow. */
+#define STEPPED_NS 1000000000
+#define STEP_NS 100000000 /* longest step asked for; the simulation's own pieces are as long */
 #define CPR_MAX 100000000 /* as in model files and mappings */
 
 static int64_t monotonic_ns(void)
@@ -35,9 +39,10 @@ static const char *message_name(enum mk_message type)
         {MK_MSG_SAFE, "motor off"},    {MK_MSG_CLEAR, "clear fault"},
         {MK_MSG_STATE, "state"},       {MK_MSG_LCD, "LCD"},
         {MK_MSG_LEDS, "LEDs"},         {MK_MSG_STREAM, "stream"},
-        {MK_MSG_COMMAND, "command"},   {MK_MSG_SETUP, "setup"},
-        {MK_MSG_GAINS, "gains"},       {MK_MSG_START, "start"},
-        {MK_MSG_HALT, "halt"},         {MK_MSG_UPLOAD, "upload"},
+        {MK_MSG_COMMAND, "command"},   {MK_MSG_STEP, "step"},
+        {MK_MSG_SETUP, "setup"},       {MK_MSG_GAINS, "gains"},
+        {MK_MSG_START, "start"},       {MK_MSG_HALT, "halt"},
+        {MK_MSG_UPLOAD, "upload"},
     };
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (names[i].type == type)
@@ -162,12 +167,12 @@ static enum mk_status describe(struct mk_wire *w, enum mk_status st, enum mk_mes
     }
 }
 
-enum mk_status mk_wire_request(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
-                               size_t length, int tries, int64_t timeout_ns,
-                               struct mk_frame *answer)
+static enum mk_status request(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                              size_t length, int tries, int64_t timeout_ns, struct mk_frame *answer)
 {
     struct mk_frame ignored;
     enum mk_status st = MK_ERR_NODEV;
+    timeout_ns = w->clock ? STEPPED_NS : timeout_ns;
     w->trouble.status = MK_OK;
     w->sequence++;
     w->stats.requests++;
@@ -185,6 +190,75 @@ enum mk_status mk_wire_request(struct mk_wire *w, enum mk_message type, const ui
     }
     return describe(w, w->gone ? MK_ERR_NODEV : st, type, tries, timeout_ns);
 }
+
+/* --- a clock that is stepped --------------------------------------------------------------------
+ */
+
+/* Now, by the board's clock, if it followed ours to the end. */
+static int64_t board_now_ns(const struct mk_wire *w)
+{
+    return mk_clock_now_ns(w->clock) + w->ahead_ns;
+}
+
+static enum mk_status step(struct mk_wire *w, int64_t to_ns)
+{
+    uint8_t payload[8];
+    struct mk_frame f;
+    mk_put64(payload, (uint64_t)to_ns);
+    enum mk_status st =
+        request(w, MK_MSG_STEP, payload, sizeof payload, REQUEST_TRIES, STEPPED_NS, &f);
+    if (st == MK_OK && f.length < 8)
+        st = mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's answer to 'step' is malformed");
+    if (st == MK_OK)
+        w->at_ns = (int64_t)mk_get64(f.payload);
+    return st;
+}
+
+/* Steps until the board's clock stands `margin_ns` before `to_ns`, or later. */
+static enum mk_status step_near(struct mk_wire *w, int64_t to_ns, int64_t margin_ns)
+{
+    enum mk_status st = MK_OK;
+    while (st == MK_OK && to_ns - w->at_ns > margin_ns) {
+        int64_t before_ns = w->at_ns;
+        st = step(w, to_ns - w->at_ns > STEP_NS ? w->at_ns + STEP_NS : to_ns);
+        if (st == MK_OK && w->at_ns <= before_ns)
+            st = mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's clock does not follow");
+    }
+    return st;
+}
+
+enum mk_status mk_wire_request(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                               size_t length, int tries, int64_t timeout_ns,
+                               struct mk_frame *answer)
+{
+    /* An exchange takes its time with it. The motor goes off even if the clock does not follow. */
+    enum mk_status st = MK_OK;
+    if (w->clock && type != MK_MSG_HELLO && type != MK_MSG_EXCHANGE)
+        st = step_near(w, board_now_ns(w), 0);
+    if (st != MK_OK && type != MK_MSG_SAFE)
+        return st;
+    return request(w, type, payload, length, tries, timeout_ns, answer);
+}
+
+enum mk_status mk_wire_follow(struct mk_wire *w, struct mk_clock *clock, struct mk_error *err)
+{
+    if (!(w->capabilities & MK_WIRE_CAP_STEP))
+        return mk_error_set(err, MK_ERR_NOTSUP,
+                            "this board does not say that it is simulated, so it runs in real time "
+                            "only: leave out --fast");
+    enum mk_status st = step(w, 0);
+    if (st != MK_OK) {
+        if (err)
+            *err = w->trouble;
+        return st;
+    }
+    w->clock = clock;
+    w->ahead_ns = w->at_ns - mk_clock_now_ns(clock);
+    return MK_OK;
+}
+
+/* --- requests ---------------------------------------------------------------------------------
+ */
 
 /* As above, as patient as a request outside the loop may be, with the reason in *err. */
 static enum mk_status ask(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
@@ -272,12 +346,23 @@ static enum mk_status parse_reading(const struct mk_frame *f, struct mk_wire_rea
 
 enum mk_status mk_wire_exchange(struct mk_wire *w, double u, struct mk_wire_reading *out)
 {
-    uint8_t payload[4];
+    uint8_t payload[MK_EXCHANGE_AT_SIZE];
     struct mk_frame f;
+    size_t n = MK_EXCHANGE_SIZE;
     put_command(payload, u);
-    enum mk_status st =
-        mk_wire_request(w, MK_MSG_EXCHANGE, payload, sizeof payload, 1, MK_WIRE_EXCHANGE_NS, &f);
-    return st == MK_OK ? parse_reading(&f, out) : st;
+    if (w->clock) {
+        enum mk_status st = step_near(w, board_now_ns(w), STEP_NS);
+        if (st != MK_OK)
+            return st;
+        mk_put64(payload + n, (uint64_t)board_now_ns(w));
+        n = MK_EXCHANGE_AT_SIZE;
+    }
+    enum mk_status st = mk_wire_request(w, MK_MSG_EXCHANGE, payload, n, 1, MK_WIRE_EXCHANGE_NS, &f);
+    if (st == MK_OK)
+        st = parse_reading(&f, out);
+    if (st == MK_OK && w->clock)
+        w->at_ns = out->sample.board_ns;
+    return st;
 }
 
 enum mk_status mk_wire_state(struct mk_wire *w, struct mk_wire_state *out, struct mk_error *err)
@@ -334,6 +419,12 @@ enum mk_status mk_wire_stream(struct mk_wire *w, uint32_t period_us, struct mk_e
     return ask(w, MK_MSG_STREAM, payload, sizeof payload, NULL, err);
 }
 
+/* A step on a stream goes out behind the answer to a sample, and nobody waits between the two. */
+static bool is_before_step(const struct mk_wire *w, const struct mk_frame *f)
+{
+    return w->clock && f->sequence + 1 == w->sequence;
+}
+
 enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32_t *number,
                                    struct mk_wire_reading *out)
 {
@@ -349,7 +440,7 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
             *number = f.sequence;
             return parse_reading(&f, out);
         }
-        if (f.type == MK_MSG_REFUSED && f.sequence == w->sequence)
+        if (f.type == MK_MSG_REFUSED && (f.sequence == w->sequence || is_before_step(w, &f)))
             return refused(w, &f);
         w->stats.stale++;
     }
@@ -368,10 +459,27 @@ enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double 
                       monotonic_ns() + MK_WIRE_EXCHANGE_NS);
 }
 
+/* Where the board's clock follows ours, its next sample waits for the clock, and ours for it. The
+ * sample comes before the answer to the step, which nobody waits for. */
+static enum mk_status step_to_sample(struct mk_wire *w)
+{
+    uint8_t payload[8];
+    mk_clock_sleep_until(w->clock, w->next_ns - w->ahead_ns);
+    mk_put64(payload, (uint64_t)w->next_ns);
+    if (w->gone)
+        return MK_ERR_NODEV;
+    w->sequence++;
+    return send_frame(w, MK_MSG_STEP, payload, sizeof payload, monotonic_ns() + STEPPED_NS);
+}
+
 /* Of several samples that wait the newest counts: the time of the others is gone. */
 static enum mk_status take_newest(struct mk_wire *w, struct mk_wire_reading *out)
 {
-    int64_t patience_ns = (int64_t)w->stream_us * 1000 + MK_WIRE_EXCHANGE_NS;
+    int64_t patience_ns =
+        w->clock ? STEPPED_NS : (int64_t)w->stream_us * 1000 + MK_WIRE_EXCHANGE_NS;
+    enum mk_status stepped = w->clock ? step_to_sample(w) : MK_OK;
+    if (stepped != MK_OK)
+        return stepped;
     int64_t deadline_ns = monotonic_ns() + patience_ns;
     enum mk_status st = mk_wire_next_sample(w, patience_ns, &w->newest, out);
     struct mk_frame f;
@@ -381,6 +489,8 @@ static enum mk_status take_newest(struct mk_wire *w, struct mk_wire_reading *out
     while (monotonic_ns() < deadline_ns && next_frame(w, &f, 0) == MK_OK)
         if (f.type == MK_MSG_SAMPLE && parse_reading(&f, out) == MK_OK)
             w->newest = f.sequence;
+    w->at_ns = out->sample.board_ns;
+    w->next_ns = w->at_ns + (int64_t)w->stream_us * 1000;
     return MK_OK;
 }
 
@@ -523,6 +633,7 @@ enum mk_status mk_wire_board_stream(struct mk_board *board, uint32_t period_us,
     enum mk_status st = mk_wire_stream(w, period_us, err);
     w->stream_us = st == MK_OK ? period_us : 0;
     w->any = false;
+    w->next_ns = w->at_ns; /* the first comes at once */
     return st;
 }
 
@@ -543,4 +654,9 @@ enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_m
     uint8_t payload[4];
     mk_put32(payload, timeout_ms);
     return ask(w, MK_MSG_WATCHDOG, payload, sizeof payload, NULL, err);
+}
+
+enum mk_status mk_wire_board_follow(struct mk_board *board, struct mk_error *err)
+{
+    return mk_wire_follow(board->priv, board->clock, err);
 }

@@ -43,9 +43,14 @@ struct mk_wire {
     uint32_t capabilities;             /* enum mk_wire_capability */
     double u_max;                      /* the board's own limit, command units */
 
+    struct mk_clock *clock; /* the board's clock follows it, in steps; NULL: it runs by itself */
+    int64_t ahead_ns;       /* the board's clock minus that one */
+    int64_t at_ns;          /* where the board's clock stands */
+
     uint32_t stream_us; /* the board samples by its own clock; 0: when it is asked */
     uint32_t newest;    /* number of the newest of its samples */
     bool any;           /* there has been one */
+    int64_t next_ns;    /* board's clock at the next, where it follows ours */
 };
 
 struct mk_wire_reading {
@@ -65,6 +70,11 @@ struct mk_wire_state {
  * MK_ERR_PROTO, MK_ERR_NODEV, MK_ERR_NOTSUP (another protocol version). Up to 1 s. */
 enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, void *link,
                             struct mk_error *err);
+
+/* From here on the board's clock follows `clock`, a simulated one: each request is preceded by a
+ * step to the time it happens at, and waits for as long as a simulation may take. MK_ERR_NOTSUP:
+ * the board does not say that it is simulated. */
+enum mk_status mk_wire_follow(struct mk_wire *w, struct mk_clock *clock, struct mk_error *err);
 
 /* One request with its answer, tried up to `tries` times. *answer (may be NULL) is valid until the
  * next call. Refusals come back as MK_ERR_RANGE, MK_ERR_STATE, MK_ERR_NOTSUP or MK_ERR_PROTO. */
@@ -119,5 +129,6 @@ enum mk_status mk_wire_board_stream(struct mk_board *board, uint32_t period_us,
 enum mk_status mk_wire_board_safe(struct mk_board *board);
 enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_ms,
                                       struct mk_error *err);
+enum mk_status mk_wire_board_follow(struct mk_board *board, struct mk_error *err);
 
 #endif

@@ -9,10 +9,12 @@
 #include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
+#include <stdint.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/vfs.h>
+#include <time.h>
 #include <unistd.h>
 
 #define NODES 8
@@ -41,6 +43,11 @@ static struct {
     int (*call)(void *ctx, int timeout_ms);
     void *ctx;
 } hook;
+
+static struct {
+    struct emu_wish (*call)(void *ctx);
+    void *ctx;
+} pump;
 
 static struct emu_node *node_of(int fd)
 {
@@ -83,6 +90,12 @@ void emu_poll_hook(int (*call)(void *ctx, int timeout_ms), void *ctx)
 {
     hook.call = call;
     hook.ctx = ctx;
+}
+
+void emu_pump(struct emu_wish (*call)(void *ctx), void *ctx)
+{
+    pump.call = call;
+    pump.ctx = ctx;
 }
 
 void emu_node_ready(struct emu_node *node, bool ready)
@@ -258,6 +271,52 @@ EXPORT int poll(struct pollfd *fds, nfds_t n, int timeout_ms)
             return ready;
         if (timeout_ms > 0)
             timeout_ms -= limit_ms;
+    }
+}
+
+static int64_t now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+#define ARRIVAL_NS INT64_C(2000000000)
+
+/* One sleep of the loop below: 0 when the far end is to be called again, or the time is over. */
+static int wait_for_both(struct pollfd *fds, nfds_t n, const struct emu_wish *wish, int64_t left_ns,
+                         const sigset_t *mask)
+{
+    struct pollfd both[8];
+    const struct timespec wait = {left_ns / 1000000000, left_ns % 1000000000};
+    if (n + 1 > sizeof both / sizeof both[0])
+        __builtin_trap();
+    memcpy(both, fds, n * sizeof fds[0]);
+    both[n] = (struct pollfd){.fd = wish->fd, .events = POLLIN};
+    int ready = NEXT(ppoll)(both, n + 1, &wait, mask);
+    memcpy(fds, both, n * sizeof fds[0]);
+    return ready > 0 ? ready - (both[n].revents != 0) : ready;
+}
+
+EXPORT int ppoll(struct pollfd *fds, nfds_t n, const struct timespec *timeout, const sigset_t *mask)
+{
+    if (!pump.call)
+        return NEXT(ppoll)(fds, n, timeout, mask);
+    int64_t wait_ns =
+        timeout ? (int64_t)timeout->tv_sec * 1000000000 + timeout->tv_nsec : 1000000000000;
+    int64_t end_ns = now_ns() + wait_ns;
+    for (;;) {
+        struct emu_wish wish = pump.call(pump.ctx);
+        int64_t left_ns = end_ns - now_ns(), limit_ns = wish.limit_ms * INT64_C(1000000);
+        if (wish.said && left_ns < ARRIVAL_NS) {
+            end_ns += ARRIVAL_NS - left_ns;
+            left_ns = ARRIVAL_NS;
+        }
+        if (wish.limit_ms >= 0 && limit_ns < left_ns)
+            left_ns = limit_ns;
+        int ready = wait_for_both(fds, n, &wish, left_ns > 0 ? left_ns : 0, mask);
+        if (ready != 0 || now_ns() >= end_ns)
+            return ready;
     }
 }
 

@@ -49,4 +49,15 @@ void emu_file_remove(struct emu_file *file);
  * for how many ms at most to sleep until something may happen by itself; -1: no limit. */
 void emu_poll_hook(int (*hook)(void *ctx, int timeout_ms), void *ctx);
 
+/* The far end of a line that is the kernel's own: called before every ppoll of any thread, on
+ * whatever descriptors, until it is NULL, and again when it wants to. */
+struct emu_wish {
+    int fd;       /* when there is something to read from it; -1: none */
+    int limit_ms; /* after so long at the latest; -1: no limit */
+    /* It has said something: the caller waits for it to arrive, past its timeout as well, for a
+     * pseudo-terminal's bytes travel on a thread of the kernel that a busy machine may hold up. */
+    bool said;
+};
+void emu_pump(struct emu_wish (*pump)(void *ctx), void *ctx);
+
 #endif
