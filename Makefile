@@ -88,7 +88,7 @@ say = $(Q) $(1) $@;
 endif
 
 # --- sources ------------------------------------------------------------------------------------
-LIB_DIRS := base model sim ctrl driver ident exchange experiment explain
+LIB_DIRS := base model sim ctrl driver ident exchange experiment explain investigate
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
