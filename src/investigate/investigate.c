@@ -333,6 +333,8 @@ static void choose_test(struct investigation *v, struct experiment *x, bool at_t
 {
     struct plan_query q;
     struct plan p;
+    int joint;
+    const bool rest = learn_has_rest(v->e, &joint);
     ask(v, &q);
     x->kind = EXPERIMENT_TEST;
     if (plan_test(&q, &p)) {
@@ -341,7 +343,9 @@ static void choose_test(struct investigation *v, struct experiment *x, bool at_t
             "%s Under this input (%s), of all that keep to the limits, the prediction is "
             "least sure of itself: the hardest test. Nothing is fitted to it before it is "
             "judged.",
-            at_the_end ? "The budget ends with a test." : "The model explains all that was run.",
+            at_the_end ? "The budget ends with a test."
+            : rest     ? "What is left has no name, and no other look within the limits says more."
+                       : "The model explains all that was run.",
             p.kind);
     } else {
         snprintf(x->input, sizeof x->input, "%s", v->j->experiment[0].input);
@@ -758,6 +762,8 @@ static enum mk_status go_on(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
     enum mk_status st = j->looked_at[0] ? MK_OK : look_at_rig(v, err);
+    if (st == MK_OK)
+        rig_let_calm(&v->rig);
     while (st == MK_OK && !j->stopped[0]) {
         if (cancelled(v))
             return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");

@@ -292,11 +292,13 @@ class Planner
 
 // The best of the family by what `worth` says (0: not taken).
 template <class Worth>
-bool best_of_family(const Planner &p, const Worth &worth, plan &out)
+bool best_of_family(const Planner &p, double least_share, const Worth &worth, plan &out)
 {
     double best = 0.0;
     for (const Form &form : forms)
         for (double share : shares) {
+            if (share < least_share)
+                continue;
             const std::string text = p.input(form, share);
             Foresight f;
             if (p.was_run(text.c_str()) || !p.keeps(text.c_str(), &f))

@@ -6,6 +6,7 @@
 
 #include "base/origin.h"
 #include "investigate/nudge.h"
+#include "mechkit/design.h"
 #include "mechkit/log.h"
 #include "mechkit/signal.h"
 
@@ -14,6 +15,15 @@
 #define REST_RAD 0.003
 #define WHEEL_RAD 0.05
 #define SAY_EVERY_S 0.5
+#define CALM_AFTER_S 8.0 /* of swinging on; then on for so long, off for so long, .. */
+#define CALM_S 8.0
+#define CALM_PAUSE_S 4.0
+#define CALM_SHARE 0.2 /* of u_max, at most */
+#define CALM_FILTER 0.2
+#define CALM_LOOK_S 1.0    /* after the motor went off, before a swing is measured */
+#define CALM_SMALL_RAD 0.6 /* from its one end to the other */
+#define CALM_GROWS 1.3
+#define CALM_WATCHDOG_MS 20
 #define SETTLING_S 1.0 /* after a catch */
 #define STEP_RADPS 20.0
 
@@ -83,23 +93,151 @@ static void look(struct stillness *s, const struct rig *r, const double *q, doub
         s->since_s = t;
 }
 
-enum mk_status rig_rest(struct rig *r, struct mk_error *err)
+/* The gain of a brake at the motor joint under which the slowest motion about hanging dies out
+ * fastest: too little hardly brakes, too much locks the joint and the other swings on. */
+static double best_brake(const struct mk_plant_info *plant, const double *a, const double *b,
+                         double inertia)
+{
+    const int n = 2 * plant->joints;
+    double best = 0.0, gain = 0.0;
+    for (double rate = 0.1; rate < 40.0; rate *= 1.3) { /* 1/s, of the joint alone */
+        double k[2 * MK_MAX_JOINTS] = {0}, re[2 * MK_MAX_JOINTS], im[2 * MK_MAX_JOINTS];
+        double slowest = INFINITY;
+        k[plant->joints + plant->motor_joint] = rate * inertia;
+        if (mk_design_poles(n, a, b, k, re, im, NULL) != MK_OK)
+            continue;
+        for (int i = 0; i < n; i++)
+            if (hypot(re[i], im[i]) > 1e-3) /* where it rests does not matter */
+                slowest = fmin(slowest, -re[i]);
+        if (slowest > best) {
+            best = slowest;
+            gain = rate * inertia;
+        }
+    }
+    return gain;
+}
+
+void rig_let_calm(struct rig *r)
+{
+    const struct mk_plant_info *plant = mk_plant(r->given->plant);
+    const int n = 2 * plant->joints, motor = plant->motor_joint;
+    double a[4 * MK_MAX_JOINTS * MK_MAX_JOINTS], b[2 * MK_MAX_JOINTS];
+    double q[4 * MK_MAX_JOINTS * MK_MAX_JOINTS] = {0};
+    double mass[MK_MAX_JOINTS * MK_MAX_JOINTS], h[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0};
+    mk_plant_linearise(r->given, plant->rest, false, a, b);
+    mk_plant_mass(r->given, plant->rest, still, mass, h);
+    r->brake = best_brake(plant, a, b, mass[motor * (plant->joints + 1)]);
+    for (int j = 0; j < plant->joints; j++) {
+        const double size = mk_model_joint_scale(r->given, j);
+        const bool anywhere = plant->joint_is_level[j] || plant->joint_is_wheel[j];
+        q[j * (n + 1)] = (anywhere ? 0.05 : 100.0) / (size * size);
+        q[(plant->joints + j) * (n + 1)] = (anywhere ? 0.01 : 1.0) / (size * size);
+    }
+    const double most = CALM_SHARE * r->given->u_max;
+    r->calms = mk_design_lqrd(n, a, b, q, 1.0 / (most * most), 1.0 / RIG_WATCH_RATE_HZ, 0, r->calm,
+                              NULL, NULL) == MK_OK;
+}
+
+/* What a rig that swings is calmed by. */
+struct calming {
+    double low[MK_MAX_JOINTS], high[MK_MAX_JOINTS]; /* while the motor was off last */
+    double before[MK_MAX_JOINTS], speed[MK_MAX_JOINTS];
+    double swing; /* the largest, as the motor went on the last time; 0: it was not yet */
+    double off_s; /* since when the motor is off */
+};
+
+static void follow(struct calming *c, const struct rig_watch *w, bool driven, double t)
+{
+    for (int j = 0; j < w->joints; j++) {
+        c->speed[j] += CALM_FILTER * ((w->q[j] - c->before[j]) * RIG_WATCH_RATE_HZ - c->speed[j]);
+        c->before[j] = w->q[j];
+        if (driven)
+            continue;
+        if (t - c->off_s < CALM_LOOK_S) {
+            c->low[j] = c->high[j] = w->q[j];
+        } else {
+            c->low[j] = fmin(c->low[j], w->q[j]);
+            c->high[j] = fmax(c->high[j], w->q[j]);
+        }
+    }
+}
+
+static double swing_of(const struct calming *c, const struct mk_plant_info *plant)
+{
+    double most = 0.0;
+    for (int j = 0; j < plant->joints; j++)
+        if (!plant->joint_is_wheel[j] && !plant->joint_is_level[j])
+            most = fmax(most, c->high[j] - c->low[j]);
+    return most;
+}
+
+static double calming_command(const struct rig *r, const struct calming *c)
+{
+    const struct mk_plant_info *plant = mk_plant(r->given->plant);
+    const int motor = plant->motor_joint;
+    const double most = CALM_SHARE * r->given->u_max;
+    double u = -r->brake * c->speed[motor] * mk_model_joint_scale(r->given, motor);
+    if (c->swing < CALM_SMALL_RAD) {
+        u = 0.0;
+        for (int j = 0; j < plant->joints; j++) {
+            const double size = mk_model_joint_scale(r->given, j);
+            const double middle = 0.5 * (c->low[j] + c->high[j]);
+            u -= r->calm[j] * (c->before[j] - middle) * size;
+            u -= r->calm[plant->joints + j] * c->speed[j] * size;
+        }
+        const double dry = r->given->parameter[plant->parameter_count - 1];
+        if (dry > 0.0)
+            u += dry * tanh(u / (0.2 * dry));
+    }
+    return fmax(-most, fmin(most, u));
+}
+
+static bool calms_now(double t)
+{
+    return t > CALM_AFTER_S && fmod(t - CALM_AFTER_S, CALM_S + CALM_PAUSE_S) < CALM_S;
+}
+
+/* The motor goes on or off. */
+static enum mk_status switch_motor(struct rig *r, struct calming *c, bool on, double t,
+                                   struct mk_error *err)
+{
+    const struct mk_board_ops *ops = r->board->ops;
+    const double swing = swing_of(c, mk_plant(r->given->plant));
+    if (!on) {
+        c->off_s = t;
+        rig_motor_off(r->board);
+        return MK_OK;
+    }
+    r->calms = !(c->swing > 0.0 && swing > CALM_GROWS * c->swing);
+    c->swing = swing;
+    return r->calms && ops->set_watchdog ? ops->set_watchdog(r->board, CALM_WATCHDOG_MS, err)
+                                         : MK_OK;
+}
+
+static enum mk_status until_still(struct rig *r, struct mk_error *err)
 {
     struct rig_watch w;
     struct stillness s = {.moves = 0};
-    rig_motor_off(r->board);
-    rig_watch_begin(&w, r->board, r->given);
+    struct calming c = {.swing = 0.0};
     const double begin = rig_seconds(r);
     double said = 0.0;
+    bool driven = false;
+    rig_watch_begin(&w, r->board, r->given);
     for (bool first = true;; first = false) {
+        const double t = rig_seconds(r) - begin;
+        const bool drives = r->calms && calms_now(t);
         if (cancelled(r))
             return interrupted(err);
-        if (!rig_watch_step(&w, 0.0))
+        enum mk_status st = drives != driven ? switch_motor(r, &c, drives, t, err) : MK_OK;
+        if (st != MK_OK)
+            return st;
+        if (!rig_watch_step(&w, drives && r->calms ? calming_command(r, &c) : 0.0))
             return mk_error_set(err, MK_ERR_NODEV,
                                 "the board fell silent while the rig came to rest: check cable and "
                                 "power");
-        const double t = rig_seconds(r) - begin;
-        look(&s, r, w.q, t, first);
+        follow(&c, &w, drives, t);
+        look(&s, r, w.q, t, first || drives || driven);
+        driven = drives;
         if (t - s.since_s >= REST_S)
             return MK_OK;
         if (t > REST_MOST_S)
@@ -109,9 +247,17 @@ enum mk_status rig_rest(struct rig *r, struct mk_error *err)
                                 s.moves, REST_MOST_S);
         if (t - said > SAY_EVERY_S) {
             said = t;
-            tell(r, t / REST_MOST_S, "coming to rest");
+            tell(r, t / REST_MOST_S, drives ? "calming the rig" : "coming to rest");
         }
     }
+}
+
+enum mk_status rig_rest(struct rig *r, struct mk_error *err)
+{
+    rig_motor_off(r->board);
+    const enum mk_status st = until_still(r, err);
+    rig_motor_off(r->board);
+    return st;
 }
 
 /* --- one run ---------------------------------------------------------------------------------- */

@@ -13,7 +13,10 @@ struct rig {
     const struct mk_model *given; /* units and plant */
     double rate_hz;
     bool stream;
-    struct plan_limits limits; /* beyond which a run is stopped; NAN: the loop's own */
+    struct plan_limits limits;      /* beyond which a run is stopped; NAN: the loop's own */
+    bool calms;                     /* what follows says how; else nothing is done */
+    double brake;                   /* command per speed of the motor joint */
+    double calm[2 * MK_MAX_JOINTS]; /* gains about hanging: command per state */
     const volatile int *cancel;
     /* How far a run or a rest is (of its time), and what it is; false ends it. NULL: nobody asks.
      */
@@ -28,8 +31,12 @@ MK_NODISCARD enum mk_status rig_open(struct rig *r, const struct mk_board_ops *o
 void rig_close(struct rig *r);           /* motor off */
 double rig_seconds(const struct rig *r); /* of the board's clock */
 
-/* Waits with the motor off until the links hang still. MK_ERR_TIMEOUT: they do not within five
- * minutes; MK_ERR_NODEV, MK_ERR_INTR. */
+/* Lets the motor help a rig to rest from here on: not before the signs of motor and encoders are
+ * known. */
+void rig_let_calm(struct rig *r);
+/* Waits with the motor off until the links hang still. Links that swing on are calmed now and then,
+ * if that is let: the motor then only brakes its joint, which can bring no energy in.
+ * MK_ERR_TIMEOUT: they do not rest within five minutes; MK_ERR_NODEV, MK_ERR_INTR. */
 MK_NODISCARD enum mk_status rig_rest(struct rig *r, struct mk_error *err);
 
 struct rig_run {
