@@ -26,6 +26,7 @@
 #define SPREAD_FIRST 0.1  /* how far a textbook's values may be off */
 #define SPREAD_LATER 0.03 /* those of a model that was fitted */
 #define DRIFT 1e-3
+#define NO_COUNT_RAD 1e-3 /* an encoder that counts no more than that stands still */
 #define CATCH_S 10.0
 #define HOLD_S 6.0
 
@@ -158,7 +159,15 @@ static void ask(struct investigation *v, struct plan_query *q)
 
 /* --- looking at the rig ----------------------------------------------------------------------- */
 
-static enum mk_status wrong_wiring(const struct rig_nudge *n, struct mk_error *err)
+static bool an_encoder_is_dead(const struct rig_nudge *n, int joints)
+{
+    for (int j = 0; j < joints; j++)
+        if (fabs(n->moved[j]) < NO_COUNT_RAD && fabs(n->expected[j]) > 10.0 * NO_COUNT_RAD)
+            return true;
+    return false;
+}
+
+static enum mk_status wrong_wiring(const struct rig_nudge *n, int joints, struct mk_error *err)
 {
     if (n->misfit > RIG_MISFIT)
         return mk_error_set(err, MK_ERR_EXPECT,
@@ -166,6 +175,13 @@ static enum mk_status wrong_wiring(const struct rig_nudge *n, struct mk_error *e
                             "%+.4f and %+.4f, and no wiring explains that: is this the model of "
                             "this rig? encoders plugged in? power supply on?",
                             n->moved[0], n->moved[1], n->expected[0], n->expected[1]);
+    for (int j = 0; j < joints; j++)
+        if (fabs(n->moved[j]) < NO_COUNT_RAD && fabs(n->expected[j]) > 10.0 * NO_COUNT_RAD)
+            return mk_error_set(err, MK_ERR_EXPECT,
+                                "encoder %d did not count as a short push moved its joint by "
+                                "%+.4f, as the model says: is this the model of this rig? its "
+                                "plug and cable?",
+                                j + 1, n->expected[j]);
     if (n->wiring.swapped)
         return mk_error_set(err, MK_ERR_EXPECT,
                             "the encoders are swapped: exchange their plugs at the board");
@@ -190,8 +206,9 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
                             : mk_error_set(err, MK_ERR_FAULT,
                                            "the first short push was broken off, the board "
                                            "tripped: check cable and power");
-    if (!rig_nudge_is_well(&n))
-        return wrong_wiring(&n, err);
+    const int joints = mk_model_joints(&j->given);
+    if (!rig_nudge_is_well(&n) || an_encoder_is_dead(&n, joints))
+        return wrong_wiring(&n, joints, err);
     const int motor = mk_plant(j->given.plant)->motor_joint;
     const double size = mk_model_joint_scale(&j->given, motor);
     snprintf(j->looked, sizeof j->looked,
@@ -905,6 +922,9 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
                             s->board);
     v->simulated = v->j->given;
     enum mk_status st = s->rig[0] ? mk_model_read(s->rig, &v->simulated, err) : MK_OK;
+    if (st == MK_OK && v->simulated.plant != v->j->given.plant)
+        st = mk_error_at(err, MK_ERR_RANGE, s->rig, 0, 0, "is a %s, the model that is given a %s",
+                         mk_plant(v->simulated.plant)->name, mk_plant(v->j->given.plant)->name);
     if (st != MK_OK)
         return st;
     v->rig.given = &v->j->given;

@@ -67,6 +67,57 @@ enum mk_status learn_write_prediction(const char *path, const struct mk_model *m
     return st;
 }
 
+/* What a rig that is the model would have read under the commands of a log, in whole counts: NULL
+ * where that runs away. */
+static struct mk_log *own_log(const struct mk_model *model, const struct mk_log *log)
+{
+    const struct mk_predict_options options = {.window_s = 0.0};
+    struct mk_predict_figures figures;
+    struct mk_log *still = NULL, *own = NULL;
+    const double *t = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
+    const size_t n = log->rows;
+    double *own_t, *own_u, *q[MK_MAX_JOINTS];
+    if (!t || !u || mk_log_create(n, &still) != MK_OK)
+        return NULL;
+    bool made = (own_t = mk_log_add_column(still, "t")) != NULL;
+    for (int j = 0; made && j < mk_model_joints(model); j++)
+        made = (q[j] = mk_log_add_column(still, angle[j])) != NULL;
+    made = made && (own_u = mk_log_add_column(still, "u")) != NULL;
+    for (size_t k = 0; made && k < n; k++) {
+        own_t[k] = t[k];
+        own_u[k] = isfinite(u[k]) ? u[k] : 0.0;
+        for (int j = 0; j < mk_model_joints(model); j++)
+            q[j][k] = mk_plant(model->plant)->rest[j];
+    }
+    made = made && mk_predict(model, still, &options, &own, &figures, NULL, NULL) == MK_OK;
+    for (int j = 0; made && j < mk_model_joints(model); j++) {
+        const double *exact = mk_log_get(own, angle[j]), count = mk_model_count(model, j);
+        for (size_t k = 0; k < n; k++)
+            q[j][k] = count > 0.0 ? round(exact[k] / count) * count : exact[k];
+    }
+    mk_log_free(own);
+    if (made)
+        return still;
+    mk_log_free(still);
+    return NULL;
+}
+
+/* What a right model would be wrong by: start states that are fitted to whole counts where friction
+ * is stiff cost more than the noise of the readings. No more than three times that. */
+static void raise_noise(struct experiment *x, const struct mk_model *model,
+                        const struct mk_log *log)
+{
+    const double most = 3.0;
+    const struct mk_predict_options options = {.window_s = x->window_s};
+    struct mk_predict_figures figures;
+    struct mk_log *own = own_log(model, log), *windows = NULL;
+    if (own && mk_predict(model, own, &options, &windows, &figures, NULL, NULL) == MK_OK)
+        for (int j = 0; j < mk_model_joints(model); j++)
+            x->noise[j] = fmax(x->noise[j], fmin(figures.rms[j], most * x->noise[j]));
+    mk_log_free(own);
+    mk_log_free(windows);
+}
+
 static double difference(const struct mk_log *a, const struct mk_log *b, const char *column)
 {
     const double *x = mk_log_get(a, column), *y = mk_log_get(b, column);
@@ -105,6 +156,8 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
         st = mk_log_read(prediction_path, &written, err);
     if (st == MK_OK)
         st = mk_predict(model, log, &options, &windows, &figures, &failed, err);
+    if (st == MK_OK)
+        raise_noise(x, model, log);
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         const bool there = st == MK_OK && j < mk_model_joints(model);
         x->error[j] = there ? figures.rms[j] : (double)NAN;

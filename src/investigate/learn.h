@@ -12,7 +12,8 @@ MK_NODISCARD enum mk_status learn_write_prediction(const char *path, const struc
                                                    double rate_hz, struct mk_error *err);
 
 /* Holds the log of an experiment against the model that foresaw it and what was written down: fills
- * error, whole, passed. `x->window_s` and `x->noise` say how. */
+ * error, whole, passed. `x->window_s` and `x->noise` say how; the latter becomes what a rig that is
+ * the model would be predicted with, where that is more. */
 MK_NODISCARD enum mk_status learn_judge(struct experiment *x, const struct mk_model *model,
                                         const char *log_path, const char *prediction_path,
                                         struct mk_error *err);
