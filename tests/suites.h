@@ -65,6 +65,7 @@
     X(carry_over)                                                                                  \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
+    X(investigate)                                                                                 \
     X(exchange)                                                                                    \
     X(export_model)                                                                                \
     X(import)                                                                                      \

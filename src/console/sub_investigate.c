@@ -162,7 +162,7 @@ static int report(const struct mk_error *err, const char *folder)
 {
     const size_t n = strlen(folder);
     const bool inside = strncmp(err->file, folder, n) == 0;
-    if (inside && err->status == MK_ERR_NOTFOUND)
+    if (inside && (err->status == MK_ERR_NOTFOUND || err->status == MK_ERR_PARSE))
         return report_error(err);
     return inside ? report_output_error(err) : report_error(err);
 }
