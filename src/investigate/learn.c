@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "mechkit/log.h"
@@ -14,92 +15,80 @@ static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
 
 /* --- predictions ------------------------------------------------------------------------------ */
 
-/* A log of a rig that rests while the command goes its way: what a free run starts from. */
-static enum mk_status still_log(const struct mk_model *model, const char *input, double seconds,
-                                double rate_hz, struct mk_log **out, struct mk_error *err)
+/* What the model would read from rest under commands u at times t, nothing fitted: columns t, q1,
+ * (q2,) u. `counted`: in whole counts. */
+static enum mk_status read_model(const struct mk_model *model, const double *t, const double *u,
+                                 size_t rows, bool counted, struct mk_log **out,
+                                 struct mk_error *err)
 {
-    const size_t rows = (size_t)lround(seconds * rate_hz) + 1;
     const int joints = mk_model_joints(model);
-    struct mk_signal *signal = NULL;
-    double *t = NULL, *u = NULL, *q[MK_MAX_JOINTS] = {NULL, NULL};
-    enum mk_status st = mk_signal_create(input, &signal, err);
-    if (st != MK_OK)
-        return st;
-    st = mk_log_create(rows, out);
-    bool made = st == MK_OK && (t = mk_log_add_column(*out, "t")) != NULL;
+    const double still[MK_MAX_JOINTS] = {0};
+    double *own_t = NULL, *own_u = NULL, *q[MK_MAX_JOINTS] = {NULL, NULL};
+    double at[MK_MAX_JOINTS], x[MK_MAX_STATES], y[MK_MAX_JOINTS];
+    struct mk_sim *sim = NULL;
+    enum mk_status st = mk_log_create(rows, out);
+    bool made = st == MK_OK && (own_t = mk_log_add_column(*out, "t")) != NULL;
     for (int j = 0; made && j < joints; j++)
         made = (q[j] = mk_log_add_column(*out, angle[j])) != NULL;
-    made = made && (u = mk_log_add_column(*out, "u")) != NULL;
-    for (size_t k = 0; made && k < rows; k++) {
-        t[k] = (double)k / rate_hz;
-        const double wish = mk_signal_at(signal, t[k]);
-        u[k] = isfinite(wish) ? fmax(-model->u_max, fmin(model->u_max, wish)) : 0.0;
-        for (int j = 0; j < joints; j++)
-            q[j][k] = mk_plant(model->plant)->rest[j];
+    made = made && (own_u = mk_log_add_column(*out, "u")) != NULL;
+    if (!made)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
+    mk_model_unmeasure(model, 0.0, mk_plant(model->plant)->rest, at);
+    mk_model_initial_state(model, at, still, x);
+    st = mk_sim_create(model, NULL, &sim, err);
+    if (st == MK_OK)
+        st = mk_sim_reset(sim, t[0], x, NULL);
+    for (size_t k = 0; st == MK_OK && k < rows; k++) {
+        const double held[MK_MAX_INPUTS] = {isfinite(u[k]) ? u[k] : 0.0, 0.0};
+        own_t[k] = t[k];
+        own_u[k] = held[0];
+        mk_sim_measure(sim, y);
+        for (int j = 0; j < joints; j++) {
+            const double count = mk_model_count(model, j);
+            q[j][k] = counted && count > 0.0 ? round(y[j] / count) * count : y[j];
+        }
+        if (k + 1 < rows)
+            st = mk_sim_advance(sim, t[k + 1], held, err);
     }
-    mk_signal_destroy(signal);
-    if (made)
-        return MK_OK;
-    mk_log_free(*out);
-    *out = NULL;
-    return mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
+    mk_sim_destroy(sim);
+    return st;
+}
+
+/* From rest nobody knows a log's own values. */
+static struct mk_model without_own_values(const struct mk_model *model)
+{
+    struct mk_model shared = *model;
+    for (int e = 0; e < shared.effect_count; e++)
+        memset(shared.effect[e].spread, 0, sizeof shared.effect[e].spread);
+    return shared;
 }
 
 enum mk_status learn_write_prediction(const char *path, const struct mk_model *model,
                                       const char *input, double seconds, double rate_hz,
                                       struct mk_error *err)
 {
-    struct mk_log *still = NULL, *foreseen = NULL;
-    const struct mk_predict_options options = {.window_s = 0.0};
-    struct mk_predict_figures figures;
-    struct mk_model shared = *model; /* from rest nobody knows a log's own values */
-    for (int e = 0; e < shared.effect_count; e++)
-        memset(shared.effect[e].spread, 0, sizeof shared.effect[e].spread);
-    enum mk_status st = still_log(&shared, input, seconds, rate_hz, &still, err);
+    const size_t rows = (size_t)lround(seconds * rate_hz) + 1;
+    const struct mk_model shared = without_own_values(model);
+    struct mk_signal *signal = NULL;
+    struct mk_log *foreseen = NULL;
+    double *t = malloc(2 * rows * sizeof *t);
+    double *u = t ? t + rows : NULL;
+    enum mk_status st = t ? mk_signal_create(input, &signal, err)
+                          : mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
+    for (size_t k = 0; st == MK_OK && k < rows; k++) {
+        t[k] = (double)k / rate_hz;
+        u[k] = fmax(-model->u_max, fmin(model->u_max, mk_signal_at(signal, t[k])));
+    }
     if (st == MK_OK)
-        st = mk_predict(&shared, still, &options, &foreseen, &figures, NULL, err);
+        st = read_model(&shared, t, u, rows, false, &foreseen, err);
     if (st == MK_OK)
         st = mk_log_set_meta(foreseen, "prediction_of", input);
     if (st == MK_OK)
         st = mk_log_write(path, foreseen, err);
-    mk_log_free(still);
+    mk_signal_destroy(signal);
     mk_log_free(foreseen);
+    free(t);
     return st;
-}
-
-/* What a rig that is the model would have read under the commands of a log, in whole counts: NULL
- * where that runs away. */
-static struct mk_log *own_log(const struct mk_model *model, const struct mk_log *log)
-{
-    const struct mk_predict_options options = {.window_s = 0.0};
-    struct mk_predict_figures figures;
-    struct mk_log *still = NULL, *own = NULL;
-    const double *t = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
-    const size_t n = log->rows;
-    double *own_t, *own_u, *q[MK_MAX_JOINTS];
-    if (!t || !u || mk_log_create(n, &still) != MK_OK)
-        return NULL;
-    bool made = (own_t = mk_log_add_column(still, "t")) != NULL;
-    for (int j = 0; made && j < mk_model_joints(model); j++)
-        made = (q[j] = mk_log_add_column(still, angle[j])) != NULL;
-    made = made && (own_u = mk_log_add_column(still, "u")) != NULL;
-    for (size_t k = 0; made && k < n; k++) {
-        own_t[k] = t[k];
-        own_u[k] = isfinite(u[k]) ? u[k] : 0.0;
-        for (int j = 0; j < mk_model_joints(model); j++)
-            q[j][k] = mk_plant(model->plant)->rest[j];
-    }
-    made = made && mk_predict(model, still, &options, &own, &figures, NULL, NULL) == MK_OK;
-    for (int j = 0; made && j < mk_model_joints(model); j++) {
-        const double *exact = mk_log_get(own, angle[j]), count = mk_model_count(model, j);
-        for (size_t k = 0; k < n; k++)
-            q[j][k] = count > 0.0 ? round(exact[k] / count) * count : exact[k];
-    }
-    mk_log_free(own);
-    if (made)
-        return still;
-    mk_log_free(still);
-    return NULL;
 }
 
 /* What a right model would be wrong by: start states that are fitted to whole counts where friction
@@ -110,8 +99,11 @@ static void raise_noise(struct experiment *x, const struct mk_model *model,
     const double most = 3.0;
     const struct mk_predict_options options = {.window_s = x->window_s};
     struct mk_predict_figures figures;
-    struct mk_log *own = own_log(model, log), *windows = NULL;
-    if (own && mk_predict(model, own, &options, &windows, &figures, NULL, NULL) == MK_OK)
+    const struct mk_model shared = without_own_values(model);
+    const double *t = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
+    struct mk_log *own = NULL, *windows = NULL;
+    if (t && u && read_model(&shared, t, u, log->rows, true, &own, NULL) == MK_OK &&
+        mk_predict(&shared, own, &options, &windows, &figures, NULL, NULL) == MK_OK)
         for (int j = 0; j < mk_model_joints(model); j++)
             x->noise[j] = fmax(x->noise[j], fmin(figures.rms[j], most * x->noise[j]));
     mk_log_free(own);

@@ -94,14 +94,12 @@ bool has(const mk_model &m, const mk_effect_info *effect, int joint)
     return false;
 }
 
-// Puts a small one of it into the model; its size alone is asked for. Its law must be smooth where
-// it is small: one that owns states or delays is not foreseen.
+// Puts a small one of it into the model; its size alone is asked for. A torque that vanishes with
+// its first parameter: of other laws a little can be a great change (an end stop at hand).
 void suspect(Known &k, const mk_effect_info *effect, int joint)
 {
     mk_model with = k.model;
-    const unsigned hard = MK_STAGE_STATE | MK_STAGE_EVENT | MK_STAGE_COMMAND_DELAY |
-                          MK_STAGE_SENSOR_DELAY | MK_STAGE_MEASUREMENT;
-    if (!effect || effect->parameter_count == 0 || (effect->stages & hard) ||
+    if (!effect || effect->parameter_count == 0 || effect->stages != MK_STAGE_TORQUE ||
         !(effect->parameter[0].initial > 0.0) || has(k.model, effect, joint) ||
         mk_model_add_effect(&with, effect->name, joint, nullptr) != MK_OK)
         return;
@@ -167,7 +165,7 @@ class Planner
         const long n = (long)known.free.size();
         known.information = MatrixXd::Identity(n, n);
         for (int i = 0; i < q.past_count; i++) {
-            const Foresight f = see(known.model, q.past[i], q.past_s[i]);
+            const Foresight f = see(known.model, q.past[i], q.past_s[i], known.free);
             if (f.finite())
                 known.information += information_of(f);
         }
@@ -182,14 +180,14 @@ class Planner
         std::copy(q.limits.q_min, q.limits.q_min + MK_MAX_JOINTS, o.q_min);
         std::copy(q.limits.q_max, q.limits.q_max + MK_MAX_JOINTS, o.q_max);
         std::copy(q.limits.v_max, q.limits.v_max + MK_MAX_JOINTS, o.v_max);
-        for (size_t i = 0; i < rigs.size(); i++) {
-            const Foresight f = see(rigs[i], input, q.seconds);
-            if (!f.finite() || beyond_limits(rigs[i], o, extent_of(f)) > 0.0)
+        for (const mk_model &rig : rigs) {
+            const Foresight f = see(rig, input, q.seconds, fitted_parameters(rig));
+            if (!f.finite() || beyond_limits(rig, o, extent_of(f)) > 0.0)
                 return false;
-            if (i == 0 && own)
-                *own = f;
         }
-        return true;
+        if (own)
+            *own = see(known.model, input, q.seconds, known.free);
+        return !own || own->finite();
     }
 
     // Gain about what is not known well enough; `out` says about what most.
@@ -250,10 +248,10 @@ class Planner
 
     void draw_rigs()
     {
-        rigs.assign(1, known.model);
+        rigs.assign(1, *q.model);
         mk_random random = {q.seed};
         for (int tries = 0; tries < 50 && q.spread > 0.0 && (int)rigs.size() <= RIGS; tries++) {
-            mk_model rig = known.model;
+            mk_model rig = *q.model;
             for (int i = 0; i < mk_plant(rig.plant)->parameter_count; i++)
                 rig.parameter[i] *= 1.0 + q.spread * (2.0 * mk_random_uniform(&random) - 1.0);
             if (mk_model_check(&rig, nullptr) == MK_OK)
@@ -261,10 +259,11 @@ class Planner
         }
     }
 
-    Foresight see(const mk_model &m, const char *input, double seconds) const
+    Foresight see(const mk_model &m, const char *input, double seconds,
+                  const std::vector<int> &free) const
     {
         const std::vector<double> u = sampled(input, seconds, rate, q.limits.u_max);
-        return u.size() < 4 ? Foresight() : foresee(m, u, 1.0 / rate, known.free, picture);
+        return u.size() < 4 ? Foresight() : foresee(m, u, 1.0 / rate, free, picture);
     }
 
     static MatrixXd covariance_of(const MatrixXd &information)
