@@ -15,6 +15,7 @@
 #include "investigate/plan.h"
 #include "investigate/runs.h"
 #include "mechkit/log.h"
+#include "mechkit/rig.h"
 #include "support/files.h"
 #include "support/program.h"
 
@@ -435,6 +436,31 @@ START_TEST(a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor)
 }
 END_TEST
 
+/* Every run zeroes the counters anew; what depends on the place must not differ from log to log. */
+START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
+{
+    static const char *const rigs[] = {"cart-pole", "furuta"};
+    struct mk_model believed;
+    open_rig(rigs[_i]);
+    const double size = mk_model_joint_scale(&rig_model, 0);
+    believed = rig_model;
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    rig_let_calm(&rig);
+    struct rig_run run = {.believed = &believed, .log = scratch("wanders.csv")};
+    ck_assert_int_eq(rig_experiment(&rig, &run, "6*pulse(0,0.3)", 1.0, NULL), MK_OK);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(run.log, &log, NULL), MK_OK);
+    ck_assert_double_gt(fabs(mk_log_get(log, "q1")[log->rows - 1]), 0.4 * size);
+    mk_log_free(log);
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    ck_assert_double_le(fabs(rig.origin[0]), 0.3 * size);
+    /* The truth, as the virtual board knows it. */
+    const double *q = mk_rig_state(mk_board_virtual_rig(rig.board));
+    ck_assert_double_eq_tol(rig.origin[0], q[0], 0.01 * size);
+    rig_close(&rig);
+}
+END_TEST
+
 START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
 {
     struct plan p;
@@ -498,6 +524,8 @@ Suite *suite_investigate(void)
     TCase *parts = tcase_create("parts");
     tcase_set_timeout(parts, 120);
     tcase_add_loop_test(parts, a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor, 0, 5);
+    tcase_add_loop_test(parts, a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known, 0,
+                        2);
     tcase_add_test(parts, a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits);
     suite_add_tcase(s, parts);
     return s;

@@ -128,6 +128,10 @@ static void plan_within(const struct investigation *v, struct plan_limits *l)
             isfinite(asked->q_min[k]) ? rest + INSIDE * (asked->q_min[k] - rest) : usual.q_min[k];
         l->q_max[k] =
             isfinite(asked->q_max[k]) ? rest + INSIDE * (asked->q_max[k] - rest) : usual.q_max[k];
+        /* A run is foreseen from its own zero; what ends somewhere ends there all the same. */
+        const bool track = k < plant->joints && plant->joint_motion[k] == MK_JOINT_SLIDES;
+        l->q_min[k] -= track || isfinite(asked->q_min[k]) ? v->rig.origin[k] : 0.0;
+        l->q_max[k] -= track || isfinite(asked->q_max[k]) ? v->rig.origin[k] : 0.0;
         l->v_max[k] = isfinite(asked->v_max[k]) ? INSIDE * asked->v_max[k] : usual.v_max[k];
     }
 }
@@ -391,13 +395,19 @@ static bool budget_is_nearly_spent(const struct investigation *v)
 static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
-    const double begin = now_s();
     char name[64], path[JOURNAL_PATH];
     struct experiment *x = &j->experiment[j->count];
     memset(x, 0, sizeof *x);
+    /* Where it rests is part of what is foreseen. */
+    const double rig_begin = rig_seconds(&v->rig);
+    enum mk_status st = rig_rest(&v->rig, err);
+    if (st != MK_OK)
+        return st;
+    memcpy(x->origin, v->rig.origin, sizeof x->origin);
+    x->rig_s = rig_seconds(&v->rig) - rig_begin;
+    const double begin = now_s();
     x->seconds = j->settings.seconds;
     x->window_s = WINDOW_S;
-    enum mk_status st = MK_OK;
     if (!v->explained)
         st = choose_first(v, x, err);
     else if (budget_is_nearly_spent(v))
@@ -408,8 +418,8 @@ static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
         return st;
     learn_noise(&j->given, v->explained ? v->e : NULL, x->noise);
     st = learn_write_prediction(
-        journal_file(j, path, journal_name(name, j->count, "-prediction.csv")), &v->model, x->input,
-        x->seconds, j->settings.rate_hz, err);
+        journal_file(j, path, journal_name(name, j->count, "-prediction.csv")), &v->model, x,
+        j->settings.rate_hz, err);
     if (st == MK_OK)
         st = mk_model_write(journal_file(j, path, journal_name(name, j->count, "-model.ini")),
                             &v->model, "the model before this experiment was run", err);
@@ -479,11 +489,12 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
         if (st != MK_OK)
             return st;
         (void)mk_date_text(x->run_at);
+        memcpy(x->origin, v->rig.origin, sizeof x->origin);
         st = rig_experiment(&v->rig, &run, x->input, x->seconds, err);
         x->ran_s = run.ran_s;
         snprintf(x->fault, sizeof x->fault, "%s", run.fault_text);
         x->broken_off = st != MK_OK || rig_fault_is_of_the_board(run.fault);
-        x->rig_s = rig_seconds(&v->rig) - begin;
+        x->rig_s += rig_seconds(&v->rig) - begin;
         if (st == MK_OK && run.fault && x->broken_off)
             st = mk_error_set(err, MK_ERR_FAULT,
                               "experiment %d: fault %s; motor off. When that is put right, the "
@@ -510,8 +521,8 @@ static enum mk_status read_log(struct investigation *v, int number, struct mk_er
     char name[64], path[JOURNAL_PATH];
     if (v->log[number])
         return MK_OK;
-    return mk_log_read(journal_file(v->j, path, journal_name(name, number, ".csv")),
-                       &v->log[number], err);
+    return learn_read_log(journal_file(v->j, path, journal_name(name, number, ".csv")),
+                          &v->j->experiment[number], &v->j->given, &v->log[number], err);
 }
 
 static enum mk_status judge(struct investigation *v, struct mk_error *err)

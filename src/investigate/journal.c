@@ -182,6 +182,7 @@ static void one_experiment(struct both *b, struct experiment *x)
     TEXT(b, x, came);
     TEXT(b, x, planned_at);
     TEXT(b, x, run_at);
+    numbers(b, "origin", x->origin, MK_MAX_JOINTS);
     number(b, "ran_s", &x->ran_s);
     yes_no(b, "broken_off", &x->broken_off);
     yes_no(b, "used", &x->used);

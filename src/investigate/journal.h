@@ -65,11 +65,12 @@ struct experiment {
     char why[JOURNAL_TEXT], expected[JOURNAL_TEXT], came[JOURNAL_TEXT];
     char planned_at[JOURNAL_DATE], run_at[JOURNAL_DATE];
     /* Once it was run: */
-    double ran_s;    /* of the log */
-    bool broken_off; /* before its end */
-    bool used;       /* learned from */
-    char fault[160]; /* "": none */
-    double window_s; /* of the free runs that the prediction is judged by */
+    double origin[MK_MAX_JOINTS]; /* its zero, counted from that of the first (struct rig) */
+    double ran_s;                 /* of the log */
+    bool broken_off;              /* before its end */
+    bool used;                    /* learned from */
+    char fault[160];              /* "": none */
+    double window_s;              /* of the free runs that the prediction is judged by */
     double error[MK_MAX_JOINTS], noise[MK_MAX_JOINTS]; /* their rms; of a reading */
     double whole[MK_MAX_JOINTS]; /* rms of the prediction that was written down, from rest */
     bool passed;                 /* predicted to within twice the noise */

@@ -16,10 +16,11 @@ static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
 /* --- predictions ------------------------------------------------------------------------------ */
 
 /* What the model would read from rest under commands u at times t, nothing fitted: columns t, q1,
- * (q2,) u. `counted`: in whole counts. */
-static enum mk_status read_model(const struct mk_model *model, const double *t, const double *u,
-                                 size_t rows, bool counted, struct mk_log **out,
-                                 struct mk_error *err)
+ * (q2,) u. `origin`: where its rest reads otherwise than the plant's; `counted`: in whole counts.
+ */
+static enum mk_status read_model(const struct mk_model *model, const double *origin,
+                                 const double *t, const double *u, size_t rows, bool counted,
+                                 struct mk_log **out, struct mk_error *err)
 {
     const int joints = mk_model_joints(model);
     const double still[MK_MAX_JOINTS] = {0};
@@ -33,7 +34,9 @@ static enum mk_status read_model(const struct mk_model *model, const double *t, 
     made = made && (own_u = mk_log_add_column(*out, "u")) != NULL;
     if (!made)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
-    mk_model_unmeasure(model, 0.0, mk_plant(model->plant)->rest, at);
+    for (int j = 0; j < joints; j++)
+        y[j] = mk_plant(model->plant)->rest[j] + origin[j];
+    mk_model_unmeasure(model, 0.0, y, at);
     mk_model_initial_state(model, at, still, x);
     st = mk_sim_create(model, NULL, &sim, err);
     if (st == MK_OK)
@@ -54,6 +57,27 @@ static enum mk_status read_model(const struct mk_model *model, const double *t, 
     return st;
 }
 
+/* Adds `times` origins to the angles. */
+static void shift(struct mk_log *log, const struct mk_model *model, const double *origin,
+                  double times)
+{
+    for (size_t c = 0; c < log->column_count; c++)
+        for (int j = 0; j < mk_model_joints(model); j++)
+            if (strcmp(log->columns[c].name, angle[j]) == 0 && log->columns[c].data)
+                for (size_t k = 0; k < log->rows; k++)
+                    log->columns[c].data[k] += times * origin[j];
+}
+
+enum mk_status learn_read_log(const char *path, const struct experiment *x,
+                              const struct mk_model *model, struct mk_log **out,
+                              struct mk_error *err)
+{
+    const enum mk_status st = mk_log_read(path, out, err);
+    if (st == MK_OK)
+        shift(*out, model, x->origin, 1.0);
+    return st;
+}
+
 /* From rest nobody knows a log's own values. */
 static struct mk_model without_own_values(const struct mk_model *model)
 {
@@ -64,25 +88,27 @@ static struct mk_model without_own_values(const struct mk_model *model)
 }
 
 enum mk_status learn_write_prediction(const char *path, const struct mk_model *model,
-                                      const char *input, double seconds, double rate_hz,
+                                      const struct experiment *x, double rate_hz,
                                       struct mk_error *err)
 {
-    const size_t rows = (size_t)lround(seconds * rate_hz) + 1;
+    const size_t rows = (size_t)lround(x->seconds * rate_hz) + 1;
     const struct mk_model shared = without_own_values(model);
     struct mk_signal *signal = NULL;
     struct mk_log *foreseen = NULL;
     double *t = malloc(2 * rows * sizeof *t);
     double *u = t ? t + rows : NULL;
-    enum mk_status st = t ? mk_signal_create(input, &signal, err)
+    enum mk_status st = t ? mk_signal_create(x->input, &signal, err)
                           : mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
     for (size_t k = 0; st == MK_OK && k < rows; k++) {
         t[k] = (double)k / rate_hz;
         u[k] = fmax(-model->u_max, fmin(model->u_max, mk_signal_at(signal, t[k])));
     }
     if (st == MK_OK)
-        st = read_model(&shared, t, u, rows, false, &foreseen, err);
+        st = read_model(&shared, x->origin, t, u, rows, false, &foreseen, err);
     if (st == MK_OK)
-        st = mk_log_set_meta(foreseen, "prediction_of", input);
+        shift(foreseen, model, x->origin, -1.0);
+    if (st == MK_OK)
+        st = mk_log_set_meta(foreseen, "prediction_of", x->input);
     if (st == MK_OK)
         st = mk_log_write(path, foreseen, err);
     mk_signal_destroy(signal);
@@ -102,7 +128,7 @@ static void raise_noise(struct experiment *x, const struct mk_model *model,
     const struct mk_model shared = without_own_values(model);
     const double *t = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
     struct mk_log *own = NULL, *windows = NULL;
-    if (t && u && read_model(&shared, t, u, log->rows, true, &own, NULL) == MK_OK &&
+    if (t && u && read_model(&shared, x->origin, t, u, log->rows, true, &own, NULL) == MK_OK &&
         mk_predict(&shared, own, &options, &windows, &figures, NULL, NULL) == MK_OK)
         for (int j = 0; j < mk_model_joints(model); j++)
             x->noise[j] = fmax(x->noise[j], fmin(figures.rms[j], most * x->noise[j]));
@@ -143,9 +169,9 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     const struct mk_predict_options options = {.window_s = x->window_s};
     struct mk_predict_figures figures;
     size_t failed = 0;
-    enum mk_status st = mk_log_read(log_path, &log, err);
+    enum mk_status st = learn_read_log(log_path, x, model, &log, err);
     if (st == MK_OK)
-        st = mk_log_read(prediction_path, &written, err);
+        st = learn_read_log(prediction_path, x, model, &written, err);
     if (st == MK_OK)
         st = mk_predict(model, log, &options, &windows, &figures, &failed, err);
     if (st == MK_OK)

@@ -5,11 +5,16 @@
 #include "investigate/journal.h"
 #include "mechkit/explain.h"
 
-/* Writes down what `model` foresees of an input from rest, before it is run. MK_ERR_NUMERIC: the
- * model runs away. */
+/* Writes down what `model` foresees of an experiment from rest, before it is run, in its log's own
+ * frame. MK_ERR_NUMERIC: the model runs away. */
 MK_NODISCARD enum mk_status learn_write_prediction(const char *path, const struct mk_model *model,
-                                                   const char *input, double seconds,
-                                                   double rate_hz, struct mk_error *err);
+                                                   const struct experiment *x, double rate_hz,
+                                                   struct mk_error *err);
+
+/* The log of an experiment, its angles counted from the first one's zero. */
+MK_NODISCARD enum mk_status learn_read_log(const char *path, const struct experiment *x,
+                                           const struct mk_model *model, struct mk_log **out,
+                                           struct mk_error *err);
 
 /* Holds the log of an experiment against the model that foresaw it and what was written down: fills
  * error, whole, passed. `x->window_s` and `x->noise` say how; the latter becomes what a rig that is

@@ -24,7 +24,11 @@
 #define CALM_SMALL_RAD 0.6 /* from its one end to the other */
 #define CALM_GROWS 1.3
 #define CALM_WATCHDOG_MS 20
-#define SETTLING_S 1.0 /* after a catch */
+#define WANDERED_RAD 0.3 /* from where the first run began */
+#define LEAD_RADPS 0.5   /* so fast back */
+#define LEAD_SERVO 18.0  /* rad/s */
+#define LEAD_SHARE 0.5   /* of u_max, at most */
+#define SETTLING_S 1.0   /* after a catch */
 #define STEP_RADPS 20.0
 
 enum mk_status rig_open(struct rig *r, const struct mk_board_ops *ops,
@@ -64,6 +68,12 @@ static void tell(const struct rig *r, double done, const char *what)
 {
     if (r->progress)
         (void)r->progress(r->progress_context, done, what);
+}
+
+bool rig_rests_anywhere(const struct mk_model *model, int joint)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    return plant->joint_is_wheel[joint] || plant->joint_is_level[joint];
 }
 
 /* --- rest ------------------------------------------------------------------------------------- */
@@ -197,11 +207,17 @@ static bool calms_now(double t)
     return t > CALM_AFTER_S && fmod(t - CALM_AFTER_S, CALM_S + CALM_PAUSE_S) < CALM_S;
 }
 
+/* The board guards what is sent from here on. */
+static enum mk_status switch_on(struct rig *r, struct mk_error *err)
+{
+    const struct mk_board_ops *ops = r->board->ops;
+    return ops->set_watchdog ? ops->set_watchdog(r->board, CALM_WATCHDOG_MS, err) : MK_OK;
+}
+
 /* The motor goes on or off. */
 static enum mk_status switch_motor(struct rig *r, struct calming *c, bool on, double t,
                                    struct mk_error *err)
 {
-    const struct mk_board_ops *ops = r->board->ops;
     const double swing = swing_of(c, mk_plant(r->given->plant));
     if (!on) {
         c->off_s = t;
@@ -210,8 +226,16 @@ static enum mk_status switch_motor(struct rig *r, struct calming *c, bool on, do
     }
     r->calms = !(c->swing > 0.0 && swing > CALM_GROWS * c->swing);
     c->swing = swing;
-    return r->calms && ops->set_watchdog ? ops->set_watchdog(r->board, CALM_WATCHDOG_MS, err)
-                                         : MK_OK;
+    return r->calms ? switch_on(r, err) : MK_OK;
+}
+
+#define LONG_BITS 24
+
+static void note_origin(struct rig *r, const struct rig_watch *w)
+{
+    for (int j = 0; j < w->joints; j++)
+        if (r->framed && w->bits >= LONG_BITS && rig_rests_anywhere(r->given, j))
+            r->origin[j] = r->zeroed_at[j] + w->raw[j] * mk_model_count(r->given, j);
 }
 
 static enum mk_status until_still(struct rig *r, struct mk_error *err)
@@ -238,8 +262,10 @@ static enum mk_status until_still(struct rig *r, struct mk_error *err)
         follow(&c, &w, drives, t);
         look(&s, r, w.q, t, first || drives || driven);
         driven = drives;
-        if (t - s.since_s >= REST_S)
+        if (t - s.since_s >= REST_S) {
+            note_origin(r, &w);
             return MK_OK;
+        }
         if (t > REST_MOST_S)
             return mk_error_set(err, MK_ERR_TIMEOUT,
                                 "joint %d does not come to rest within %.0f s: calm it by hand, "
@@ -252,10 +278,61 @@ static enum mk_status until_still(struct rig *r, struct mk_error *err)
     }
 }
 
+/* Leads a motor joint that rests anywhere back to where the first run began, slowly, as the doctor
+ * sweeps: runs of a carriage that wanders would come to the ends of its track. */
+static enum mk_status lead_back(struct rig *r, struct mk_error *err)
+{
+    const struct mk_plant_info *plant = mk_plant(r->given->plant);
+    const int motor = plant->motor_joint;
+    const double size = mk_model_joint_scale(r->given, motor);
+    const double away = r->origin[motor] / size, most = LEAD_SHARE * r->given->u_max;
+    const double seconds = fabs(away) / LEAD_RADPS;
+    double mass[MK_MAX_JOINTS * MK_MAX_JOINTS], h[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0};
+    mk_plant_mass(r->given, plant->rest, still, mass, h);
+    const double inertia = mass[motor * (plant->joints + 1)] * size;
+    const double kp = inertia * LEAD_SERVO * LEAD_SERVO, kd = 1.4 * inertia * LEAD_SERVO;
+    double speed = 0.0, before = 0.0;
+    struct rig_watch w;
+    enum mk_status st = switch_on(r, err);
+    if (st != MK_OK)
+        return st;
+    rig_watch_begin(&w, r->board, r->given);
+    bool well = true;
+    for (int k = 0; well && k < (int)((seconds + 1.0) * RIG_WATCH_RATE_HZ); k++) {
+        if (cancelled(r))
+            return interrupted(err);
+        const double share = fmin(1.0, k / RIG_WATCH_RATE_HZ / seconds);
+        speed += CALM_FILTER * ((w.q[motor] - before) * RIG_WATCH_RATE_HZ - speed);
+        before = w.q[motor];
+        const double u = kp * (-share * away - w.q[motor]) - kd * speed;
+        well = rig_watch_step(&w, k > 0 ? fmax(-most, fmin(most, u)) : 0.0);
+    }
+    rig_motor_off(r->board);
+    return well ? MK_OK
+                : mk_error_set(err, MK_ERR_NODEV,
+                               "the board tripped while joint %d was led back: check cable and "
+                               "power",
+                               motor + 1);
+}
+
+static bool has_wandered(const struct rig *r)
+{
+    const struct mk_plant_info *plant = mk_plant(r->given->plant);
+    const int motor = plant->motor_joint;
+    return r->calms && plant->joint_is_level[motor] &&
+           fabs(r->origin[motor]) > WANDERED_RAD * mk_model_joint_scale(r->given, motor);
+}
+
 enum mk_status rig_rest(struct rig *r, struct mk_error *err)
 {
     rig_motor_off(r->board);
-    const enum mk_status st = until_still(r, err);
+    enum mk_status st = until_still(r, err);
+    if (st == MK_OK && has_wandered(r)) {
+        st = lead_back(r, err);
+        rig_motor_off(r->board);
+        if (st == MK_OK)
+            st = until_still(r, err);
+    }
     rig_motor_off(r->board);
     return st;
 }
@@ -287,6 +364,10 @@ static void set_limits(const struct rig *r, const struct rig_run *run, struct mk
         c->limits.q_min[j] = fmax(c->limits.q_min[j], r->limits.q_min[j]);
         c->limits.q_max[j] = fmin(c->limits.q_max[j], r->limits.q_max[j]);
         c->limits.v_max[j] = fmin(c->limits.v_max[j], r->limits.v_max[j]);
+    }
+    for (int j = 0; j < mk_model_joints(run->believed); j++) {
+        c->limits.q_min[j] -= r->origin[j];
+        c->limits.q_max[j] -= r->origin[j];
     }
     if (run->model_off > 0.0)
         c->limits.model_share = run->model_off;
@@ -324,6 +405,10 @@ static enum mk_status begin(struct rig *r, const struct rig_run *run,
         st = mk_loop_create(r->board, u->ctrl, &config, &u->loop, err);
     if (st == MK_OK)
         st = mk_loop_start(u->loop, run->log, meta, 1, err);
+    if (st == MK_OK) {
+        memcpy(r->zeroed_at, r->origin, sizeof r->zeroed_at);
+        r->framed = true;
+    }
     return st;
 }
 

@@ -17,6 +17,12 @@ struct rig {
     bool calms;                     /* what follows says how; else nothing is done */
     double brake;                   /* command per speed of the motor joint */
     double calm[2 * MK_MAX_JOINTS]; /* gains about hanging: command per state */
+    /* Where the joints that rest anywhere (arms that turn level, carriages, wheels) were at the
+     * last rest, counted from the start of the first run: every run zeroes the counters anew. The
+     * limits are counted from there as well. 0 where counters are too short to know. */
+    double origin[MK_MAX_JOINTS];
+    double zeroed_at[MK_MAX_JOINTS]; /* the same, of the last run's zero */
+    bool framed;                     /* there was a first run */
     const volatile int *cancel;
     /* How far a run or a rest is (of its time), and what it is; false ends it. NULL: nobody asks.
      */
@@ -67,6 +73,9 @@ MK_NODISCARD enum mk_status rig_control(struct rig *r, struct rig_run *run,
                                         const struct mk_ctrl_ops *setup, double catch_s,
                                         double hold_s, struct rig_figures *out,
                                         struct mk_error *err);
+
+/* A joint (0-based) that rests anywhere. */
+bool rig_rests_anywhere(const struct mk_model *model, int joint);
 
 /* The cable, the board or the machine, not the rig: nothing is learned by another try. */
 bool rig_fault_is_of_the_board(enum mk_fault fault);
