@@ -245,7 +245,7 @@ START_TEST(an_investigation_that_is_killed_goes_on_and_runs_nothing_twice)
                     command);
         /* A log that is whole now must stay as it is: its sum is found again. */
         run_command(now, sizeof now,
-                    "cd %s && for f in exp-??.csv; do [ $(cat $f | wc -l) -gt 2500 ] "
+                    "cd %s 2>/dev/null && for f in exp-??.csv; do [ $(cat $f | wc -l) -gt 2500 ] "
                     "&& cksum $f; done 2>/dev/null; true",
                     folder);
         for (char *line = strtok(sums, "\n"); line; line = strtok(NULL, "\n"))
@@ -453,7 +453,7 @@ START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
     ck_assert_double_gt(fabs(mk_log_get(log, "q1")[log->rows - 1]), 0.4 * size);
     mk_log_free(log);
     ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
-    ck_assert_double_le(fabs(rig.origin[0]), 0.3 * size);
+    ck_assert_double_le(fabs(rig.origin[0]), 0.1 * size);
     /* The truth, as the virtual board knows it. */
     const double *q = mk_rig_state(mk_board_virtual_rig(rig.board));
     ck_assert_double_eq_tol(rig.origin[0], q[0], 0.01 * size);

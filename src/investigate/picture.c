@@ -9,7 +9,7 @@
 #define TOP 24
 #define BOTTOM 34
 #define MOST_POINTS 700
-#define BAR_LEFT 250
+#define BAR_LEFT 310
 #define BAR_HEIGHT 22
 
 void picture_text(FILE *out, const char *text)

@@ -24,11 +24,11 @@
 #define CALM_SMALL_RAD 0.6 /* from its one end to the other */
 #define CALM_GROWS 1.3
 #define CALM_WATCHDOG_MS 20
-#define WANDERED_RAD 0.3 /* from where the first run began */
-#define LEAD_RADPS 0.5   /* so fast back */
-#define LEAD_SERVO 18.0  /* rad/s */
-#define LEAD_SHARE 0.5   /* of u_max, at most */
-#define SETTLING_S 1.0   /* after a catch */
+#define WANDERED_RAD 0.03 /* from where the first run began */
+#define LEAD_RADPS 0.5    /* so fast back */
+#define LEAD_SERVO 18.0   /* rad/s */
+#define LEAD_SHARE 0.5    /* of u_max, at most */
+#define SETTLING_S 1.0    /* after a catch */
 #define STEP_RADPS 20.0
 
 enum mk_status rig_open(struct rig *r, const struct mk_board_ops *ops,
