@@ -29,7 +29,7 @@ static const char style[] =
     "border-bottom:1px solid var(--line);vertical-align:top}svg{width:100%;height:auto;"
     "font-size:11px;fill:var(--soft)}svg path{fill:none;stroke-width:1.4}.a{stroke:var(--a)}"
     ".b{stroke:var(--b);stroke-dasharray:4 "
-    "3}rect{stroke:none}rect.a{fill:var(--a)}rect.b{fill:var(--b)}"
+    "3}rect.a{fill:var(--a);stroke:none}rect.b{fill:var(--b);stroke:none}"
     "rect.soft{fill:var(--line)}.grid{stroke:var(--line);stroke-width:.7}"
     ".whisker{stroke:var(--ink);stroke-width:1.6}.good{color:var(--good)}.bad{color:var(--bad)}"
     "dt{color:var(--soft);font-size:.85rem}dd{margin:0 0 .4rem}@media print{body{max-width:none}}"
@@ -265,6 +265,12 @@ static void put_plots(struct book *b, int number)
     mk_log_free(foreseen);
 }
 
+/* Whole ones, none of them -0. */
+static double percent(double share)
+{
+    return rint(100.0 * share) + 0.0;
+}
+
 static void put_budget(struct book *b, const struct journal_finding *f)
 {
     const struct journal *j = b->j;
@@ -299,7 +305,7 @@ static void put_budget(struct book *b, const struct journal_finding *f)
         share[i] = (struct picture_bar){f->item[i].name, 100.0 * f->item[i].share,
                                         100.0 * f->item[i].low, 100.0 * f->item[i].high, "b"};
         fprintf(b->md, "- %s: %.0f %% of the gap [%.0f .. %.0f]\n", f->item[i].name,
-                100.0 * f->item[i].share, 100.0 * f->item[i].low, 100.0 * f->item[i].high);
+                percent(f->item[i].share), percent(f->item[i].low), percent(f->item[i].high));
     }
     picture_bars(b->html, share, f->items, "%");
 }
