@@ -205,7 +205,10 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
     enum mk_status st = rig_rest(&v->rig, err);
     if (st != MK_OK)
         return st;
-    if (!rig_nudge(v->rig.board, &j->given, v->o->cancel, &n))
+    struct mk_model gentle = j->given; /* the push stays within the operator's limit, too */
+    if (isfinite(j->settings.limits.u_max))
+        gentle.u_max = fmin(gentle.u_max, j->settings.limits.u_max / RIG_PUSH_SHARE);
+    if (!rig_nudge(v->rig.board, &gentle, v->o->cancel, &n))
         return cancelled(v) ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
                             : mk_error_set(err, MK_ERR_FAULT,
                                            "the first short push was broken off, the board "

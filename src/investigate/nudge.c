@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#define PUSH_SHARE 0.3 /* of u_max */
 #define PUSH_S 0.06
 #define PUSH_WATCH_S 0.12
 #define PAUSE_NS INT64_C(3000000000)
@@ -124,7 +123,7 @@ bool rig_nudge(struct mk_board *board, const struct mk_model *model, const volat
     struct mk_clock clock;
     struct mk_board *expect = rig_model_board(model, &clock);
     const int joints = mk_model_joints(model);
-    const double u = PUSH_SHARE * model->u_max;
+    const double u = RIG_PUSH_SHARE * model->u_max;
     double ahead[MK_MAX_JOINTS] = {0}, back[MK_MAX_JOINTS] = {0};
     *out = (struct rig_nudge){.misfit = 2.0};
     bool well = expect && push(expect, model, u, out->expected) && !(cancel && *cancel);

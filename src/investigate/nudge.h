@@ -39,7 +39,8 @@ struct rig_wiring {
     int sign[MK_MAX_JOINTS];
 };
 
-#define RIG_MISFIT 0.8 /* beyond it no wiring explains the answer */
+#define RIG_PUSH_SHARE 0.3 /* of the command's limit */
+#define RIG_MISFIT 0.8     /* beyond it no wiring explains the answer */
 
 struct rig_nudge {
     double moved[MK_MAX_JOINTS];    /* half the difference of the two pushes */

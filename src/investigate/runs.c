@@ -70,6 +70,12 @@ static void tell(const struct rig *r, double done, const char *what)
         (void)r->progress(r->progress_context, done, what);
 }
 
+/* The limit of the command: the operator's, where it is less than the rig's. */
+static double strongest(const struct rig *r)
+{
+    return isfinite(r->limits.u_max) ? fmin(r->given->u_max, r->limits.u_max) : r->given->u_max;
+}
+
 bool rig_rests_anywhere(const struct mk_model *model, int joint)
 {
     const struct mk_plant_info *plant = mk_plant(model->plant);
@@ -143,7 +149,7 @@ void rig_let_calm(struct rig *r)
         q[j * (n + 1)] = (anywhere ? 0.05 : 100.0) / (size * size);
         q[(plant->joints + j) * (n + 1)] = (anywhere ? 0.01 : 1.0) / (size * size);
     }
-    const double most = CALM_SHARE * r->given->u_max;
+    const double most = CALM_SHARE * strongest(r);
     r->calms = mk_design_lqrd(n, a, b, q, 1.0 / (most * most), 1.0 / RIG_WATCH_RATE_HZ, 0, r->calm,
                               NULL, NULL) == MK_OK;
 }
@@ -185,7 +191,7 @@ static double calming_command(const struct rig *r, const struct calming *c)
 {
     const struct mk_plant_info *plant = mk_plant(r->given->plant);
     const int motor = plant->motor_joint;
-    const double most = CALM_SHARE * r->given->u_max;
+    const double most = CALM_SHARE * strongest(r);
     double u = -r->brake * c->speed[motor] * mk_model_joint_scale(r->given, motor);
     if (c->swing < CALM_SMALL_RAD) {
         u = 0.0;
@@ -285,7 +291,7 @@ static enum mk_status lead_back(struct rig *r, struct mk_error *err)
     const struct mk_plant_info *plant = mk_plant(r->given->plant);
     const int motor = plant->motor_joint;
     const double size = mk_model_joint_scale(r->given, motor);
-    const double away = r->origin[motor] / size, most = LEAD_SHARE * r->given->u_max;
+    const double away = r->origin[motor] / size, most = LEAD_SHARE * strongest(r);
     const double seconds = fabs(away) / LEAD_RADPS;
     double mass[MK_MAX_JOINTS * MK_MAX_JOINTS], h[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0};
     mk_plant_mass(r->given, plant->rest, still, mass, h);
@@ -391,8 +397,7 @@ static enum mk_status begin(struct rig *r, const struct rig_run *run,
     (void)mk_date_text(date);
     const struct mk_log_meta meta[] = {{key, date}};
     *u = (struct under_way){NULL, NULL, NULL};
-    if (isfinite(r->limits.u_max))
-        believed.u_max = fmin(believed.u_max, r->limits.u_max);
+    believed.u_max = fmin(believed.u_max, strongest(r));
     mk_loop_config_default(&believed, &config);
     config.rate_hz = r->rate_hz;
     config.stream = r->stream;
