@@ -13,6 +13,8 @@
 #define REST_S 1.5 /* without motion */
 #define REST_MOST_S 300.0
 #define REST_RAD 0.003
+#define PATIENCE_S 60.0
+#define REST_LATER_RAD 0.0097 /* after so long: what the loop's own check lets pass */
 #define WHEEL_RAD 0.05
 #define SAY_EVERY_S 0.5
 #define CALM_AFTER_S 8.0 /* of swinging on; then on for so long, off for so long, .. */
@@ -23,6 +25,8 @@
 #define CALM_LOOK_S 1.0    /* after the motor went off, before a swing is measured */
 #define CALM_SMALL_RAD 0.6 /* from its one end to the other */
 #define CALM_GROWS 1.3
+#define CALM_HELPS 0.8
+#define CALM_BOOST 0.02 /* of the command's limit, more each time */
 #define CALM_WATCHDOG_MS 20
 #define WANDERED_RAD 0.03 /* from where the first run began */
 #define LEAD_RADPS 0.5    /* so fast back */
@@ -95,7 +99,8 @@ static void look(struct stillness *s, const struct rig *r, const double *q, doub
     const struct mk_plant_info *plant = mk_plant(r->given->plant);
     bool moved = fresh;
     for (int j = 0; j < plant->joints; j++) {
-        const double least = plant->joint_is_wheel[j] ? WHEEL_RAD : REST_RAD;
+        const double link = t < PATIENCE_S ? REST_RAD : REST_LATER_RAD;
+        const double least = plant->joint_is_wheel[j] ? WHEEL_RAD : link;
         s->low[j] = fmin(s->low[j], q[j]);
         s->high[j] = fmax(s->high[j], q[j]);
         if (s->high[j] - s->low[j] > least) {
@@ -158,8 +163,10 @@ void rig_let_calm(struct rig *r)
 struct calming {
     double low[MK_MAX_JOINTS], high[MK_MAX_JOINTS]; /* while the motor was off last */
     double before[MK_MAX_JOINTS], speed[MK_MAX_JOINTS];
-    double swing; /* the largest, as the motor went on the last time; 0: it was not yet */
-    double off_s; /* since when the motor is off */
+    bool feedback; /* of the state; else a brake */
+    double boost;  /* command beyond the model's dry friction that it takes to move the joint */
+    double swing;  /* the largest, as the motor went on the last time; 0: it was not yet */
+    double off_s;  /* since when the motor is off */
 };
 
 static void follow(struct calming *c, const struct rig_watch *w, bool driven, double t)
@@ -193,7 +200,7 @@ static double calming_command(const struct rig *r, const struct calming *c)
     const int motor = plant->motor_joint;
     const double most = CALM_SHARE * strongest(r);
     double u = -r->brake * c->speed[motor] * mk_model_joint_scale(r->given, motor);
-    if (c->swing < CALM_SMALL_RAD) {
+    if (c->feedback) {
         u = 0.0;
         for (int j = 0; j < plant->joints; j++) {
             const double size = mk_model_joint_scale(r->given, j);
@@ -201,7 +208,7 @@ static double calming_command(const struct rig *r, const struct calming *c)
             u -= r->calm[j] * (c->before[j] - middle) * size;
             u -= r->calm[plant->joints + j] * c->speed[j] * size;
         }
-        const double dry = r->given->parameter[plant->parameter_count - 1];
+        const double dry = r->given->parameter[plant->parameter_count - 1] + c->boost;
         if (dry > 0.0)
             u += dry * tanh(u / (0.2 * dry));
     }
@@ -230,7 +237,13 @@ static enum mk_status switch_motor(struct rig *r, struct calming *c, bool on, do
         rig_motor_off(r->board);
         return MK_OK;
     }
-    r->calms = !(c->swing > 0.0 && swing > CALM_GROWS * c->swing);
+    const bool before = c->swing > 0.0;
+    r->calms = !(before && swing > CALM_GROWS * c->swing);
+    /* What hardly helped is not done again: dry friction or a dead zone holds the joint. */
+    const bool stuck = before && swing > CALM_HELPS * c->swing;
+    if (stuck && c->feedback)
+        c->boost += CALM_BOOST * strongest(r);
+    c->feedback = c->feedback || stuck || swing < CALM_SMALL_RAD;
     c->swing = swing;
     return r->calms ? switch_on(r, err) : MK_OK;
 }
