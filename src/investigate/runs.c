@@ -13,6 +13,7 @@
 #define REST_S 1.5 /* without motion */
 #define REST_MOST_S 300.0
 #define REST_RAD 0.003
+#define MIDDLE_S 5.0 /* at most, for a moment to begin at */
 #define PATIENCE_S 60.0
 #define REST_LATER_RAD 0.0097 /* after so long: what the loop's own check lets pass */
 #define WHEEL_RAD 0.05
@@ -112,6 +113,19 @@ static void look(struct stillness *s, const struct rig *r, const double *q, doub
         s->low[j] = s->high[j] = q[j];
     if (moved)
         s->since_s = t;
+}
+
+/* A run takes its zero at its start: links that still swing by a count or two pass where they hang.
+ */
+static bool in_the_middle(const struct stillness *s, const struct rig *r, const double *q)
+{
+    for (int j = 0; j < mk_model_joints(r->given); j++) {
+        const double count = mk_model_count(r->given, j) / mk_model_joint_scale(r->given, j);
+        if (!rig_rests_anywhere(r->given, j) &&
+            fabs(q[j] - 0.5 * (s->low[j] + s->high[j])) > 0.6 * count)
+            return false;
+    }
+    return true;
 }
 
 /* The gain of a brake at the motor joint under which the slowest motion about hanging dies out
@@ -281,7 +295,8 @@ static enum mk_status until_still(struct rig *r, struct mk_error *err)
         follow(&c, &w, drives, t);
         look(&s, r, w.q, t, first || drives || driven);
         driven = drives;
-        if (t - s.since_s >= REST_S) {
+        if (t - s.since_s >= REST_S &&
+            (in_the_middle(&s, r, w.q) || t - s.since_s >= REST_S + MIDDLE_S)) {
             note_origin(r, &w);
             return MK_OK;
         }
