@@ -88,7 +88,7 @@ say = $(Q) $(1) $@;
 endif
 
 # --- sources ------------------------------------------------------------------------------------
-LIB_DIRS := base model sim ctrl driver ident exchange experiment explain
+LIB_DIRS := base model sim ctrl driver ident exchange experiment explain investigate
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
 APP_C    := $(wildcard src/console/*.c)
@@ -301,6 +301,7 @@ monkey: tests ## random keys in the console, each halt looked at (SECONDS=60, VA
 pictures: $(B)/shots $(APP) $(B)/mechkit-challenge ## render the pictures in docs/img from real runs
 	@$< $(APP) docs/img
 	@tools/explain-picture.sh $(B)
+	@tools/investigate-picture.sh $(B)
 SHOTS_OBJ := $(B)/tools/shots.o $(B)/tests/support/pty.o $(B)/tests/support/vt.o
 $(B)/tools/shots.o: CPPFLAGS_ALL += -Itests
 $(B)/shots: $(SHOTS_OBJ)

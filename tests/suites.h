@@ -67,6 +67,7 @@
     X(carry_over)                                                                                  \
     X(explain)                                                                                     \
     X(hidden)                                                                                      \
+    X(investigate)                                                                                 \
     X(exchange)                                                                                    \
     X(export_model)                                                                                \
     X(import)                                                                                      \

@@ -28,10 +28,11 @@ floor() {
     sim | ctrl) echo 3 ;;
     driver | ident | exchange | experiment) echo 4 ;;
     explain) echo 5 ;;
-    console) echo 6 ;;
+    investigate) echo 6 ;;
+    console) echo 7 ;;
     esac
 }
-folders="base model sim ctrl driver ident exchange experiment explain console"
+folders="base model sim ctrl driver ident exchange experiment explain investigate console"
 
 # Public headers stand on the floor of the folder that implements them. The board interface is on
 # the loop's floor: the loop is given a board and does not know which.

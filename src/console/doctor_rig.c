@@ -5,77 +5,22 @@
 #include <string.h>
 
 #include "console/doctor.h"
+#include "investigate/nudge.h"
 
-#define RATE_HZ 500.0
+#define RATE_HZ RIG_WATCH_RATE_HZ
 #define REST_S 0.5
 #define REST_RAD 0.008
 #define HAND_S 30.0
 #define HAND_RAD 0.5
-#define PUSH_SHARE 0.3 /* of u_max */
-#define PUSH_S 0.06
-#define PUSH_WATCH_S 0.12
 #define SWEEP_RAD 0.4
 #define SWEEP_S 8.0 /* there and back */
 #define SERVO_RADPS 18.0
 #define TOO_FAR_RAD 1.5
 #define DRAG_SHARE 0.015 /* of u_max, beyond the model's friction: a cable drags */
 
-/* A rig watched from outside: motions since the watch began. Those of a joint that slides are in
- * units of mk_model_joint_scale, so that the bounds above hold for them too. */
-struct watch {
-    struct mk_board *board;
-    struct mk_clock *clock;
-    int joints, bits;
-    double count[MK_MAX_JOINTS]; /* its size */
-    int32_t raw[MK_MAX_JOINTS];
-    double q[MK_MAX_JOINTS];
-    double u; /* applied */
-    int64_t next_ns;
-    bool primed;
-};
-
-static void watch_begin(struct watch *w, struct mk_board *board, const struct mk_model *model)
-{
-    struct mk_board_identity id = {.counter_bits = 24};
-    *w = (struct watch){.board = board, .clock = board->clock, .joints = mk_model_joints(model)};
-    (void)board->ops->identify(board, &id, NULL);
-    w->bits = id.counter_bits;
-    for (int j = 0; j < w->joints; j++)
-        w->count[j] = mk_model_count(model, j) / mk_model_joint_scale(model, j);
-    w->next_ns = mk_clock_now_ns(w->clock);
-}
-
-/* One sample under the command u. False: the board is of no more use. */
-static bool watch_step(struct watch *w, double u)
-{
-    struct mk_board_sample s;
-    w->next_ns += (int64_t)(1e9 / RATE_HZ);
-    mk_clock_sleep_until(w->clock, w->next_ns);
-    enum mk_status st = mk_board_exchange(w->board, u, &s);
-    if (st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO)
-        return true;
-    if (st != MK_OK || s.status & (MK_BOARD_ST_WATCHDOG | MK_BOARD_ST_FAULT))
-        return false;
-    for (int j = 0; j < w->joints; j++) {
-        if (w->primed)
-            w->q[j] += w->count[j] * mk_counter_difference(s.count[j], w->raw[j], w->bits);
-        w->raw[j] = s.count[j];
-    }
-    w->u = s.u_applied;
-    w->primed = true;
-    return true;
-}
-
 static bool cancelled(const struct doctor *d)
 {
     return d->cancel && *d->cancel;
-}
-
-static void motor_off(struct mk_board *board)
-{
-    (void)board->ops->safe_state(board);
-    if (board->ops->set_watchdog)
-        (void)board->ops->set_watchdog(board, 0, NULL);
 }
 
 /* --- rest --------------------------------------------------------------------------------------
@@ -84,12 +29,12 @@ static void motor_off(struct mk_board *board)
 bool doctor_rest(struct doctor *d, struct mk_board *board, const struct mk_model *model)
 {
     const struct mk_plant_info *plant = mk_plant(model->plant);
-    struct watch w;
+    struct rig_watch w;
     double low[MK_MAX_JOINTS] = {0}, high[MK_MAX_JOINTS] = {0};
     bool still = true;
-    watch_begin(&w, board, model);
+    rig_watch_begin(&w, board, model);
     for (int k = 0; k < (int)(REST_S * RATE_HZ); k++) {
-        if (!watch_step(&w, 0.0)) {
+        if (!rig_watch_step(&w, 0.0)) {
             doctor_say(d, DOCTOR_PROBLEM, "links", "check cable and power",
                        "the board fell silent");
             return false;
@@ -120,12 +65,12 @@ bool doctor_rest(struct doctor *d, struct mk_board *board, const struct mk_model
 #define SILENCE (-2)
 
 /* Watches until some joint has moved by HAND_RAD: its index, NOBODY, or SILENCE of the board. */
-static int who_moves(struct doctor *d, struct watch *w, double *moved)
+static int who_moves(struct doctor *d, struct rig_watch *w, double *moved)
 {
     double from[MK_MAX_JOINTS];
     memcpy(from, w->q, sizeof from);
     for (int k = 0; k < (int)(HAND_S * RATE_HZ) && !cancelled(d); k++) {
-        if (!watch_step(w, 0.0))
+        if (!rig_watch_step(w, 0.0))
             return SILENCE;
         for (int j = 0; j < w->joints; j++)
             if (fabs(w->q[j] - from[j]) > HAND_RAD) {
@@ -136,8 +81,8 @@ static int who_moves(struct doctor *d, struct watch *w, double *moved)
     return NOBODY;
 }
 
-static bool turn_by_hand(struct doctor *d, struct watch *w, const struct mk_model *model, int joint,
-                         double sign)
+static bool turn_by_hand(struct doctor *d, struct rig_watch *w, const struct mk_model *model,
+                         int joint, double sign)
 {
     char request[120], what[32];
     double moved = 0.0;
@@ -171,8 +116,8 @@ static bool turn_by_hand(struct doctor *d, struct watch *w, const struct mk_mode
 
 void doctor_by_hand(struct doctor *d, struct mk_board *board, const struct mk_model *model)
 {
-    struct watch w;
-    watch_begin(&w, board, model);
+    struct rig_watch w;
+    rig_watch_begin(&w, board, model);
     /* The outer joint first: it can be turned while the inner one is held. */
     for (int j = w.joints - 1; j >= 0 && !cancelled(d); j--) {
         char what[32];
@@ -186,82 +131,13 @@ void doctor_by_hand(struct doctor *d, struct mk_board *board, const struct mk_mo
 /* --- a push --------------------------------------------------------------------------------------
  */
 
-/* Pushes one way and notes where the joints are a moment later. Short enough not to need limits,
- * which swapped encoders would make nonsense of. */
-static bool push(struct mk_board *board, const struct mk_model *model, double u,
-                 double moved[MK_MAX_JOINTS])
-{
-    struct watch w;
-    watch_begin(&w, board, model);
-    bool well = watch_step(&w, 0.0);
-    for (int k = 0; k < (int)(PUSH_WATCH_S * RATE_HZ) && well; k++)
-        well = watch_step(&w, k < (int)(PUSH_S * RATE_HZ) ? u : 0.0);
-    memcpy(moved, w.q, sizeof w.q);
-    return well;
-}
-
-/* What the model's own rig does under the same treatment. */
-static struct mk_board *model_board(const struct mk_model *model, struct mk_clock *clock)
-{
-    struct mk_board *board = NULL;
-    mk_clock_init_simulated(clock);
-    const struct mk_board_config config = {.model = model, .clock = clock};
-    if (mk_board_open(mk_board_backend_by_name("virtual"), &config, &board, NULL) != MK_OK)
-        return NULL;
-    return board;
-}
-
-/* How a rig would answer that is wired in another way. */
-struct wiring {
-    bool swapped;
-    int sign[MK_MAX_JOINTS];
-};
-
-static void wire_up(const struct wiring *x, const double expected[MK_MAX_JOINTS], int joints,
-                    double out[MK_MAX_JOINTS])
-{
-    for (int j = 0; j < joints; j++)
-        out[j] = x->sign[j] * expected[x->swapped ? joints - 1 - j : j];
-}
-
-/* Relative distance of two answers, 0 .. 2. */
-static double distance(const double *a, const double *b, int joints)
-{
-    double d = 0.0, scale = 0.0;
-    for (int j = 0; j < joints; j++) {
-        d += (a[j] - b[j]) * (a[j] - b[j]);
-        scale += 0.5 * (a[j] * a[j] + b[j] * b[j]);
-    }
-    return scale > 0.0 ? sqrt(d / scale) : 0.0;
-}
-
-static struct wiring best_wiring(const double *moved, const double *expected, int joints,
-                                 double *misfit)
-{
-    struct wiring best = {false, {1, 1}};
-    *misfit = distance(moved, expected, joints);
-    for (int k = 1; k < 8; k++) {
-        struct wiring x = {k & 4, {k & 1 ? -1 : 1, k & 2 ? -1 : 1}};
-        double out[MK_MAX_JOINTS] = {0};
-        if (joints == 1 && k > 1)
-            break;
-        wire_up(&x, expected, joints, out);
-        double m = distance(moved, out, joints);
-        if (m < 0.7 * *misfit) { /* the plain explanation wins when it is nearly as good */
-            best = x;
-            *misfit = m;
-        }
-    }
-    return best;
-}
-
-static void say_wiring(struct doctor *d, const struct mk_model *model, const struct wiring *x,
+static void say_wiring(struct doctor *d, const struct mk_model *model, const struct rig_wiring *x,
                        const double *moved, double misfit)
 {
     int motor = mk_plant(model->plant)->motor_joint;
     double size = mk_model_joint_scale(model, motor);
     const char *unit = mk_model_unit(model, motor, "rad");
-    if (misfit > 0.8)
+    if (misfit > RIG_MISFIT)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "is this the model of this rig? encoders plugged in? power supply on?",
                    "a push moved the joints by %+.4f and %+.4f %s, as no wiring explains",
@@ -284,23 +160,8 @@ static void say_wiring(struct doctor *d, const struct mk_model *model, const str
 
 bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model *model)
 {
-    struct mk_clock clock;
-    struct mk_board *expect = model_board(model, &clock);
-    int joints = mk_model_joints(model);
-    double u = PUSH_SHARE * model->u_max;
-    double ahead[2] = {0}, back[2] = {0}, moved[2] = {0}, expected[2] = {0};
-    bool well = expect && push(expect, model, u, expected) && !cancelled(d);
-    mk_board_close(expect);
-    if (well && board->ops->set_watchdog)
-        well = board->ops->set_watchdog(board, 20, NULL) == MK_OK;
-    well = well && push(board, model, u, ahead);
-    motor_off(board);
-    mk_clock_sleep_until(board->clock, mk_clock_now_ns(board->clock) + INT64_C(3000000000));
-    well = well && !cancelled(d);
-    if (well && board->ops->set_watchdog)
-        well = board->ops->set_watchdog(board, 20, NULL) == MK_OK;
-    well = well && push(board, model, -u, back);
-    motor_off(board);
+    struct rig_nudge n;
+    bool well = rig_nudge(board, model, d->cancel, &n);
     if (cancelled(d))
         return false;
     if (!well) {
@@ -308,14 +169,8 @@ bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model
                    "the push was broken off: the board tripped");
         return false;
     }
-    for (int j = 0; j < joints; j++)
-        moved[j] = 0.5 * (ahead[j] - back[j]);
-    double misfit;
-    struct wiring x = best_wiring(moved, expected, joints, &misfit);
-    if (joints == 1)
-        x.sign[1] = x.sign[0];
-    say_wiring(d, model, &x, moved, misfit);
-    return misfit <= 0.8 && !x.swapped && x.sign[0] > 0 && x.sign[1] > 0;
+    say_wiring(d, model, &n.wiring, n.moved, n.misfit);
+    return rig_nudge_is_well(&n);
 }
 
 /* --- a slow sweep --------------------------------------------------------------------------------
@@ -342,16 +197,16 @@ static bool sweep(struct doctor *d, struct mk_board *board, const struct mk_mode
     double kp = inertia * SERVO_RADPS * SERVO_RADPS, kd = 1.4 * inertia * SERVO_RADPS;
     double speed = 0.0, before = 0.0, sum[2] = {0.0, 0.0};
     int count[2] = {0, 0};
-    struct watch w;
-    watch_begin(&w, board, model);
-    bool well = watch_step(&w, 0.0);
+    struct rig_watch w;
+    rig_watch_begin(&w, board, model);
+    bool well = rig_watch_step(&w, 0.0);
     for (int k = 0; k < n && well && !cancelled(d); k++) {
         double t = k / RATE_HZ, target = SWEEP_RAD * triangle(t);
         speed += 0.2 * ((w.q[motor] - before) * RATE_HZ - speed);
         before = w.q[motor];
         double u = kp * (target - w.q[motor]) - kd * speed;
         u = fmax(-0.8 * model->u_max, fmin(0.8 * model->u_max, u));
-        well = watch_step(&w, u) && fabs(w.q[motor]) < TOO_FAR_RAD;
+        well = rig_watch_step(&w, u) && fabs(w.q[motor]) < TOO_FAR_RAD;
         /* One whole cycle, after the first quarter; near the ends friction changes its sign. */
         if (t < 0.5 * SWEEP_S || fabs(target) > 0.6 * SWEEP_RAD)
             continue;
@@ -372,14 +227,14 @@ void doctor_sweep(struct doctor *d, struct mk_board *board, const struct mk_mode
         return;
     }
     struct mk_clock clock;
-    struct mk_board *expect = model_board(model, &clock);
+    struct mk_board *expect = rig_model_board(model, &clock);
     double drag = 0.0, expected = 0.0;
     bool well = expect && sweep(d, expect, model, &expected);
     mk_board_close(expect);
     if (well && board->ops->set_watchdog)
         well = board->ops->set_watchdog(board, 20, NULL) == MK_OK;
     well = well && sweep(d, board, model, &drag);
-    motor_off(board);
+    rig_motor_off(board);
     double more = drag - expected;
     if (cancelled(d))
         return;

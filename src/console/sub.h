@@ -27,8 +27,8 @@ struct subcommand {
 const struct subcommand *subcommand_at(int index);
 
 extern const struct subcommand sub_boards, sub_console, sub_design, sub_doctor, sub_excite,
-    sub_explain, sub_export, sub_identify, sub_import, sub_measure, sub_plot, sub_robustness,
-    sub_run, sub_serve, sub_simulate, sub_standalone, sub_summary, sub_sweep;
+    sub_explain, sub_export, sub_identify, sub_import, sub_investigate, sub_measure, sub_plot,
+    sub_robustness, sub_run, sub_serve, sub_simulate, sub_standalone, sub_summary, sub_sweep;
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */

@@ -1,0 +1,532 @@
+/* Investigations of rigs whose truth is hidden behind the virtual board: what is found, what is not
+ * claimed, and what is left after whatever ends the program. */
+#include "suites.h"
+
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include "investigate/journal.h"
+#include "investigate/nudge.h"
+#include "investigate/plan.h"
+#include "investigate/runs.h"
+#include "mechkit/log.h"
+#include "mechkit/rig.h"
+#include "support/files.h"
+#include "support/program.h"
+
+/* Small budgets: seconds of a rig that is simulated as fast as it goes. */
+#define SHORT "--fast --seconds 5 --tries 100"
+
+static char said[16384];
+static struct journal journal;
+
+static const char *model_of(const char *rig)
+{
+    static char path[4][512];
+    static int next;
+    next = (next + 1) % 4;
+    snprintf(path[next], sizeof path[0], "%s/models/%s.ini", MK_SOURCE_DIR, rig);
+    return path[next];
+}
+
+/* A rig that is the textbook's but for what `effect` says. */
+static const char *hidden(const char *rig, const char *effect)
+{
+    static char text[4096];
+    char *textbook = slurp_file(model_of(rig));
+    ck_assert_ptr_nonnull(textbook);
+    snprintf(text, sizeof text, "%s\n%s", textbook, effect);
+    free(textbook);
+    return scratch_text("hidden.ini", text);
+}
+
+static const char *new_folder(const char *name)
+{
+    static char path[512];
+    snprintf(path, sizeof path, "%s", scratch(name));
+    run_command(NULL, 0, "rm -rf %s", path);
+    return path;
+}
+
+static int investigate_rig(const char *rig, const char *truth, const char *folder,
+                           const char *options)
+{
+    return run_mechkit(said, sizeof said, "investigate --model %s --rig %s --out %s %s",
+                       model_of(rig), truth, folder, options);
+}
+
+static void read_journal(const char *folder)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bool found;
+    ck_assert_msg(journal_open(&journal, folder, false, &found, &err) == MK_OK, "%s", err.message);
+    journal_close(&journal);
+    ck_assert(found);
+}
+
+static const struct journal_finding *last_finding(void)
+{
+    for (int i = journal.count - 1; i >= 0; i--)
+        if (journal.experiment[i].finding.verdict[0])
+            return &journal.experiment[i].finding;
+    ck_abort_msg("nothing was learned");
+    return NULL;
+}
+
+static char *file_of(const char *folder, const char *name)
+{
+    char path[700];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return slurp_file(path);
+}
+
+static void ck_assert_says(const char *text)
+{
+    ck_assert_msg(strstr(said, text) != NULL, "no '%s' in:\n%s", text, said);
+}
+
+/* --- what is found ---------------------------------------------------------------------------- */
+
+static const struct {
+    const char *rig, *effect, *found;
+} cases[] = {
+    {"furuta", "[effect.stribeck]\njoint = 2\nlevel = 0.05\nvelocity = 1\n", "stribeck at joint 2"},
+    {"inertia-wheel", "[effect.coulomb-asymmetry]\njoint = 1\ndifference = 0.1\n",
+     "coulomb-asymmetry at joint 1"},
+    {"pendulum", "[effect.input-delay]\ndelay = 0.006\n", "input-delay"},
+};
+
+START_TEST(a_hidden_cause_is_found_by_name_and_the_model_passes_a_test)
+{
+    const char *folder = new_folder("found");
+    int code =
+        investigate_rig(cases[_i].rig, hidden(cases[_i].rig, cases[_i].effect), folder, SHORT);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert_str_eq(journal.stopped, "validated");
+    const struct journal_finding *f = last_finding();
+    ck_assert_int_eq(f->causes, 1);
+    ck_assert_msg(strncmp(f->cause[0], cases[_i].found, strlen(cases[_i].found)) == 0, "%s",
+                  f->cause[0]);
+}
+END_TEST
+
+/* The model that is left is, but for the comment, the one that was on the disk before the test. */
+START_TEST(nothing_is_fitted_to_a_test_that_is_passed_and_its_prediction_is_older_than_it)
+{
+    const char *folder = new_folder("tested");
+    ck_assert_int_eq(
+        investigate_rig("inertia-wheel", hidden("inertia-wheel", cases[1].effect), folder, SHORT),
+        0);
+    read_journal(folder);
+    const struct experiment *test = &journal.experiment[journal.count - 1];
+    ck_assert_int_eq(test->kind, EXPERIMENT_TEST);
+    ck_assert(test->passed);
+    char name[64];
+    char *before = file_of(folder, journal_name(name, journal.count - 1, "-model.ini"));
+    char *after = file_of(folder, "model.ini");
+    ck_assert_str_eq(strchr(before, '\n'), strchr(after, '\n'));
+    free(before);
+    free(after);
+    ck_assert_int_le(strcmp(test->planned_at, test->run_at), 0);
+    /* In the file system as well, to the nanosecond. */
+    run_command(said, sizeof said,
+                "cd %s && ls -t --full-time exp-%02d.csv exp-%02d-prediction.csv"
+                " | awk 'NR==1{print $NF}'",
+                folder, journal.count, journal.count);
+    snprintf(name, sizeof name, "exp-%02d.csv\n", journal.count);
+    ck_assert_str_eq(said, name);
+}
+END_TEST
+
+START_TEST(a_rig_that_is_its_model_gets_no_cause_and_the_notebook_says_so)
+{
+    static const char *const rigs[] = {"inertia-wheel", "pendulum", "furuta"};
+    const char *folder = new_folder("clean");
+    int code = investigate_rig(rigs[_i], model_of(rigs[_i]), folder, SHORT);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert_int_eq(last_finding()->causes, 0);
+    ck_assert_str_eq(last_finding()->verdict, "none");
+    char *html = file_of(folder, "notebook.html"), *md = file_of(folder, "notebook.md");
+    ck_assert_ptr_nonnull(strstr(html, "no cause is claimed"));
+    ck_assert_ptr_nonnull(strstr(html, "<svg"));
+    ck_assert_ptr_null(strstr(html, "src=")); /* nothing from outside */
+    ck_assert_ptr_nonnull(strstr(md, "## Experiment 2: test"));
+    free(html);
+    free(md);
+}
+END_TEST
+
+START_TEST(the_rigs_setups_are_run_with_both_models_once)
+{
+    const char *folder = new_folder("control");
+    ck_assert_int_eq(investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder, SHORT), 0);
+    /* What is over goes on with what is asked for besides. */
+    ck_assert_int_eq(
+        investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder, SHORT " --control"), 0);
+    ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --resume %s --control", folder),
+                     0);
+    read_journal(folder);
+    ck_assert_int_eq(journal.controls, 2);
+    for (int i = 0; i < 2; i++) {
+        ck_assert_str_eq(journal.control[i].setup, "pi-speed");
+        ck_assert(journal.control[i].held);
+        ck_assert(journal.control[i].effort > 0.0);
+    }
+    ck_assert_str_eq(journal.control[0].believed, "given");
+    ck_assert_str_eq(journal.control[1].believed, "final");
+}
+END_TEST
+
+START_TEST(the_last_experiment_of_the_budget_is_a_test_and_a_spent_budget_can_be_raised)
+{
+    const char *folder = new_folder("budget"), *truth = hidden("inertia-wheel", cases[1].effect);
+    ck_assert_int_eq(investigate_rig("inertia-wheel", truth, folder, SHORT " --experiments 1"), 1);
+    ck_assert_says("The budget of 1 experiments is spent.");
+    read_journal(folder);
+    ck_assert_str_eq(journal.stopped, "budget");
+    ck_assert_int_eq(journal.count, 1);
+    ck_assert_int_eq(investigate_rig("inertia-wheel", truth, folder, SHORT " --experiments 2"), 0);
+    ck_assert_says("The budget ends with a test.");
+    read_journal(folder);
+    ck_assert_int_eq(journal.count, 2);
+    ck_assert_int_eq(journal.experiment[1].kind, EXPERIMENT_TEST);
+    /* By time as well. */
+    folder = new_folder("minutes");
+    ck_assert_int_eq(investigate_rig("inertia-wheel", truth, folder, SHORT " --minutes 0.05"), 1);
+    ck_assert_says("minutes is spent");
+}
+END_TEST
+
+START_TEST(no_run_leaves_the_limits_that_the_operator_gave)
+{
+    const char *folder = new_folder("limits");
+    ck_assert_int_eq(
+        investigate_rig("pendulum", model_of("pendulum"), folder, SHORT " --u-max 2 --q1 -0.8:0.8"),
+        0);
+    read_journal(folder);
+    for (int i = 0; i < journal.count; i++) {
+        char name[64], path[700];
+        struct mk_log *log;
+        snprintf(path, sizeof path, "%s/%s", folder, journal_name(name, i, ".csv"));
+        ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+        const double *q = mk_log_get(log, "q1"), *u = mk_log_get(log, "u");
+        double far = 0.0, most = 0.0;
+        for (size_t k = 0; k < log->rows; k++) {
+            far = fmax(far, fabs(q[k]));
+            most = fmax(most, fabs(u[k]));
+        }
+        ck_assert_double_le(far, 0.8);
+        ck_assert_double_le(most, 2.0);
+        ck_assert_double_gt(most, 0.2);
+        mk_log_free(log);
+    }
+}
+END_TEST
+
+/* --- what ends it ----------------------------------------------------------------------------- */
+
+/* Killed at any time, again and again, it goes on where it was: what was run stays to the byte. */
+START_TEST(an_investigation_that_is_killed_goes_on_and_runs_nothing_twice)
+{
+    const char *folder = new_folder("killed"); /* while it thinks, and while the rig moves */
+    char sums[8192] = "", now[8192], command[1200];
+    const char *truth = hidden("pendulum", cases[2].effect);
+    snprintf(command, sizeof command, "%s investigate --model %s --rig %s --out %s " SHORT,
+             MK_TEST_APP, model_of("pendulum"), truth, folder);
+    for (int i = 0; i < 8; i++) {
+        run_command(NULL, 0, "timeout -s %s %.2f %s", i % 3 == 2 ? "TERM" : "KILL", 0.1 + 0.12 * i,
+                    command);
+        /* A log that is whole now must stay as it is: its sum is found again. */
+        run_command(now, sizeof now,
+                    "cd %s 2>/dev/null && for f in exp-??.csv; do [ $(cat $f | wc -l) -gt 2500 ] "
+                    "&& cksum $f; done 2>/dev/null; true",
+                    folder);
+        for (char *line = strtok(sums, "\n"); line; line = strtok(NULL, "\n"))
+            ck_assert_msg(strstr(now, line) != NULL, "%s is another now:\n%s", line, now);
+        snprintf(sums, sizeof sums, "%s", strstr(now, "exp-") ? now : "");
+    }
+    int code = run_command(said, sizeof said, "%s", command);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(strncmp(last_finding()->cause[0], "input-delay", 11), 0);
+    run_command(said, sizeof said, "ls %s/exp-??.csv | wc -l", folder);
+    ck_assert_int_eq(atoi(said), journal.count);
+    /* Over is over: the same command once more runs nothing. */
+    const int count = journal.count;
+    ck_assert_int_eq(run_command(said, sizeof said, "%s", command), 0);
+    read_journal(folder);
+    ck_assert_int_eq(journal.count, count);
+}
+END_TEST
+
+START_TEST(a_signal_ends_it_with_the_journal_whole)
+{
+    const char *folder = new_folder("signal");
+    char command[1200];
+    snprintf(command, sizeof command, "%s investigate --model %s --out %s --seconds 5 --tries 100",
+             MK_TEST_APP, model_of("pendulum"),
+             folder); /* by the clock: it is looking at the rig */
+    int code = run_command(said, sizeof said, "timeout -s INT 1 %s", command);
+    ck_assert_int_ne(code, 0);
+    ck_assert_says("ended by a signal, motor off");
+    read_journal(folder);
+    ck_assert_int_eq(journal.count, 0);
+    ck_assert_str_eq(journal.stopped, "");
+}
+END_TEST
+
+START_TEST(a_board_that_fails_ends_it_with_the_motor_off_and_the_same_command_goes_on)
+{
+    const char *folder = new_folder("board");
+    const char *truth = model_of("inertia-wheel");
+    /* Later than the wheel is at rest again after the first push, and within the run. */
+    int code = investigate_rig("inertia-wheel", truth, folder, SHORT " --faults 'at 2300 alarm'");
+    ck_assert_msg(code == 1, "%d: %s", code, said);
+    ck_assert_says("board at 4.60 s; motor off");
+    char path[700];
+    struct mk_log *log;
+    snprintf(path, sizeof path, "%s/exp-01.csv", folder);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_uint_gt(log->rows, 2310);
+    const double *u = mk_log_get(log, "u");
+    for (size_t k = 2303; k < log->rows; k++)
+        ck_assert_double_eq(u[k], 0.0);
+    mk_log_free(log);
+    read_journal(folder);
+    ck_assert(journal.experiment[0].broken_off);
+    code = investigate_rig("inertia-wheel", truth, folder, SHORT);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert(journal.experiment[0].used); /* four seconds are worth something */
+    ck_assert_str_eq(journal.stopped, "validated");
+}
+END_TEST
+
+START_TEST(a_cable_that_is_pulled_ends_it_and_the_same_command_goes_on)
+{
+    const char *folder = new_folder("cable");
+    ck_assert_int_eq(investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder,
+                                     SHORT " --faults 'at 2300 disconnect'"),
+                     1);
+    ck_assert_says("unplugged");
+    int code = investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder, SHORT);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert(journal.experiment[0].broken_off);
+    ck_assert_str_eq(journal.stopped, "validated");
+}
+END_TEST
+
+START_TEST(a_full_disk_ends_it_and_nothing_that_was_written_is_lost)
+{
+    const char *folder = new_folder("full");
+    char command[1200];
+    snprintf(command, sizeof command, "%s investigate --model %s --out %s " SHORT, MK_TEST_APP,
+             model_of("pendulum"), folder);
+    /* Room for predictions and half a log. */
+    int code = run_command(said, sizeof said, "bash -c 'ulimit -f 130; %s'", command);
+    ck_assert_msg(code == 1, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert_int_eq(journal.count, 1);
+    ck_assert_str_eq(journal.stopped, "");
+    code = run_command(said, sizeof said, "%s", command);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal(folder);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(count_files("full/.*tmp"), 0);
+}
+END_TEST
+
+/* --- what is refused -------------------------------------------------------------------------- */
+
+START_TEST(a_model_of_another_plant_is_refused)
+{
+    const char *folder = new_folder("other");
+    ck_assert_int_eq(investigate_rig("furuta", model_of("pendubot"), folder, SHORT), 3);
+    ck_assert_says("is a pendubot, the model that is given a furuta");
+}
+END_TEST
+
+START_TEST(another_investigation_in_the_folder_is_not_written_over)
+{
+    const char *folder = new_folder("mine");
+    char before[64];
+    ck_assert_int_eq(
+        investigate_rig("pendulum", model_of("pendulum"), folder, SHORT " --experiments 1"), 1);
+    run_command(before, sizeof before, "cksum <%s/journal.json", folder);
+    ck_assert_int_eq(investigate_rig("inertia-wheel", hidden("inertia-wheel", ""), folder, SHORT),
+                     1);
+    ck_assert_says("has an investigation with another model");
+    ck_assert_int_eq(investigate_rig("pendulum", model_of("pendulum"), folder, SHORT " --u-max 1"),
+                     1);
+    ck_assert_says("has an investigation with another limits");
+    run_command(said, sizeof said, "cksum <%s/journal.json", folder);
+    ck_assert_str_eq(said, before);
+    int lock = open(folder, O_RDONLY | O_DIRECTORY);
+    ck_assert_int_eq(flock(lock, LOCK_EX | LOCK_NB), 0);
+    ck_assert_int_eq(investigate_rig("pendulum", model_of("pendulum"), folder, SHORT), 1);
+    ck_assert_says("another process is at this investigation");
+    close(lock);
+    run_command(NULL, 0, "echo '{}' >%s/journal.json", folder);
+    ck_assert_int_eq(investigate_rig("pendulum", model_of("pendulum"), folder, SHORT), 3);
+    ck_assert_says("is no journal of an investigation");
+}
+END_TEST
+
+START_TEST(usage_errors_say_what_would_be_right)
+{
+    ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate"), 2);
+    ck_assert_says("--model and --out, or --resume");
+    ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --resume x --out y"), 2);
+    ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --resume %s", scratch("nowhere")),
+                     3);
+    ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --model %s --out %s --board warp",
+                                 model_of("pendulum"), scratch("warp")),
+                     2);
+    ck_assert_says("no board 'warp'");
+}
+END_TEST
+
+/* --- parts ------------------------------------------------------------------------------------ */
+
+static struct mk_model rig_model;
+static struct rig rig;
+
+static void open_rig(const char *name)
+{
+    ck_assert_int_eq(mk_model_read(model_of(name), &rig_model, NULL), MK_OK);
+    rig = (struct rig){.given = &rig_model, .rate_hz = 500.0, .limits = {.u_max = NAN}};
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        rig.limits.q_min[j] = rig.limits.q_max[j] = rig.limits.v_max[j] = NAN;
+    const struct mk_board_config config = {.model = &rig_model, .seed = 1};
+    ck_assert_int_eq(rig_open(&rig, mk_board_backend_by_name("virtual"), &config, true, NULL),
+                     MK_OK);
+}
+
+START_TEST(a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor)
+{
+    static const char *const rigs[] = {"reaction-wheel", "cart-pole", "pendubot", "furuta",
+                                       "acrobot"};
+    struct rig_nudge n;
+    struct rig_watch w;
+    open_rig(rigs[_i]);
+    ck_assert(rig_nudge(rig.board, &rig_model, NULL, &n));
+    ck_assert(rig_nudge_is_well(&n));
+    rig_let_calm(&rig);
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    ck_assert_double_le(rig_seconds(&rig), 120.0);
+    /* And rests with the motor off. */
+    rig_watch_begin(&w, rig.board, &rig_model);
+    double low = 0.0, high = 0.0;
+    for (int k = 0; k < 1000; k++) {
+        ck_assert(rig_watch_step(&w, 0.0));
+        low = fmin(low, w.q[1]);
+        high = fmax(high, w.q[1]);
+    }
+    ck_assert_double_le(high - low, 0.02);
+    rig_close(&rig);
+}
+END_TEST
+
+/* Every run zeroes the counters anew; what depends on the place must not differ from log to log. */
+START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
+{
+    static const char *const rigs[] = {"cart-pole", "furuta"};
+    struct mk_model believed;
+    open_rig(rigs[_i]);
+    const double size = mk_model_joint_scale(&rig_model, 0);
+    believed = rig_model;
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    rig_let_calm(&rig);
+    struct rig_run run = {.believed = &believed, .log = scratch("wanders.csv")};
+    ck_assert_int_eq(rig_experiment(&rig, &run, "6*pulse(0,0.3)", 1.0, NULL), MK_OK);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(run.log, &log, NULL), MK_OK);
+    ck_assert_double_gt(fabs(mk_log_get(log, "q1")[log->rows - 1]), 0.4 * size);
+    mk_log_free(log);
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    ck_assert_double_le(fabs(rig.origin[0]), 0.1 * size);
+    /* The truth, as the virtual board knows it. */
+    const double *q = mk_rig_state(mk_board_virtual_rig(rig.board));
+    ck_assert_double_eq_tol(rig.origin[0], q[0], 0.01 * size);
+    rig_close(&rig);
+}
+END_TEST
+
+START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
+{
+    struct plan p;
+    struct plan_query q = {.model = &rig_model,
+                           .spread = 0.03,
+                           .seconds = 5.0,
+                           .rate_hz = 500.0,
+                           .drift = 1e-3,
+                           .seed = 1,
+                           .limits = {1.5, {-1.0, -1.0}, {1.0, 1.0}, {20.0, 20.0}},
+                           .noise = {5e-4, 5e-4}};
+    ck_assert_int_eq(mk_model_read(model_of("pendulum"), &rig_model, NULL), MK_OK);
+    ck_assert(plan_test(&q, &p));
+    char first[PLAN_INPUT];
+    snprintf(first, sizeof first, "%s", p.input);
+    ck_assert(plan_keeps(&q, first));
+    q.past[0] = first;
+    q.past_s[0] = q.seconds;
+    q.past_count = 1;
+    struct plan second;
+    ck_assert(plan_test(&q, &second));
+    ck_assert_str_ne(first, second.input);
+    ck_assert_double_lt(second.gain, p.gain); /* what is known is no longer a surprise */
+    q.limits.q_max[0] = 1e-3;
+    ck_assert(!plan_keeps(&q, first));
+    ck_assert(!plan_test(&q, &p));
+}
+END_TEST
+
+Suite *suite_investigate(void)
+{
+    Suite *s = suite_create("investigate");
+    TCase *found = tcase_create("found");
+    tcase_set_timeout(found, 240);
+    tcase_add_loop_test(found, a_hidden_cause_is_found_by_name_and_the_model_passes_a_test, 0,
+                        (int)(sizeof cases / sizeof cases[0]));
+    tcase_add_test(found,
+                   nothing_is_fitted_to_a_test_that_is_passed_and_its_prediction_is_older_than_it);
+    tcase_add_loop_test(found, a_rig_that_is_its_model_gets_no_cause_and_the_notebook_says_so, 0,
+                        3);
+    tcase_add_test(found, the_rigs_setups_are_run_with_both_models_once);
+    tcase_add_test(found,
+                   the_last_experiment_of_the_budget_is_a_test_and_a_spent_budget_can_be_raised);
+    tcase_add_test(found, no_run_leaves_the_limits_that_the_operator_gave);
+    suite_add_tcase(s, found);
+    TCase *ends = tcase_create("ends");
+    tcase_set_timeout(ends, 240);
+    tcase_add_test(ends, an_investigation_that_is_killed_goes_on_and_runs_nothing_twice);
+    tcase_add_test(ends, a_signal_ends_it_with_the_journal_whole);
+    tcase_add_test(ends,
+                   a_board_that_fails_ends_it_with_the_motor_off_and_the_same_command_goes_on);
+    tcase_add_test(ends, a_cable_that_is_pulled_ends_it_and_the_same_command_goes_on);
+    tcase_add_test(ends, a_full_disk_ends_it_and_nothing_that_was_written_is_lost);
+    suite_add_tcase(s, ends);
+    TCase *refused = tcase_create("refused");
+    tcase_set_timeout(refused, 120);
+    tcase_add_test(refused, a_model_of_another_plant_is_refused);
+    tcase_add_test(refused, another_investigation_in_the_folder_is_not_written_over);
+    tcase_add_test(refused, usage_errors_say_what_would_be_right);
+    suite_add_tcase(s, refused);
+    TCase *parts = tcase_create("parts");
+    tcase_set_timeout(parts, 120);
+    tcase_add_loop_test(parts, a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor, 0, 5);
+    tcase_add_loop_test(parts, a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known, 0,
+                        2);
+    tcase_add_test(parts, a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits);
+    suite_add_tcase(s, parts);
+    return s;
+}
