@@ -337,7 +337,7 @@ class Explainer
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit, false);
         clock.enter("closer look");
-        const bool closer = !far && look_closer(so);
+        const bool closer = !far && look_closer(so) && !causes->rounds.empty();
         if (!closer && !prediction && !speaks_for_itself())
             prediction = search_predictions(refit);
         if (prediction && !speaks_for_itself() && take_predictions(prediction, refit))

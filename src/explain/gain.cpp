@@ -140,8 +140,11 @@ struct Gain {
         const HeldOut held(data.held, out.window_s, data.second_half);
         const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
-        // A formula is worth having for what it predicts only.
-        if (out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total())
+        // A formula is worth having for what it predicts only, and where much is left without a
+        // name so is a cause.
+        constexpr double LESS = 0.05; // of the squared error must go, at least
+        if ((out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total()) ||
+            (out.verdict == MK_VERDICT_PARTIAL && after.total() > (1.0 - LESS) * refitted.total()))
             out.offered = false;
         if (found && !out.offered) {
             for (int j = 0; j < mk_model_joints(&model); j++)
