@@ -1,4 +1,4 @@
-/* Runs the suites: all, or those named on the command line. */
+/* Runs the suites: all, those named on the command line, or with --but first all others. */
 #include <check.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,10 +19,11 @@ static int wanted(const char *name, int argc, char **argv)
 {
     if (argc < 2)
         return 1;
-    for (int i = 1; i < argc; i++)
+    const int others = strcmp(argv[1], "--but") == 0;
+    for (int i = 1 + others; i < argc; i++)
         if (strcmp(argv[i], name) == 0)
-            return 1;
-    return 0;
+            return !others;
+    return others;
 }
 
 int main(int argc, char **argv)

@@ -22,6 +22,7 @@
     X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(predict)                                                                                     \
+    X(free_runs)                                                                                   \
     X(inputs)                                                                                      \
     X(own_values)                                                                                  \
     X(slides)                                                                                      \

@@ -11,8 +11,13 @@ export CK_MAX_MSG_SIZE=65536
 threaded="ring clock log_writer console console_pty tui safety rig loop loop_faults board standalone \
     doctor usb parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script robustness \
     hidden sweep"
+# What goes by the clock waits most of the time. What computes runs beside it, behind it.
+by_clock="clock log_writer console console_pty tui safety rig loop loop_faults board standalone doctor usb \
+    parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script"
 suites=""
+beside=""
 case $variant in
+release) suites=$by_clock beside=yes ;;
 asan)
     export CK_EXCLUDE_TAGS=long
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
@@ -25,9 +30,23 @@ tsan)
 esac
 # What was skipped is said again at the end, where it is seen.
 notes=$(mktemp)
-trap 'rm -f "$notes" "$notes.code"' EXIT
+trap 'rm -f "$notes" "$notes.code" "$notes.beside"; [ -z "$pid" ] || kill "$pid" 2>/dev/null || true' EXIT
+trap 'exit 130' INT TERM
+pid=""
+if [ -n "$beside" ]; then
+    echo "The suites that compute run beside those that go by the clock; what they print comes after."
+    # shellcheck disable=SC2086 # suites are words
+    nice -n 10 "$tests" --but $suites >"$notes.beside" 2>&1 &
+    pid=$!
+fi
 # shellcheck disable=SC2086 # suites are words
 { { "$tests" $suites 3>&- || echo $? >"$notes.code"; } 2>&1 >&3 | tee "$notes" >&2; } 3>&1
+if [ -n "$beside" ]; then
+    echo "Those that compute are still at it ..."
+    wait "$pid" || echo $? >"$notes.code"
+    cat "$notes.beside"
+    cat "$notes.beside" >>"$notes"
+fi
 skipped=$(grep -c skipped "$notes" || true)
 echo "$skipped skipped$([ "$skipped" = 0 ] || echo ':')"
 grep skipped "$notes" | sed 's/^/  /' || true

@@ -1,0 +1,196 @@
+// Free runs as least squares: what a fit to some logs says of another one, and what effects
+// remember. Data are those of an independent simulator.
+#include "explain/free_runs.hpp"
+
+#include "suites.h"
+
+#include <cmath>
+#include <vector>
+
+#include "mechkit/ident.h"
+#include "support/cases.hpp"
+
+namespace
+{
+
+constexpr size_t LOGS = 4;
+constexpr double WINDOW = 0.5; // s
+
+truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
+{
+    truth::Rig rig;
+    truth::Recording how;
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    rig.kind = "pendulum";
+    rig.p.assign(m.parameter, m.parameter + mk_plant(MK_PLANT_PENDULUM)->parameter_count);
+    rig.effects = effects;
+    how.rate = 250.0;
+    how.seconds = 4.0;
+    how.input = seed % 2 ? "multisine" : "chirp";
+    how.seed = seed;
+    return truth::as_log(truth::record(rig, how), rig, how);
+}
+
+struct Runs {
+    std::vector<truth::OwnedLog> logs;
+    std::vector<std::vector<const mk_log *>> folds;
+    mk_model model;
+
+    explicit Runs(const std::vector<truth::Effect> &effects)
+    {
+        mk_model_default(MK_PLANT_PENDULUM, &model);
+        for (size_t i = 0; i < LOGS; i++) {
+            logs.push_back(record(effects, 31 + i));
+            folds.push_back({logs.back().get()});
+        }
+    }
+};
+
+const truth::Effect DRAG = {"quadratic-drag", 1, {{"coefficient", 1e-3}}};
+
+} // namespace
+
+// The model lacks an air brake, so that folds differ in what they want of its parameters.
+START_TEST(what_a_fit_to_the_other_logs_leaves_is_known_without_making_it)
+{
+    const Runs runs({DRAG});
+    mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
+    mk::RunPoint point = all.start(runs.model);
+    const std::vector<int> free = mk::fitted_parameters(runs.model);
+    mk::RunPicture picture;
+    all.take_scale(point);
+    ck_assert(all.minimise(point, free, 20, 1, picture));
+    mk::HeldOutFigures left_out;
+    ck_assert(all.left_out(point, picture, free, false, left_out));
+    for (size_t f = 0; f < LOGS; f++) {
+        std::vector<std::vector<const mk_log *>> others = runs.folds, one = {runs.folds[f]};
+        others.erase(others.begin() + (std::ptrdiff_t)f);
+        mk::FreeRuns rest(others, runs.model, WINDOW, 1), alone(one, runs.model, WINDOW, 1);
+        mk::RunPoint fitted = rest.start(point.model);
+        mk::RunPicture unused, there;
+        rest.take_scale(fitted);
+        ck_assert(rest.minimise(fitted, free, 20, 1, unused));
+        mk::RunPoint judged = alone.start(fitted.model);
+        ck_assert(alone.linearise(judged, free, true, 1, there));
+        double made = 0.0, said = 0.0;
+        for (const mk::WindowQuadratic &w : there.window)
+            made += w.squares[0];
+        for (size_t w = 0; w < left_out.window.size(); w++)
+            said += left_out.log[w] == (int)f ? left_out.part[0][w] : 0.0;
+        double counts = all.relative(0, mk_model_count(&runs.model, 0));
+        made *= counts * counts;
+        ck_assert_msg(std::fabs(said - made) < 0.05 * made, "fold %zu: %g said, %g made", f, said,
+                      made);
+    }
+}
+END_TEST
+
+START_TEST(the_law_that_is_missing_is_what_the_left_out_logs_ask_for)
+{
+    const Runs runs({DRAG});
+    mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
+    double left[3];
+    const char *const laws[] = {nullptr, "quadratic-drag", "torque-offset"};
+    for (int i = 0; i < 3; i++) {
+        mk_model m = runs.model;
+        if (laws[i])
+            ck_assert_int_eq(mk_model_add_effect(&m, laws[i], 1, nullptr), MK_OK);
+        mk::RunPoint point = all.start(m);
+        if (i == 0)
+            all.take_scale(point);
+        mk::RunPicture picture;
+        mk::HeldOutFigures f;
+        const std::vector<int> free = mk::fitted_parameters(m);
+        ck_assert(all.minimise(point, free, 20, 1, picture));
+        ck_assert(all.left_out(point, picture, free, false, f));
+        left[i] = f.square[0];
+    }
+    ck_assert_msg(left[1] < 0.05 * left[0], "drag leaves %g of %g", left[1], left[0]);
+    ck_assert_msg(left[2] > 0.5 * left[0], "an offset leaves %g of %g", left[2], left[0]);
+}
+END_TEST
+
+// A spring whose rest lies elsewhere in every log: its own value is learnt from a log's first half.
+START_TEST(a_value_of_a_logs_own_comes_from_its_first_half)
+{
+    std::vector<truth::OwnedLog> logs;
+    std::vector<std::vector<const mk_log *>> folds;
+    const double rest[LOGS] = {0.3, -0.2, 0.1, -0.4};
+    for (size_t i = 0; i < LOGS; i++) {
+        logs.push_back(
+            record({{"cable-stiffness", 1, {{"stiffness", 0.02}, {"rest", rest[i]}}}}, 41 + i));
+        folds.push_back({logs.back().get()});
+    }
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-stiffness", 1, nullptr), MK_OK);
+    m.effect[0].value[0] = 0.01;
+    m.effect[0].value[1] = 0.0;
+    mk_model own = m;
+    own.effect[0].spread[1] = 0.1;
+    mk::FreeRuns runs(folds, m, WINDOW, 1);
+    double left[2];
+    for (int i = 0; i < 2; i++) {
+        const mk_model &one = i ? own : m;
+        mk::RunPoint point = runs.start(one);
+        if (i == 0)
+            runs.take_scale(point);
+        mk::RunPicture picture;
+        mk::HeldOutFigures f;
+        const std::vector<int> free = mk::fitted_parameters(one);
+        ck_assert(runs.minimise(point, free, 30, 1, picture));
+        ck_assert(runs.left_out(point, picture, free, true, f));
+        left[i] = f.square[0];
+        if (i == 1) {
+            const double spread = point.model.effect[0].spread[1];
+            ck_assert_msg(spread > 0.15 && spread < 0.5, "spread %g rad", spread);
+        }
+    }
+    ck_assert_msg(left[1] < 0.2 * left[0], "own rests leave %g of %g", left[1], left[0]);
+}
+END_TEST
+
+// The state of a cable with hysteresis at the start of a window is what the whole run up to there
+// makes of it, not what would fit the window best.
+START_TEST(what_an_effect_remembers_comes_from_all_readings_before_the_window)
+{
+    constexpr double STIFFNESS = 0.05, YIELD = 0.4;
+    const truth::OwnedLog log =
+        record({{"cable-hysteresis", 1, {{"stiffness", STIFFNESS}, {"yield", YIELD}}}}, 51);
+    mk_model m;
+    mk_record r;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-hysteresis", 1, nullptr), MK_OK);
+    m.effect[0].value[0] = STIFFNESS;
+    m.effect[0].value[1] = YIELD;
+    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &r, nullptr), MK_OK);
+    std::unique_ptr<mk_start_finder> finder = mk::basic_finder(r, m);
+    finder->way = mk::way_of(r, m);
+    mk::remember(*finder);
+    // The law along the readings, by small steps: dz = dq - |dq| z |z| / yield^2.
+    double z = 0.0, worst = 0.0, most = 0.0;
+    for (size_t k = 1; k < r.rows; k++) {
+        const double dq = r.q[0][k] - r.q[0][k - 1];
+        z += dq - std::fabs(dq) * z * std::fabs(z) / (YIELD * YIELD);
+        most = std::max(most, std::fabs(z));
+        if (k % 50 == 0)
+            worst = std::max(worst, std::fabs(mk::remembered(*finder, k)(0) - z));
+    }
+    ck_assert_double_gt(most, 0.2 * YIELD);
+    ck_assert_msg(worst < 0.03 * most, "off by %g rad of %g", worst, most);
+}
+END_TEST
+
+extern "C" Suite *suite_free_runs(void)
+{
+    Suite *s = suite_create("free_runs");
+    TCase *t = tcase_create("windows");
+    tcase_set_timeout(t, 60);
+    tcase_add_test(t, what_a_fit_to_the_other_logs_leaves_is_known_without_making_it);
+    tcase_add_test(t, the_law_that_is_missing_is_what_the_left_out_logs_ask_for);
+    tcase_add_test(t, a_value_of_a_logs_own_comes_from_its_first_half);
+    tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
+    suite_add_tcase(s, t);
+    return s;
+}
