@@ -462,7 +462,7 @@ static enum mk_status salvage(struct investigation *v, struct experiment *x, con
         return MK_OK;
     }
     /* Not a row: nothing was run. It stays under another name. */
-    char aside[JOURNAL_PATH + 16];
+    char aside[JOURNAL_PATH + 32];
     for (int i = 1; i < 100; i++) {
         snprintf(aside, sizeof aside, "%s.empty-%d", path, i);
         if (access(aside, F_OK) != 0)
