@@ -58,9 +58,24 @@ START_TEST(skipped_tests_are_totalled_and_a_failure_stays_one)
     snprintf(
         script, sizeof script, "%s",
         scratch_text("tests.sh", "#!/bin/sh\necho a: skipped, no b >&2\necho 3 checks\nexit 7\n"));
-    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s release", script,
+    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s asan", script,
                            MK_SOURCE_DIR, script);
     ck_assert_msg(code == 7 && strstr(out, "3 checks") && strstr(out, "1 skipped:\n  a: skipped"),
+                  "%d %s", code, out);
+}
+END_TEST
+
+START_TEST(a_failure_beside_those_that_go_by_the_clock_is_one_too)
+{
+    char out[1024], script[300];
+    snprintf(script, sizeof script, "%s",
+             scratch_text("parts.sh", "#!/bin/sh\n"
+                                      "[ \"$1\" = --but ] || { echo 3 by the clock; exit 0; }\n"
+                                      "echo 5 beside\necho c: skipped >&2\nexit 9\n"));
+    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s release", script,
+                           MK_SOURCE_DIR, script);
+    ck_assert_msg(code == 9 && strstr(out, "3 by the clock") && strstr(out, "5 beside") &&
+                      strstr(out, "1 skipped:\n  c: skipped"),
                   "%d %s", code, out);
 }
 END_TEST
@@ -253,6 +268,7 @@ Suite *suite_pack(void)
     tcase_add_test(made, the_program_is_hardened_as_packages_are);
     tcase_add_test(made, make_without_the_libraries_says_what_to_do);
     tcase_add_test(made, skipped_tests_are_totalled_and_a_failure_stays_one);
+    tcase_add_test(made, a_failure_beside_those_that_go_by_the_clock_is_one_too);
     suite_add_tcase(s, made);
     suite_add_tcase(s, symbols);
     TCase *installed = tcase_create("installed");
