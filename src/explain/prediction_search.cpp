@@ -13,6 +13,8 @@ namespace
 
 constexpr size_t MOST_CAUSES = 8;
 constexpr size_t FINALISTS = 6; // of a round, fitted in full
+constexpr double DONE = 0.6;    // of a search, as far as anybody can tell
+constexpr const char *ASKING = "asking what predicts";
 constexpr size_t RIVALS = 2;
 constexpr double HONEST = 5.0;     // log likelihood of independent errors that a cause gains
 constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
@@ -74,6 +76,8 @@ bool PredictionSearch::leave_out(const std::vector<int> &wanted, RunFit &fit) co
 bool PredictionSearch::fit(const RunPoint &from, const mk_model &model, int iterations,
                            int threads_now, RunFit &out) const
 {
+    if (!search.tick(DONE, ASKING))
+        return false;
     out.point = runs.adopt(from, model, threads_now);
     const std::vector<int> free = fitted_parameters(model);
     out.fine = runs.minimise(out.point, free, iterations, threads_now, out.picture) &&
@@ -146,6 +150,8 @@ bool PredictionSearch::run()
 void PredictionSearch::screen_group(const std::vector<Candidate> &group,
                                     std::vector<Asked> &out) const
 {
+    if (!search.tick(DONE, ASKING))
+        return;
     constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
     const std::vector<int> own = fitted_parameters(best.point.model);
     RunPoint point;

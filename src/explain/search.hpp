@@ -89,6 +89,8 @@ class Search
     FitOptions usual_options() const { return fit_options(); }
     const SearchOptions &settings() const { return options; }
     std::atomic<bool> cancelled{false};
+    // Tells how far a part of the search is (0 to 1); false if it is to stop. From any thread.
+    bool tick(double done, const char *what);
 
   private:
     std::vector<const FitLog *> logs;
@@ -128,7 +130,6 @@ class Search
                                     std::vector<Trial> &finalists);
     FitOptions fit_options() const;
     void finish(Fit &fit, Hypothesis &h) const;
-    bool tick(double done, const char *what);
 };
 
 } // namespace mk
