@@ -78,12 +78,7 @@ static void bare_close(struct mk_board *board)
 static const struct mk_board_ops bare = {.name = "bare",
                                          .private_size = sizeof(struct mk_wire),
                                          .open = bare_open,
-                                         .identify = mk_wire_board_identify,
-                                         .zero_counters = mk_wire_board_zero,
-                                         .exchange = mk_wire_board_exchange,
-                                         .stream = mk_wire_board_stream,
-                                         .safe_state = mk_wire_board_safe,
-                                         .set_watchdog = mk_wire_board_watchdog,
+                                         MK_WIRE_BOARD_SLOTS,
                                          .close = bare_close};
 
 /* --- what a host asks for ----------------------------------------------------------------------

@@ -41,11 +41,6 @@ const struct mk_board_ops mk_board_usb_ops = {
     .private_size = sizeof(struct usb_board),
     .find = usb_find,
     .open = usb_open,
-    .identify = mk_wire_board_identify,
-    .zero_counters = mk_wire_board_zero,
-    .exchange = mk_wire_board_exchange,
-    .stream = mk_wire_board_stream,
-    .safe_state = mk_wire_board_safe,
-    .set_watchdog = mk_wire_board_watchdog,
+    MK_WIRE_BOARD_SLOTS,
     .close = usb_close,
 };

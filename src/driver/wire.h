@@ -131,4 +131,15 @@ enum mk_status mk_wire_board_watchdog(struct mk_board *board, unsigned timeout_m
                                       struct mk_error *err);
 enum mk_status mk_wire_board_follow(struct mk_board *board, struct mk_error *err);
 
+/* The slots that all boards behind the wire protocol share (struct mk_board_ops). */
+/* clang-format off */
+#define MK_WIRE_BOARD_SLOTS                                                                        \
+    .identify = mk_wire_board_identify,                                                            \
+    .zero_counters = mk_wire_board_zero,                                                           \
+    .exchange = mk_wire_board_exchange,                                                            \
+    .stream = mk_wire_board_stream,                                                                \
+    .safe_state = mk_wire_board_safe,                                                              \
+    .set_watchdog = mk_wire_board_watchdog
+/* clang-format on */
+
 #endif
