@@ -39,7 +39,10 @@ struct mk_cause {
     /* From log to log, of a value that every log has of its own; `value` is then the mean. 0: all
      * logs share it. */
     double spread[MK_MAX_EFFECT_PARAMETERS];
-    double delta_bic;  /* of the model without it against the one with it; > 0 speaks for it */
+    /* Of the model without it against the one with it; > 0 speaks for it. Evidence are the
+     * readings; where no model follows them, errors of free runs, one in 0.05 s (docs/explain.md).
+     */
+    double delta_bic;
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
     double confidence; /* 0..0.99, against its best rival */
     /* It has no name: a term of the library, or a piece of a law of friction that takes several

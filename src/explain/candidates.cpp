@@ -460,17 +460,29 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
     return all;
 }
 
+bool place_set_by_hand(const mk_effect_info *effect, int &parameter, double &spread)
+{
+    struct Place {
+        const char *effect, *parameter;
+        double spread; // in the parameter's unit
+    };
+    constexpr Place places[] = {{"cable-stiffness", "rest", 0.05}};
+    for (const Place &place : places)
+        if (std::strcmp(place.effect, effect->name) == 0) {
+            parameter = mk_effect_parameter_index(effect, place.parameter);
+            spread = place.spread;
+            return true;
+        }
+    return false;
+}
+
 std::vector<Candidate> with_own_places(const std::vector<Candidate> &candidates)
 {
     constexpr double STIFFER = 5.0; // a place shows nothing where the effect is next to nothing
-    constexpr double APART = 0.05;  // rad, to start from
     std::vector<Candidate> all;
     for (Candidate c : candidates) {
-        const int rest = mk_effect_parameter_index(c.effect, "rest");
-        if (std::strcmp(c.effect->name, "cable-stiffness") != 0 || rest < 0)
+        if (!place_set_by_hand(c.effect, c.own, c.spread))
             continue;
-        c.own = rest;
-        c.spread = APART;
         c.linear = false;
         c.value[c.size] *= STIFFER;
         all.push_back(c);

@@ -45,6 +45,10 @@ bool is_friction(const mk_effect_info *effect, const double *values);
 // Two bodies that touch now and then.
 bool is_play(const mk_effect_info *effect);
 
+// Where an effect acts from, if that is set by hand before each log, as a cable's rest: which of
+// its parameters, and how far apart they are in different logs, to start a fit from.
+bool place_set_by_hand(const mk_effect_info *effect, int &parameter, double &spread);
+
 // Of candidates those that act at a place, or from one, that is set by hand before each log: with a
 // place of its own in every log.
 std::vector<Candidate> with_own_places(const std::vector<Candidate> &candidates);

@@ -609,20 +609,13 @@ void CauseSearch::consider_own_places(std::vector<Hypothesis> &field)
 {
     mk_model own;
     Hypothesis h;
-    if (!several_logs() || search.complete(field[0]) ||
+    if (!search.several_logs() || search.complete(field[0]) ||
         !with_own_place(field[0].point.model, own) ||
         !search.refit_at(own, field[0], field[0].drift, h) || h.score > field[0].score - ENOUGH ||
         !differ(search.training(), h, search.usual_options()).back())
         return;
     h.added = field[0].added;
     field[0] = std::move(h);
-}
-
-bool CauseSearch::several_logs() const
-{
-    const std::vector<const FitLog *> &logs = search.training();
-    return std::any_of(logs.begin(), logs.end(),
-                       [&](const FitLog *log) { return log->source != logs[0]->source; });
 }
 
 void CauseSearch::forget_lacks()

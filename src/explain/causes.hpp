@@ -103,7 +103,6 @@ class CauseSearch
     void drop_what_vanished();
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
-    bool several_logs() const;
     bool choose(std::vector<Hypothesis> &field, double needed);
     bool consider_play(std::vector<Hypothesis> &field, double needed);
     void consider_other_widths(Hypothesis &play);

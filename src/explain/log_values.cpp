@@ -29,9 +29,6 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
-// Where an effect acts, or from where: set by hand before each log.
-constexpr Group places[] = {{"cable-stiffness", "rest", false, 0.05}};
-
 constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
 constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
 
@@ -95,10 +92,9 @@ double least_spread(const mk_effect_info *effect)
     for (const Group &group : groups)
         if (std::strcmp(group.effect, effect->name) == 0)
             return NO_SIZE * group.spread;
-    for (const Group &place : places)
-        if (std::strcmp(place.effect, effect->name) == 0)
-            return NO_SIZE * place.spread;
-    return 0.0;
+    int parameter;
+    double spread;
+    return place_set_by_hand(effect, parameter, spread) ? NO_SIZE * spread : 0.0;
 }
 
 } // namespace
@@ -131,14 +127,12 @@ bool with_own_place(const mk_model &model, mk_model &out)
 {
     out = model;
     mk_effect_use &latest = out.effect[out.effect_count - 1];
-    for (const Group &place : places) {
-        const mk_effect_info *effect = mk_effect(latest.index);
-        if (std::strcmp(place.effect, effect->name) != 0)
-            continue;
-        latest.spread[mk_effect_parameter_index(effect, place.parameter)] = place.spread;
-        return true;
-    }
-    return false;
+    int parameter;
+    double spread;
+    if (!place_set_by_hand(mk_effect(latest.index), parameter, spread))
+        return false;
+    latest.spread[parameter] = spread;
+    return true;
 }
 
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,

@@ -48,12 +48,6 @@ bool same_values(const Candidate &a, const Candidate &b)
            std::equal(a.value, a.value + a.effect->parameter_count, b.value);
 }
 
-bool several_logs(const std::vector<const FitLog *> &logs)
-{
-    return std::any_of(logs.begin(), logs.end(),
-                       [&](const FitLog *log) { return log->source != logs[0]->source; });
-}
-
 bool has_own_values(const RunFit &fit)
 {
     return !own_parameters(fit.point.model).empty();
@@ -281,7 +275,7 @@ std::vector<Asked> PredictionSearch::screen()
     int resonances = 0;
     std::vector<Candidate> linear, others;
     std::vector<Candidate> possible = search.candidates_of(best.point.model);
-    if (several_logs(search.training())) {
+    if (search.several_logs()) {
         const std::vector<Candidate> own = with_own_places(possible);
         possible.insert(possible.end(), own.begin(), own.end());
     }

@@ -32,6 +32,12 @@ Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options
                 reading_count += w * w;
 }
 
+bool Search::several_logs() const
+{
+    return std::any_of(logs.begin(), logs.end(),
+                       [&](const FitLog *log) { return log->source != logs[0]->source; });
+}
+
 bool Search::tick(double done, const char *what)
 {
     std::lock_guard<std::mutex> lock(talk);

@@ -86,6 +86,7 @@ class Search
 
     double readings() const { return reading_count; }
     const std::vector<const FitLog *> &training() const { return logs; }
+    bool several_logs() const; // the training data are pieces of more than one
     FitOptions usual_options() const { return fit_options(); }
     const SearchOptions &settings() const { return options; }
     std::atomic<bool> cancelled{false};
