@@ -24,9 +24,9 @@ class Case:
         self.holdout_truth = f"{folder}/truth/{self.name}_holdout.csv.gz"
 
 
-def cases(wanted):
-    """All cases, or those named (case_007 or 007). Without the folder none: then says so."""
-    folder = os.path.join(shared(), "challenge")
+def cases(wanted, folder="challenge"):
+    """All cases of a folder, or those named (case_007 or 007). Without it none: then says so."""
+    folder = os.path.join(shared(), folder)
     found = [Case(folder, answer) for answer in sorted(glob.glob(f"{folder}/truth/case_*.json"))]
     if not found:
         print(f"SKIPPED: no cases with answers in {folder}")
