@@ -16,6 +16,7 @@
 #include "explain/log_values.hpp"
 #include "explain/slips.hpp"
 #include "explain/training.hpp"
+#include "explain/verdict.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
@@ -238,6 +239,21 @@ START_TEST(wrong_values_are_told_from_missing_physics)
     ck_assert_str_eq(mk_verdict_name(e.verdict), "parameters");
     ck_assert_double_eq_tol(e.extended.parameter[0], J, 4.0 * e.std_error[0]);
     ck_assert_double_lt(e.after[0], 0.2 * e.before[0]);
+}
+END_TEST
+
+// Quantiles of the chi-square distribution at 1 - 1e-4, from tables.
+START_TEST(values_are_called_wrong_where_one_data_set_in_ten_thousand_would_say_so)
+{
+    static const struct {
+        int parameters;
+        double quantile;
+    } row[] = {{1, 15.137}, {2, 18.421}, {5, 25.745}, {7, 29.878}, {10, 35.564}};
+    for (const auto &r : row) {
+        ck_assert(!mk::beyond_chance(0.0, r.parameters));
+        ck_assert(!mk::beyond_chance(r.quantile - 0.02, r.parameters));
+        ck_assert(mk::beyond_chance(r.quantile + 0.02, r.parameters));
+    }
 }
 END_TEST
 
@@ -1086,6 +1102,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, upright_runs_of_the_exact_model_raise_no_doubt);
     tcase_add_test(t, one_step_predictions_of_a_right_model_leave_white_noise);
     tcase_add_test(t, wrong_values_are_told_from_missing_physics);
+    tcase_add_test(t, values_are_called_wrong_where_one_data_set_in_ten_thousand_would_say_so);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 2);
     tcase_add_test(t, samples_that_came_late_are_taken_for_when_they_came);
     tcase_add_test(t, a_long_hole_in_a_log_is_not_bridged);

@@ -432,6 +432,60 @@ START_TEST(a_stop_pressed_before_the_start_prevents_it)
 }
 END_TEST
 
+/* The virtual board with its first exchanges failing. */
+static struct {
+    enum mk_status with;
+    int first, exchanges;
+} failing;
+
+static enum mk_status failing_exchange(struct mk_board *board, double u,
+                                       struct mk_board_sample *out)
+{
+    if (failing.exchanges++ < failing.first)
+        return failing.with;
+    return mk_board_backend_by_name("virtual")->exchange(board, u, out);
+}
+
+static enum mk_status start_over(enum mk_status with, int first)
+{
+    struct mk_board_ops ops = *bench.board->ops;
+    const struct mk_board_ops *sound = bench.board->ops;
+    failing.with = with;
+    failing.first = first;
+    failing.exchanges = 0;
+    ops.exchange = failing_exchange;
+    bench.board->ops = &ops;
+    enum mk_status st = mk_loop_start(bench.loop, NULL, NULL, 0, NULL);
+    if (st == MK_OK)
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench.board->ops = sound;
+    return st;
+}
+
+START_TEST(a_link_that_is_broken_at_the_start_says_how)
+{
+    static const struct {
+        enum mk_status with;
+        enum mk_fault fault;
+        bool at_once;
+    } row[] = {{MK_ERR_TIMEOUT, MK_FAULT_LINK, false},
+               {MK_ERR_PROTO, MK_FAULT_LINK, false},
+               {MK_ERR_NODEV, MK_FAULT_UNPLUGGED, true},
+               {MK_ERR_IO, MK_FAULT_BOARD, true}};
+    for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
+        bench_build(NULL);
+        int most = bench.config.limits.lost_limit;
+        ck_assert_int_eq(start_over(row[i].with, 1000000), MK_ERR_FAULT);
+        ck_assert_int_eq(bench_look().fault, row[i].fault);
+        ck_assert_int_eq(failing.exchanges, row[i].at_once ? 1 : most);
+        mk_loop_acknowledge(bench.loop);
+        if (!row[i].at_once)
+            ck_assert_int_eq(start_over(row[i].with, most - 1), MK_OK);
+        bench_drop_loop();
+    }
+}
+END_TEST
+
 /* The virtual board on a machine that is too busy for it: an exchange takes a tenth of a second. */
 static enum mk_status slow_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
@@ -490,6 +544,32 @@ START_TEST(a_link_held_away_from_rest_does_not_start_again)
                      MK_OK);
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
     ck_assert_ptr_nonnull(strstr(err.message, "joint 2"));
+}
+END_TEST
+
+/* The virtual board with link 2 held 300 counts from where it is. */
+static enum mk_status held_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    out->count[1] += 300;
+    return st;
+}
+
+START_TEST(a_start_says_which_link_is_how_far_from_rest)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build(NULL);
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_board_ops ops = *bench.board->ops;
+    const struct mk_board_ops *sound = bench.board->ops;
+    ops.exchange = held_exchange;
+    bench.board->ops = &ops;
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
+    bench.board->ops = sound;
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
+    ck_assert_msg(strstr(err.message, "joint 2 is 0.471 rad away") != NULL, "%s", err.message);
 }
 END_TEST
 
@@ -592,9 +672,11 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, the_stop_button_stops_the_motor);
     tcase_add_test(t, a_stop_pressed_before_the_start_prevents_it);
     tcase_add_test(t, a_start_that_the_machine_is_too_slow_for_is_given_up);
+    tcase_add_test(t, a_link_that_is_broken_at_the_start_says_how);
     tcase_add_test(t, swinging_links_do_not_start);
     tcase_add_test(t, a_link_held_away_from_rest_does_not_start_again);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
+    tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);
     tcase_add_test(t, after_a_fault_the_log_shows_what_the_rig_did);
     tcase_add_test(t, a_full_disk_stops_the_motor_and_is_reported);
     suite_add_tcase(s, t);

@@ -114,7 +114,7 @@ START_TEST(the_pump_drives_the_link_energy_towards_upright_from_either_side)
         draw_state(&r, x);
         x[2] = 0.0;
         double energy = mk_link_energy(&m, x);
-        double tau[2] = {mk_pfl_command(&m, x, mk_link_pump(&m, x, 0.0, 0.0, row)), 0.0};
+        double tau[2] = {mk_pfl_command(&m, x, mk_link_pump(&m, x, 0.0, 0.0, 0.0, row)), 0.0};
         mk_plant_acceleration(&m, x, x + 2, tau, a);
         const double h = 1e-6;
         for (int j = 0; j < 2; j++) {
@@ -142,7 +142,7 @@ START_TEST(the_pump_changes_its_strength_when_it_was_patient_for_long_enough)
     const double x[4] = {-M_PI / 2, 0.0, 0.0, 5.0};
     static const double expected[] = {-40.0, -30.0, -50.0, -36.0, -40.0};
     for (int turn = 0; turn < 5; turn++)
-        ck_assert_double_eq_tol(mk_link_pump(&m, x, -M_PI / 2, 2.0 * turn + 1.0, row),
+        ck_assert_double_eq_tol(mk_link_pump(&m, x, -M_PI / 2, 2.0 * turn + 1.0, 0.0, row),
                                 expected[turn], 1e-9);
 }
 END_TEST
@@ -158,8 +158,8 @@ START_TEST(a_strayed_link_1_goes_home_before_it_pumps_again)
     for (double error = 1.3; error < 9.0; error += 0.5) {
         double there[4] = {M_PI / 2 + error, 1.0, 0.0, 3.0};
         double back[4] = {M_PI / 2 - error, 1.0, 0.0, 3.0};
-        ck_assert_double_lt(mk_link_pump(&m, there, M_PI / 2, 0.0, row), -10.0);
-        ck_assert_double_gt(mk_link_pump(&m, back, M_PI / 2, 0.0, row), 10.0);
+        ck_assert_double_lt(mk_link_pump(&m, there, M_PI / 2, 0.0, 0.0, row), -10.0);
+        ck_assert_double_gt(mk_link_pump(&m, back, M_PI / 2, 0.0, 0.0, row), 10.0);
     }
 }
 END_TEST

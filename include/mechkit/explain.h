@@ -299,6 +299,13 @@ MK_NODISCARD enum mk_status mk_explain(const struct mk_model *model,
  * m", or of a term without a name its formula. Cut to `size` bytes. */
 void mk_budget_item_name(const struct mk_explanation *e, const struct mk_budget_item *item,
                          char *text, size_t size);
+/* What a setup does worse when it believes the extended model than when it believes the refitted or
+ * the given one, by its trial: "holds fewer runs", "catches later" (by a quarter and 0.5 s), "sways
+ * more" or "follows less closely" (by a quarter, and 0.5 mrad or 0.05 rad/s); *believing is then
+ * which, "refitted" or "given". NULL: nothing. Static. */
+const char *mk_control_gain_worse(const struct mk_control_gain *gain, const char **believing);
+/* True where one of the setups that were tried does: then the model is none for controllers. */
+bool mk_explanation_misleads_control(const struct mk_explanation *explanation);
 /* Whether the given model predicts the held-out data far better than the one refitted to the logs:
  * then those are hardly of the same rig, or their signs, units or columns differ. */
 bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);

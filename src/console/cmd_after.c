@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "console/cmd_priv.h"
+#include "console/control_gain.h"
 #include "console/explanation.h"
 #include "mechkit/explain.h"
 #include "mechkit/ident.h"
@@ -137,6 +138,17 @@ static void say_explanation(struct session *s, const struct mk_explanation *e)
     free(text);
 }
 
+/* What a controller does worse with is not offered to it. */
+static void say_how_to_go_on(struct session *s, const struct mk_explanation *e, const char *folder)
+{
+    if (mk_explanation_misleads_control(e)) {
+        session_say(s, "written to %s: report.html, extended.ini (for simulation only)", folder);
+        return;
+    }
+    session_say(s, "written to %s: report.html, extended.ini; to go on with it:", folder);
+    session_say(s, "  believe %s/extended.ini", folder);
+}
+
 enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     char folder[SESSION_PATH + 16];
@@ -151,6 +163,8 @@ enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct m
         st = believed_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_explain(&model, (const struct mk_log *const *)&log, 1, NULL, 0, &options, e, err);
+    if (st == MK_OK)
+        st = control_gain_measure(e, err);
     if (argc > 0)
         snprintf(folder, sizeof folder, "%s", argv[0]);
     else
@@ -160,8 +174,7 @@ enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct m
         st = explanation_write(folder, "what was believed", e, &held, 1, log, err);
     if (st == MK_OK) {
         say_explanation(s, e);
-        session_say(s, "written to %s: report.html, extended.ini; to go on with it:", folder);
-        session_say(s, "  believe %s/extended.ini", folder);
+        say_how_to_go_on(s, e, folder);
     }
     free(e);
     mk_log_free(log);

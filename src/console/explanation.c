@@ -171,6 +171,13 @@ static void print_control(FILE *out, const struct mk_explanation *e)
         fprintf(out, " %s; rms command", mk_model_unit(&e->given, -1, tracks ? "rad/s" : "mrad"));
         for (int k = 0; k < 3; k++)
             fprintf(out, " %.3g%s", f[k]->effort, k < 2 ? "," : "\n");
+        const char *believing, *worse = mk_control_gain_worse(c, &believing);
+        if (worse)
+            fprintf(out,
+                    "    Believing the extended model it %s than believing the %s one: take the "
+                    "extended model\n    for simulation only, and leave the controller the %s "
+                    "one.\n",
+                    worse, believing, believing);
     }
 }
 

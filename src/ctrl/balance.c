@@ -12,20 +12,64 @@ static double param(const struct mk_balance *b, const struct mk_ctrl *ctrl, int 
     return ctrl->value[b->first + row];
 }
 
+/* The law's world is the one that the believed model has, or the textbook's. RT. */
+static void see(struct mk_balance *b, const struct mk_ctrl *ctrl, bool remaining)
+{
+    b->world = remaining ? b->remaining : ctrl->model;
+    b->world.effect_count = remaining ? b->remaining.effect_count : 0;
+    b->roa.model = &b->world;
+    b->roa.really = remaining ? &b->equilibria : NULL;
+    b->lift.free_joint = remaining ? b->equilibria.free_joint : -1;
+}
+
+/* The gains are made for the textbook plant. Where a spring has been wound up they may hold less,
+ * or nothing: then nothing is to be caught there. */
+static void estimate_other_turns(struct mk_balance *b)
+{
+    const int home = MK_WINDINGS / 2, f = b->equilibria.free_joint;
+    for (int k = 0; k < MK_WINDINGS && f >= 0; k++) {
+        struct mk_standing *there = &b->equilibria.winding[k];
+        struct mk_roa roa = b->roa;
+        roa.equilibrium[f] += 2.0 * M_PI * (k - home);
+        if (k == home || !there->found)
+            continue;
+        there->found = mk_roa_estimate(&roa, NULL) == MK_OK;
+        there->level = there->found ? fmin(1.0, roa.level / b->roa.level) : 0.0;
+    }
+}
+
+/* False: the believed model has nothing that remains, or the law holds nothing in it. Then the law
+ * goes on as if it were the textbook plant, for which it is made. */
+static bool estimate_in_what_remains(struct mk_balance *b, const struct mk_ctrl *ctrl)
+{
+    mk_remaining_model(&ctrl->model, &b->remaining);
+    if (b->remaining.effect_count == 0)
+        return false;
+    mk_equilibria_find(&b->remaining, ctrl->equilibrium, &b->equilibria);
+    see(b, ctrl, true);
+    if (!mk_equilibria_at(&b->equilibria, ctrl->equilibrium)->found ||
+        mk_roa_estimate(&b->roa, NULL) != MK_OK)
+        return false;
+    estimate_other_turns(b);
+    mk_lift_find(&b->remaining, ctrl->equilibrium, &b->equilibria, &b->lift);
+    return true;
+}
+
 enum mk_status mk_balance_prepare(struct mk_balance *b, struct mk_ctrl *ctrl,
                                   const double *equilibrium, const double *p, mk_roa_law law,
                                   struct mk_error *err)
 {
     ctrl->balances = true;
     memcpy(ctrl->equilibrium, equilibrium, sizeof ctrl->equilibrium);
-    b->roa.model = &ctrl->model;
     b->roa.law = law;
     b->roa.user = ctrl;
     b->roa.dt = ctrl->dt;
     memcpy(b->roa.equilibrium, equilibrium, sizeof b->roa.equilibrium);
     memcpy(b->roa.limit, b->fallen, sizeof b->roa.limit);
     memcpy(b->roa.p, p, sizeof b->roa.p);
-    return mk_roa_estimate(&b->roa, err);
+    b->bent = estimate_in_what_remains(b, ctrl);
+    see(b, ctrl, b->bent);
+    return b->bent ? MK_OK : mk_roa_estimate(&b->roa, err);
 }
 
 void mk_balance_reset(struct mk_balance *b)
@@ -35,20 +79,29 @@ void mk_balance_reset(struct mk_balance *b)
 
 void mk_balance_changed(struct mk_balance *b, const struct mk_ctrl *ctrl)
 {
-    mk_observer_init(&b->observer, &ctrl->model, ctrl->dt, param(b, ctrl, MK_BALANCE_OBSERVER));
+    bool effects = param(b, ctrl, MK_BALANCE_COMPENSATE) > 0.0;
+    see(b, ctrl, effects && b->bent);
+    mk_observer_init(&b->observer, &b->world, ctrl->dt, param(b, ctrl, MK_BALANCE_OBSERVER));
+    if (effects)
+        b->observer.delays = mk_delays_of(&ctrl->model, ctrl->dt);
 }
 
 bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
                         const struct mk_ctrl_input *in, double *x)
 {
     mk_observer_step(&b->observer, in, x);
-    mk_ctrl_predict(&ctrl->model, x, in->u, ctrl->dt * param(b, ctrl, MK_BALANCE_LEAD));
+    mk_observer_ahead(&b->observer, x, ctrl->dt * param(b, ctrl, MK_BALANCE_LEAD));
     for (int i = 0; i < N; i++)
         if (!(fabs(x[i]) < 1e6)) {
             mk_observer_reset(&b->observer);
             return false;
         }
     return true;
+}
+
+double mk_balance_lean(const struct mk_balance *b, const double *x, int joint)
+{
+    return b->roa.really ? mk_equilibria_at(b->roa.really, x)->shift[joint] : 0.0;
 }
 
 static bool lost(const struct mk_balance *b, const double *x)

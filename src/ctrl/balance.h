@@ -7,6 +7,7 @@
 
 #include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
+#include "ctrl/lift.h"
 #include "ctrl/observer.h"
 #include "ctrl/roa.h"
 
@@ -49,6 +50,11 @@ enum { MK_GUARD_BOX = 0, MK_GUARD_ROA = 1, MK_GUARD_BOTH = 2 };
 
 struct mk_balance {
     struct mk_observer observer;
+    struct mk_model world;           /* what the law predicts with: `remaining`, or the plant */
+    struct mk_model remaining;       /* mk_remaining_model of what is believed */
+    struct mk_equilibria equilibria; /* of that */
+    struct mk_lift lift;             /* energy that the world has beside the plant's */
+    bool bent;                       /* it has effects, and the law holds it */
     struct mk_roa roa;
     double fallen[MK_MAX_JOINTS]; /* rad: an error beyond this has been lost; 0: no limit */
     /* May the box take over at x? Of the setup; RT. */
@@ -69,6 +75,9 @@ void mk_balance_changed(struct mk_balance *b, const struct mk_ctrl *ctrl);
  * nothing finite: then x is not to be used. RT. */
 bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
                         const struct mk_ctrl_input *in, double *x);
+/* How far the equilibrium where x is lies from the textbook plant's, in the angle of `joint`. RT.
+ */
+double mk_balance_lean(const struct mk_balance *b, const double *x, int joint);
 /* Next phase, from the present one: catches, falls, or stays. RT. */
 enum mk_phase mk_balance_phase(const struct mk_balance *b, const struct mk_ctrl *ctrl,
                                enum mk_phase phase, const double *x);

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "ctrl/ctrl_priv.h"
-#include "ctrl/equilibrium.h"
 
 #define OBSERVER_HZ 35.0 /* as the balancing setups have it */
 #define LEAD_SAMPLES 1.5 /* the board's sample, and half of one more: as theirs */
@@ -128,60 +127,54 @@ double mk_compensate(const struct mk_model *full, const struct mk_model *plant, 
     return u;
 }
 
-/* The other way: command that does to the textbook plant what u does to the rig. */
+/* The other way: command that does to the law's world what u does to the rig. */
 static double told_to_law(const struct mk_compensator *c, double t, const double *x, double u)
 {
     struct line line = plant_line(&c->plant, t, x);
     return (motor_acceleration(&c->full, t, x, u) - line.at_zero) / line.slope;
 }
 
-/* --- the equilibrium ----------------------------------------------------------------------- */
+/* --- the law's world ----------------------------------------------------------------------- */
 
-static bool bends_equilibrium(const struct mk_model *believed, const struct mk_effect_use *use)
+static bool remains(const struct mk_model *believed, const struct mk_effect_use *use)
 {
     unsigned stages = mk_effect(use->index)->stages;
     return (stages & (MK_STAGE_FRAME | MK_STAGE_TORQUE)) && !(stages & MK_STAGE_STATE) &&
            !can_make_up_for(believed, use);
 }
 
-/* Effects that feed-forward takes care of, those of the command and those with a memory stay out of
- * it. */
-static bool find_equilibrium(struct mk_compensator *c, const double *nominal)
+void mk_remaining_model(const struct mk_model *believed, struct mk_model *out)
 {
-    struct mk_model model;
-    double q[MK_MAX_JOINTS];
-    filter(&c->believed, &model, bends_equilibrium);
-    if (model.effect_count == 0)
-        return false;
-    bool found = mk_nearest_equilibrium(&model, nominal, true, q, &c->hold);
-    for (int j = 0; j < mk_model_joints(&model); j++)
-        c->shift[j] = q[j] - nominal[j];
-    return found;
+    filter(believed, out, remains);
+}
+
+static bool known(const struct mk_model *believed, const struct mk_effect_use *use)
+{
+    return remains(believed, use) || can_make_up_for(believed, use);
 }
 
 /* --- around a step of the law -------------------------------------------------------------- */
 
 enum mk_status mk_compensator_create(const struct mk_model *believed, double dt,
-                                     const double *equilibrium, struct mk_compensator **out,
-                                     struct mk_error *err)
+                                     struct mk_compensator **out, struct mk_error *err)
 {
     *out = NULL;
     struct mk_compensator *c = calloc(1, sizeof *c);
     if (!c)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for feed-forward");
-    c->believed = c->plant = *believed;
-    c->plant.effect_count = 0;
+    c->believed = *believed;
     c->dt = dt;
-    mk_compensated_model(believed, &c->full);
+    mk_remaining_model(believed, &c->plant);
+    filter(believed, &c->full, known);
     for (int i = 0; i < believed->effect_count; i++)
         if (mk_effect(believed->effect[i].index)->stages & MK_STAGE_MEASUREMENT)
             c->corrects_readings = true;
-    bool bent = equilibrium && find_equilibrium(c, equilibrium);
-    if (c->full.effect_count == 0 && !c->corrects_readings && !bent) {
+    if (c->full.effect_count == 0 && !c->corrects_readings) {
         mk_compensator_destroy(c);
         return MK_OK;
     }
     mk_observer_init(&c->observer, &c->plant, dt, OBSERVER_HZ);
+    c->observer.delays = mk_delays_of(believed, dt);
     mk_compensator_reset(c);
     *out = c;
     return MK_OK;
@@ -195,7 +188,6 @@ void mk_compensator_destroy(struct mk_compensator *c)
 void mk_compensator_reset(struct mk_compensator *c)
 {
     mk_observer_reset(&c->observer);
-    c->held = 0.0;
 }
 
 /* True angles and speeds for readings; one over the slope of each encoder's law scales its speed.
@@ -221,12 +213,12 @@ static void correct_readings(const struct mk_compensator *c, struct mk_ctrl_inpu
     }
 }
 
-/* State of `full` for joints at x in the law's coordinates and effects with memory as in z. */
+/* State of `full` for joints at x, by MK_MAX_JOINTS, and effects with memory as in z. */
 static void full_state(const struct mk_compensator *c, const double *x, double *z)
 {
     int n = mk_model_joints(&c->full);
     for (int j = 0; j < n; j++) {
-        z[j] = x[j] + c->shift[j];
+        z[j] = x[j];
         z[n + j] = x[MK_MAX_JOINTS + j];
     }
 }
@@ -261,7 +253,7 @@ static void track(struct mk_compensator *c, const struct mk_ctrl_input *in, bool
     if (begins) {
         double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS] = {0.0, 0.0};
         for (int j = 0; j < n; j++)
-            q[j] = x[j] + c->shift[j];
+            q[j] = x[j];
         mk_model_initial_state(&c->full, q, v, c->effect);
     } else {
         full_state(c, x, c->effect);
@@ -279,15 +271,14 @@ void mk_compensator_before(struct mk_compensator *c, const struct mk_ctrl_input 
     *seen = *in;
     if (c->corrects_readings)
         correct_readings(c, seen);
-    for (int j = 0; j < mk_model_joints(&c->full); j++)
-        seen->q[j] -= c->shift[j];
     bool begins = !c->observer.primed;
     mk_observer_step(&c->observer, seen, x);
     track(c, in, begins, x);
-    full_state(c, x, c->effect);
-    seen->u = told_to_law(c, in->t, c->effect, in->u) - c->held;
-    c->observer.u = seen->u;
     memcpy(c->ahead, x, sizeof x);
+    mk_observer_ahead(&c->observer, c->ahead, 0.0);
+    full_state(c, c->ahead, c->effect);
+    seen->u = told_to_law(c, in->t, c->effect, in->u);
+    c->observer.u[0] = seen->u;
     mk_ctrl_predict(&c->plant, c->ahead, seen->u, LEAD_SAMPLES * c->dt);
 }
 
@@ -302,9 +293,7 @@ static bool usable(const struct mk_compensator *c)
 void mk_compensator_after(struct mk_compensator *c, const struct mk_ctrl_input *in, double share,
                           struct mk_ctrl_output *out)
 {
-    out->ref += c->shift[0];
-    c->held = out->phase == MK_PHASE_BALANCE ? c->hold : 0.0;
-    double wish = out->u += c->held;
+    double wish = out->u;
     if (!usable(c)) {
         mk_compensator_reset(c);
         return;

@@ -2,15 +2,16 @@
  * textbook plant, and this makes the rig look like one.
  *
  * Around each step of the law
- *  - readings are corrected for what the model says about the encoders, and told as deviations from
- *    the equilibrium that the rig really has (base-tilt, a cable at the free joint);
- *  - the command in force is told as the one that would do the same to the textbook plant, so that
+ *  - readings are corrected for what the model says about the encoders;
+ *  - the command in force is told as the one that would do the same to the law's world, so that
  *    the law's own observer predicts what happens;
  *  - the law's wish becomes the command that accelerates the motor joint of the full model as the
- *    wish would accelerate that of the textbook plant.
+ *    wish would accelerate that of the law's world.
  *
  * What is made up for: effects that a command can cancel (the table in compensate.c), where they
- * leave the other joint's equation alone. The laws of effects stand in src/model and nowhere here:
+ * leave the other joint's equation alone. The law's world is the textbook plant with what remains:
+ * a tilted base, a cable or a spring at the free joint. Balancing setups hold the equilibrium of
+ * that world and predict with it (balance.h). The laws of effects stand in src/model, not here:
  * all of this evaluates the model. After creation everything is RT.
  */
 #ifndef MECHKIT_CTRL_COMPENSATE_H
@@ -25,26 +26,20 @@
         1.0, 1.0, false
 
 struct mk_compensator {
-    struct mk_model plant;    /* base parameters alone: the law's world */
+    struct mk_model plant;    /* the law's world: base parameters and what remains */
     struct mk_model full;     /* and the effects that a command can make up for */
     struct mk_model believed; /* all of it, for the readings */
     double dt;
     bool corrects_readings;
-    double shift[MK_MAX_JOINTS]; /* rad: the equilibrium less the textbook plant's */
-    double hold;                 /* command that holds it */
 
-    struct mk_observer observer;  /* of the textbook plant, in the law's coordinates */
+    struct mk_observer observer;  /* of the law's world */
     double ahead[MK_CTRL_STATES]; /* the same when the next command will act */
     double effect[MK_MAX_STATES]; /* states of `full`, of which those of the joints are scratch */
     double last_q[MK_MAX_JOINTS];
-    double held; /* of the command in force: what was added to hold the equilibrium */
 };
 
-/* *out is NULL when the believed model has nothing to make up for. `equilibrium`, of the textbook
- * plant, is where a balancing setup holds; NULL: nowhere. Where the believed model has none near
- * it, the law goes on as if it had. */
+/* *out is NULL when the believed model has nothing to make up for. */
 MK_NODISCARD enum mk_status mk_compensator_create(const struct mk_model *believed, double dt,
-                                                  const double *equilibrium,
                                                   struct mk_compensator **out,
                                                   struct mk_error *err);
 void mk_compensator_destroy(struct mk_compensator *c);
@@ -60,6 +55,10 @@ void mk_compensator_after(struct mk_compensator *c, const struct mk_ctrl_input *
 
 /* The effects of `believed` that a command can make up for, on its base parameters. */
 void mk_compensated_model(const struct mk_model *believed, struct mk_model *out);
+
+/* What else of it the law can know beforehand, on its base parameters: torques and the frame that
+ * they act in, but nothing with a memory. It is the world that the law predicts with. */
+void mk_remaining_model(const struct mk_model *believed, struct mk_model *out);
 
 /* Command under which the motor joint of `full` accelerates in state x as that of `plant` does
  * under `wish`; the limit where that takes more than there is. At most MK_COMPENSATE_EVALUATIONS of

@@ -138,8 +138,7 @@ static enum mk_status prepare_compensation(struct mk_ctrl *ctrl, struct mk_error
 {
     if (mk_ctrl_param_index(ctrl->ops, COMPENSATE) < 0 || ctrl->model.effect_count == 0)
         return MK_OK;
-    return mk_compensator_create(&ctrl->model, ctrl->dt, ctrl->balances ? ctrl->equilibrium : NULL,
-                                 &ctrl->compensator, err);
+    return mk_compensator_create(&ctrl->model, ctrl->dt, &ctrl->compensator, err);
 }
 
 static double compensated_share(const struct mk_ctrl *ctrl)

@@ -46,7 +46,8 @@ static double law(const void *user, const double *x)
     double e[MK_CTRL_STATES];
     mk_roa_error(&s->balance.roa, x, e);
     double feedback = k[K_Q1] * e[0] + k[K_DQ1] * e[2] + k[K_Q2] * e[1] + k[K_DQ2] * e[3];
-    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[3]) - feedback;
+    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[3]) - feedback +
+           mk_roa_hold(&s->balance.roa, x);
 }
 
 static bool in_box(const struct mk_ctrl *ctrl, const double *x)
@@ -92,12 +93,14 @@ static void acrobot_changed(struct mk_ctrl *ctrl)
 }
 
 /* Energy that is missing to stand at the top, in shares of what lies between hanging and top. */
-static double missing_energy(const struct mk_model *model, const double *x)
+static double missing_energy(const struct mk_model *model, const struct mk_lift *lift,
+                             const double *x)
 {
     static const double top[MK_MAX_JOINTS] = {0.5 * M_PI, 0.0};
     static const double below[MK_MAX_JOINTS] = {-0.5 * M_PI, 0.0};
     double high = mk_plant_potential(model, top), low = mk_plant_potential(model, below);
-    double energy = mk_plant_kinetic(model, x, x + 2) + mk_plant_potential(model, x);
+    double energy =
+        mk_plant_kinetic(model, x, x + 2) + mk_plant_potential(model, x) + mk_lift_energy(lift, x);
     return (high - energy) / (high - low);
 }
 
@@ -105,7 +108,8 @@ static double swing_up(const struct mk_ctrl *ctrl, const double *x, double since
 {
     static const double strength[] = {1.1, 0.9, 1.0, 1.2};
     unsigned turn = (unsigned)fmin(since_s / ctrl->value[PATIENCE], 1e6) % 4u;
-    double missing = missing_energy(&ctrl->model, x);
+    const struct acrobot *s = ctrl->priv;
+    double missing = missing_energy(&ctrl->model, &s->balance.lift, x);
     double pump = mk_clamp(ctrl->value[PUMP_GAIN] * missing * x[2], -1.0, 1.0);
     if (fabs(x[2]) < 0.05 && fabs(x[3]) < 0.05 && missing > 0.95)
         pump = 1.0;
@@ -132,6 +136,7 @@ static void acrobot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
 
     out->phase = s->phase;
     out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x, in->t - s->swing_from);
+    out->ref += mk_balance_lean(&s->balance, x, 0);
 }
 
 const struct mk_ctrl_ops mk_ctrl_acrobot =

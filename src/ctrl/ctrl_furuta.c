@@ -30,9 +30,13 @@ static const double weight[MK_CTRL_STATES] = {0.4, 50.0, 1.0, 0.2};
 static double law(const void *user, const double *x)
 {
     const struct mk_ctrl *ctrl = user;
+    const struct furuta *s = ctrl->priv;
     const double *k = ctrl->value;
-    double feedback = k[K_A] * x[0] + k[K_DA] * x[2] + k[K_B] * mk_wrap(x[1]) + k[K_DB] * x[3];
-    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback;
+    double e[MK_CTRL_STATES];
+    mk_roa_error(&s->balance.roa, x, e);
+    double feedback = k[K_A] * e[0] + k[K_DA] * e[2] + k[K_B] * e[1] + k[K_DB] * e[3];
+    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback +
+           mk_roa_hold(&s->balance.roa, x);
 }
 
 static bool in_box(const struct mk_ctrl *ctrl, const double *x)
@@ -87,6 +91,7 @@ static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
 
     enum mk_phase before = s->phase;
     s->phase = mk_balance_phase(&s->balance, ctrl, before, x);
+    out->ref += mk_balance_lean(&s->balance, x, 1);
     if (isnan(s->swing_from) || before == MK_PHASE_BALANCE)
         s->swing_from = in->t;
 
@@ -94,7 +99,8 @@ static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     if (s->phase == MK_PHASE_BALANCE) {
         out->u = law(ctrl, x);
     } else {
-        double v1 = mk_link_pump(&ctrl->model, x, 0.0, in->t - s->swing_from, &ctrl->value[PUMP]);
+        double v1 = mk_link_pump(&ctrl->model, x, 0.0, in->t - s->swing_from,
+                                 mk_lift_share(&s->balance.lift, x), &ctrl->value[PUMP]);
         out->u = mk_pfl_command(&ctrl->model, x, v1);
     }
 }

@@ -65,7 +65,8 @@ static double law(const void *user, const double *x)
     double e[MK_CTRL_STATES];
     mk_roa_error(&s->balance.roa, x, e);
     double feedback = k[K_Q1] * e[0] + k[K_DQ1] * e[2] + k[K_Q2] * e[1] + k[K_DQ2] * e[3];
-    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback;
+    return k[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[2]) - feedback +
+           mk_roa_hold(&s->balance.roa, x);
 }
 
 /* Meesters' conditions for the linear law to take over (2.2). */
@@ -151,7 +152,8 @@ static double swing_up(struct mk_ctrl *ctrl, const double *x, double t, double *
     *ref = s->target;
     if (since < attempt)
         return report_command(ctrl, x, since, ref);
-    double v1 = mk_link_pump(&ctrl->model, x, s->target, since - attempt, &ctrl->value[PUMP]);
+    double v1 = mk_link_pump(&ctrl->model, x, s->target, since - attempt,
+                             mk_lift_share(&s->balance.lift, x), &ctrl->value[PUMP]);
     return mk_pfl_command(&ctrl->model, x, v1);
 }
 
@@ -177,6 +179,7 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
 
     out->phase = s->phase;
     out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x, in->t, &out->ref);
+    out->ref += mk_balance_lean(&s->balance, x, 0);
 }
 
 /* clang-format off */

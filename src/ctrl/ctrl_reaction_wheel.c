@@ -55,10 +55,11 @@ static double law(const void *user, const double *x)
 {
     const struct mk_ctrl *ctrl = user;
     const struct reaction_wheel *s = ctrl->priv;
-    double feedback =
-        s->gain[0] * mk_wrap(x[0] - M_PI) + s->gain[1] * x[2] + s->gain[2] * (x[2] + x[3]);
+    double e[MK_CTRL_STATES];
+    mk_roa_error(&s->balance.roa, x, e);
+    double feedback = s->gain[0] * e[0] + s->gain[1] * x[2] + s->gain[2] * (x[2] + x[3]);
     return ctrl->value[BALANCE + MK_BALANCE_FRICTION] * mk_plant_friction(&ctrl->model, x[3]) -
-           feedback;
+           feedback + mk_roa_hold(&s->balance.roa, x);
 }
 
 /* Report (2.61). */
@@ -152,7 +153,8 @@ static double swing_up(struct mk_ctrl *ctrl, const double *x)
     const struct mk_model *m = &ctrl->model;
     const double *k = ctrl->value;
     double weight = m->parameter[2] * m->g, e_ref = 2.0 * weight;
-    double energy = 0.5 * m->parameter[0] * x[2] * x[2] + weight * (1.0 - cos(x[0]));
+    double energy = 0.5 * m->parameter[0] * x[2] * x[2] + weight * (1.0 - cos(x[0])) +
+                    mk_lift_energy(&s->balance.lift, x);
     bool over = energy > e_ref, at_limit = fabs(x[2] + x[3]) > k[WHEEL_LIMIT];
     s->going_round = over && (s->going_round || at_limit);
     if (s->going_round)
@@ -181,6 +183,7 @@ static void reaction_wheel_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input
 
     s->phase = mk_balance_phase(&s->balance, ctrl, s->phase, x);
     out->phase = s->phase;
+    out->ref += mk_balance_lean(&s->balance, x, 0);
     out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x);
 }
 

@@ -100,3 +100,38 @@ bool mk_nearest_equilibrium(const struct mk_model *model, const double *nominal,
     *u = found && driven ? d[s.n] * model->u_max : 0.0;
     return found;
 }
+
+static struct mk_standing one_of(const struct mk_model *model, const double *nominal)
+{
+    double q[MK_MAX_JOINTS];
+    struct mk_standing e = {{0.0, 0.0}, 0.0, false, 0.0};
+    e.found = mk_nearest_equilibrium(model, nominal, true, q, &e.u);
+    for (int j = 0; j < mk_model_joints(model); j++)
+        e.shift[j] = q[j] - nominal[j];
+    e.level = e.found ? 1.0 : 0.0;
+    return e;
+}
+
+void mk_equilibria_find(const struct mk_model *model, const double *nominal,
+                        struct mk_equilibria *out)
+{
+    memset(out, 0, sizeof *out);
+    out->free_joint = mk_model_joints(model) > 1 ? 1 - mk_plant(model->plant)->motor_joint : -1;
+    for (int k = 0; k < MK_WINDINGS; k++) {
+        double at[MK_MAX_JOINTS];
+        memcpy(at, nominal, sizeof at);
+        if (out->free_joint >= 0)
+            at[out->free_joint] += 2.0 * M_PI * (k - MK_WINDINGS / 2);
+        out->winding[k] = one_of(model, at);
+    }
+    out->upright = out->free_joint >= 0 ? nominal[out->free_joint] : 0.0;
+}
+
+const struct mk_standing *mk_equilibria_at(const struct mk_equilibria *e, const double *q)
+{
+    if (e->free_joint < 0)
+        return &e->winding[MK_WINDINGS / 2];
+    double turns = round((q[e->free_joint] - e->upright) / (2.0 * M_PI));
+    bool known = fabs(turns) <= MK_WINDINGS / 2; /* not so for a NAN */
+    return known ? &e->winding[(int)turns + MK_WINDINGS / 2] : &e->far;
+}

@@ -33,7 +33,7 @@ static bool at_rest_below(const struct mk_free_link *l)
 }
 
 double mk_link_pump(const struct mk_model *model, const double *x, double target, double since_s,
-                    const double *row)
+                    double lift, const double *row)
 {
     static const double strength[] = {1.0, 0.75, 1.25, 0.9};
     static const double energy[] = {0.0, 0.05, -0.05, 0.1};
@@ -46,7 +46,7 @@ double mk_link_pump(const struct mk_model *model, const double *x, double target
     if (fabs(error) > row[MK_PUMP_REACH])
         return hold;
 
-    double excess = l.energy - row[MK_PUMP_ENERGY] - energy[turn];
+    double excess = l.energy + lift - row[MK_PUMP_ENERGY] - energy[turn];
     double pump = mk_clamp(row[MK_PUMP_GAIN] * excess * l.speed * l.coupling, -1.0, 1.0);
     if (at_rest_below(&l))
         pump = -1.0;

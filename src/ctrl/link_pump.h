@@ -70,9 +70,10 @@ double mk_pfl_command(const struct mk_model *model, const double *x, double v1);
 /* Energy of the free link as above, in units of m g l: -2 hanging, 0 upright. RT. */
 double mk_link_energy(const struct mk_model *model, const double *x);
 
-/* Acceleration v1 for state x, link 1 to be near `target`, `since_s` after the swing-up began.
- * `row` are the MK_PUMP_ROWS values. RT. */
+/* Acceleration v1 for state x, link 1 to be near `target`, `since_s` after the swing-up began;
+ * `lift` is the energy that the free link has beside that of the plant (mk_lift_share). `row` are
+ * the MK_PUMP_ROWS values. RT. */
 double mk_link_pump(const struct mk_model *model, const double *x, double target, double since_s,
-                    const double *row);
+                    double lift, const double *row);
 
 #endif

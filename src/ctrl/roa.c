@@ -14,11 +14,23 @@
 #define CALIBRATION_DT 0.002  /* s: faster loops are calibrated at this step, with its delay */
 #define LOOK_AHEAD_STEP 0.004 /* s */
 
+static const struct mk_standing *where(const struct mk_roa *roa, const double *x)
+{
+    static const struct mk_standing textbook = {{0.0, 0.0}, 0.0, true, 1.0};
+    return roa->really ? mk_equilibria_at(roa->really, x) : &textbook;
+}
+
+double mk_roa_hold(const struct mk_roa *roa, const double *x)
+{
+    return where(roa, x)->u;
+}
+
 void mk_roa_error(const struct mk_roa *roa, const double *x, double *e)
 {
     int motor = mk_plant(roa->model->plant)->motor_joint;
+    const struct mk_standing *here = where(roa, x);
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
-        double error = x[j] - roa->equilibrium[j];
+        double error = x[j] - (roa->equilibrium[j] + here->shift[j]);
         e[j] = j == motor ? error : mk_wrap(error);
         e[2 + j] = x[2 + j];
     }
@@ -37,7 +49,7 @@ bool mk_roa_holds(const struct mk_roa *roa, const double *x, double share)
 {
     double e[N];
     mk_roa_error(roa, x, e);
-    return mk_roa_value(roa, e) <= share * roa->level;
+    return mk_roa_value(roa, e) <= share * where(roa, x)->level * roa->level;
 }
 
 static bool beyond_limit(const struct mk_roa *roa, const double *e)
@@ -55,7 +67,8 @@ bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, do
     memcpy(y, x, sizeof y);
     for (double t = 0.0; t <= horizon_s; t += LOOK_AHEAD_STEP) {
         mk_roa_error(roa, y, e);
-        if (mk_roa_value(roa, e) <= share * roa->level)
+        const struct mk_standing *here = where(roa, y);
+        if (here->found && mk_roa_value(roa, e) <= share * here->level * roa->level)
             return true;
         if (beyond_limit(roa, e))
             return false;
@@ -69,9 +82,10 @@ bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, do
  * on a board with its one sample of delay. */
 static bool recovers(const struct mk_roa *roa, const double *e0, double level)
 {
-    double dt = fmax(roa->dt, CALIBRATION_DT), u = 0.0, x[N], ahead[N], e[N];
+    const struct mk_standing *home = where(roa, roa->equilibrium);
+    double dt = fmax(roa->dt, CALIBRATION_DT), u = home->u, x[N], ahead[N], e[N];
     for (int i = 0; i < N; i++)
-        x[i] = e0[i] + (i < MK_MAX_JOINTS ? roa->equilibrium[i] : 0.0);
+        x[i] = e0[i] + (i < MK_MAX_JOINTS ? roa->equilibrium[i] + home->shift[i] : 0.0);
     for (double t = 0.0; t < LONGEST_RUN_S; t += dt) {
         memcpy(ahead, x, sizeof ahead);
         mk_ctrl_predict(roa->model, ahead, u, dt);

@@ -19,6 +19,7 @@
 
 #include <stdbool.h>
 
+#include "ctrl/equilibrium.h"
 #include "ctrl/observer.h"
 #include "mechkit/model.h"
 #include "mechkit/status.h"
@@ -29,9 +30,10 @@ typedef double (*mk_roa_law)(const void *user, const double *x);
 struct mk_roa {
     const struct mk_model *model; /* believed; borrowed */
     mk_roa_law law;
-    const void *user; /* of the law; borrowed */
-    double dt;        /* s */
-    double equilibrium[MK_MAX_JOINTS];
+    const void *user;                   /* of the law; borrowed */
+    double dt;                          /* s */
+    double equilibrium[MK_MAX_JOINTS];  /* of the textbook plant */
+    const struct mk_equilibria *really; /* and what they are in `model`; NULL: the same; borrowed */
     double limit[MK_MAX_JOINTS]; /* rad: beyond this error a run counts as lost; 0: no limit */
     double p[MK_CTRL_STATES * MK_CTRL_STATES];
     double level; /* set by mk_roa_estimate */
@@ -41,8 +43,11 @@ struct mk_roa {
  * positive or no level recovers. */
 MK_NODISCARD enum mk_status mk_roa_estimate(struct mk_roa *roa, struct mk_error *err);
 
-/* Error of x from the equilibrium. The free joint may arrive turns away and its angle is wrapped;
- * the driven one carries a cable and its turns count. */
+/* Command that holds the equilibrium where x is, for laws to add. */
+double mk_roa_hold(const struct mk_roa *roa, const double *x);
+
+/* Error of x from the equilibrium of the turn that it is in. The free joint may arrive turns away
+ * and its angle is wrapped; the driven one carries a cable and its turns count. */
 void mk_roa_error(const struct mk_roa *roa, const double *x, double *e);
 double mk_roa_value(const struct mk_roa *roa, const double *e); /* e' P e */
 

@@ -574,8 +574,17 @@ std::string control_table(const mk_explanation &e)
             s += "</tr>";
         }
     }
+    s += "</table></div>";
+    for (int i = 0; i < e.control_count; i++) {
+        const char *believing, *worse = mk_control_gain_worse(&e.control[i], &believing);
+        if (worse)
+            add(s,
+                "<p><b>%s: believing the extended model it %s than believing the %s one. Leave the "
+                "controller that one.</b></p>",
+                e.control[i].setup, worse, believing);
+    }
     return s +
-           "</table></div><p>Medians. Error: sway of the upright link in rad; under speed control "
+           "<p>Medians. Error: sway of the upright link in rad; under speed control "
            "of the speed in " +
            mk_model_unit(&e.given, -1, "rad/s") + ".</p>";
 }
@@ -602,6 +611,9 @@ std::string advice(const mk_explanation &e)
                "simulated, but it holds only for motions like those in the data.";
     if (e.verdict == MK_VERDICT_NONE)
         return "Go on with the model as it is; extended.ini is the same.";
+    if (mk_explanation_misleads_control(&e))
+        return "Use extended.ini for simulation and the virtual board. Leave controllers the model "
+               "that they do better with: see the trial in control.";
     return "Use extended.ini from now on: simulation, virtual board and controllers read it.";
 }
 

@@ -277,6 +277,9 @@ cJSON *control_json(const mk_explanation &e)
         cJSON_AddItemToObject(o, "given", figures_json(c.given));
         cJSON_AddItemToObject(o, "refit", figures_json(c.refit));
         cJSON_AddItemToObject(o, "extended", figures_json(c.extended));
+        const char *believing, *worse = mk_control_gain_worse(&c, &believing);
+        cJSON_AddBoolToObject(o, "recommended", !worse);
+        cJSON_AddStringToObject(o, "worse", worse ? worse : "");
     }
     return all;
 }

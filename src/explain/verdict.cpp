@@ -95,9 +95,15 @@ double Verdict::distance_of_given() const
     return off.dot(last.refit.picture.information * off);
 }
 
+bool beyond_chance(double distance2, int free_count)
+{
+    const double by_chance = 1e-4;
+    return chi2_tail(distance2, free_count) < by_chance;
+}
+
 bool Verdict::values_off() const
 {
-    return chi2_tail(distance_of_given(), last.refit.free_count) < 1e-4;
+    return beyond_chance(distance_of_given(), last.refit.free_count);
 }
 
 void Verdict::set_structure()

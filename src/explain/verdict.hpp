@@ -11,6 +11,11 @@
 namespace mk
 {
 
+// Whether given values of `free_count` parameters that are as far from their estimate as
+// distance2, in its own covariance, are wrong beyond chance: less than one in 10 000 data sets of a
+// rig that has them is so far off.
+bool beyond_chance(double distance2, int free_count);
+
 class Verdict
 {
   public:

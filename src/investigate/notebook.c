@@ -353,6 +353,33 @@ static void put_experiment(struct book *b, int number)
 
 /* --- the model, control ----------------------------------------------------------------------- */
 
+static struct mk_control_figures figures_of(const struct journal_control *c)
+{
+    return (struct mk_control_figures){.held = c->held ? 1.0 : 0.0,
+                                       .caught_s = c->caught_s,
+                                       .error = c->sway,
+                                       .off = isfinite(c->caught_s) ? 0.0 : (double)NAN};
+}
+
+/* Whether a set-up did worse on the rig by the model found than by the given one. */
+static bool misleads_control(const struct journal *j)
+{
+    for (int i = 0; i < j->controls; i++)
+        for (int k = 0; k < j->controls; k++) {
+            const struct journal_control *given = &j->control[i], *found = &j->control[k];
+            struct mk_control_gain gain = {.setup = given->setup, .runs = 1};
+            const char *believing;
+            if (strcmp(given->setup, found->setup) != 0 || strcmp(given->believed, "given") != 0 ||
+                strcmp(found->believed, "given") == 0)
+                continue;
+            gain.given = gain.refit = figures_of(given);
+            gain.extended = figures_of(found);
+            if (mk_control_gain_worse(&gain, &believing))
+                return true;
+        }
+    return false;
+}
+
 static void put_model(struct book *b)
 {
     static const char *const title[] = {"parameter", "given", "now", "standard error", "unit"};
@@ -383,8 +410,12 @@ static void put_model(struct book *b)
         row_ends(b);
     }
     table_ends(b);
-    paragraph(b, "It is model.ini in this folder, for simulate, the controllers and the next "
-                 "investigation.");
+    paragraph(b,
+              misleads_control(b->j)
+                  ? "It is model.ini in this folder, for simulate and the next investigation; on "
+                    "the rig a controller did better with the given model: leave it that one."
+                  : "It is model.ini in this folder, for simulate, the controllers and the next "
+                    "investigation.");
 }
 
 static void put_control(struct book *b)
