@@ -1,12 +1,10 @@
 #include "investigate/investigate.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -15,6 +13,7 @@
 #include "investigate/notebook.h"
 #include "investigate/nudge.h"
 #include "investigate/runs.h"
+#include "investigate/salvage.h"
 #include "mechkit/log.h"
 
 #define WINDOW_S 1.0      /* of the free runs that a prediction is judged by */
@@ -439,40 +438,6 @@ static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
 
 /* --- running ---------------------------------------------------------------------------------- */
 
-/* A log that is there already is what a killed program left: it is kept, and not run again. */
-static enum mk_status salvage(struct investigation *v, struct experiment *x, const char *path,
-                              bool *found, struct mk_error *err)
-{
-    struct stat info;
-    struct mk_log *log = NULL;
-    *found = false;
-    if (stat(path, &info) != 0)
-        return MK_OK;
-    if (mk_log_read(path, &log, NULL) == MK_OK) {
-        const double *t = mk_log_get(log, "t");
-        const double ran = t[log->rows - 1] - t[0];
-        x->ran_s = ran;
-        x->broken_off = ran < 0.99 * x->seconds - 0.1;
-        mk_log_free(log);
-        *found = true;
-        snprintf(x->fault, sizeof x->fault, "%s",
-                 x->broken_off ? "broken off: the program ended while it ran" : "");
-        (void)mk_date_text(x->run_at);
-        say(v, "  its log is there: %.3g of %.3g s", ran, x->seconds);
-        return MK_OK;
-    }
-    /* Not a row: nothing was run. It stays under another name. */
-    char aside[JOURNAL_PATH + 32];
-    for (int i = 1; i < 100; i++) {
-        snprintf(aside, sizeof aside, "%s.empty-%d", path, i);
-        if (access(aside, F_OK) != 0)
-            return rename(path, aside) == 0
-                       ? MK_OK
-                       : mk_error_errno(err, errno, path, "cannot put an empty log aside");
-    }
-    return mk_error_at(err, MK_ERR_STATE, path, 0, 0, "too many empty logs beside this one");
-}
-
 static enum mk_status run_it(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
@@ -480,9 +445,11 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
     char name[64], path[JOURNAL_PATH];
     bool found;
     journal_file(j, path, journal_name(name, j->count - 1, ".csv"));
-    enum mk_status st = salvage(v, x, path, &found, err);
+    enum mk_status st = salvage_log(x, path, &found, err);
     if (st != MK_OK)
         return st;
+    if (found)
+        say(v, "  its log is there: %.3g of %.3g s", x->ran_s, x->seconds);
     if (!found) {
         const double begin = rig_seconds(&v->rig);
         struct rig_run run = {.believed = &v->model,
@@ -843,47 +810,6 @@ void investigate_default(struct investigate_options *out)
         s->limits.q_min[j] = s->limits.q_max[j] = s->limits.v_max[j] = NAN;
 }
 
-static bool same_number(double a, double b)
-{
-    return (isnan(a) && isnan(b)) || fabs(a - b) <= 1e-12 * fabs(a);
-}
-
-static bool same_model(const struct mk_model *a, const struct mk_model *b)
-{
-    bool same = a->plant == b->plant && a->effect_count == b->effect_count &&
-                same_number(a->g, b->g) && same_number(a->u_max, b->u_max) &&
-                same_number(a->u_to_torque, b->u_to_torque);
-    for (int i = 0; i < mk_model_parameter_count(a) && same; i++)
-        same = same_number(mk_model_parameter(a, i), mk_model_parameter(b, i));
-    for (int e = 0; e < a->effect_count && same; e++)
-        same = a->effect[e].index == b->effect[e].index && a->effect[e].joint == b->effect[e].joint;
-    return same;
-}
-
-/* NULL, or what is another. */
-static const char *another(const struct journal *j, const struct mk_model *model,
-                           const struct journal_settings *s)
-{
-    const struct journal_settings *a = &j->settings;
-    bool limits = same_number(a->limits.u_max, s->limits.u_max);
-    for (int k = 0; k < MK_MAX_JOINTS; k++)
-        limits = limits && same_number(a->limits.q_min[k], s->limits.q_min[k]) &&
-                 same_number(a->limits.q_max[k], s->limits.q_max[k]) &&
-                 same_number(a->limits.v_max[k], s->limits.v_max[k]);
-    if (!same_model(&j->given, model))
-        return "model";
-    if (strcmp(a->board, s->board) != 0 || strcmp(a->device, s->device) != 0)
-        return "board";
-    if (strcmp(a->rig, s->rig) != 0)
-        return "rig";
-    if (!limits)
-        return "limits";
-    if (!same_number(a->seconds, s->seconds) || !same_number(a->rate_hz, s->rate_hz) ||
-        a->stream != s->stream || a->seed != s->seed)
-        return "seconds, rate, seed or stream";
-    return NULL;
-}
-
 /* The journal of the folder, or a new one. */
 static enum mk_status open_journal(struct investigation *v, struct mk_error *err)
 {
@@ -901,7 +827,7 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
         return mk_error_at(err, MK_ERR_NOTFOUND, o->folder, 0, 0,
                            "there is no journal.json in it: no investigation has begun here");
     if (found && !o->resume) {
-        const char *other = another(j, &model, &o->settings);
+        const char *other = journal_another(j, &model, &o->settings);
         if (other)
             return mk_error_at(err, MK_ERR_STATE, o->folder, 0, 0,
                                "has an investigation with another %s: give another --out, or "
@@ -920,6 +846,31 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
     return st == MK_OK ? journal_save(j, err) : st;
 }
 
+/* A board knows its encoders: where the model has other counts a turn, the board is believed, as by
+ * the loop that writes the logs. */
+static enum mk_status believe_counters(struct investigation *v, struct mk_error *err)
+{
+    struct mk_board_identity id = {.counter_bits = 0};
+    struct mk_model *given = &v->j->given;
+    char path[JOURNAL_PATH];
+    bool other = false;
+    enum mk_status st = v->rig.board->ops->identify(v->rig.board, &id, err);
+    for (int k = 0; st == MK_OK && k < mk_model_joints(given); k++) {
+        const int model = given->encoder_cpr[k], board = id.encoder_cpr[k];
+        if (model <= 0 || board <= 0 || model == board)
+            continue;
+        say(v, "The board counts %d a turn at joint %d, the model has %d: the board is believed.",
+            board, k + 1, model);
+        given->encoder_cpr[k] = v->model.encoder_cpr[k] = board;
+        other = true;
+    }
+    return other ? mk_model_write(journal_file(v->j, path, "given.ini"), given,
+                                  "the model that the investigation began with, with the counts "
+                                  "a turn that the board tells",
+                                  err)
+                 : st;
+}
+
 static enum mk_status open_board(struct investigation *v, struct mk_error *err)
 {
     const struct journal_settings *s = &v->j->settings;
@@ -927,7 +878,7 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
     if (!ops)
         return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'", s->board);
     const bool virtual = (ops->capabilities & MK_BOARD_CAP_SIMULATED) != 0;
-    if (s->fast && !(ops->capabilities & MK_BOARD_CAP_FAST))
+    if (s->fast && !mk_board_may_be_fast(ops))
         return mk_error_set(err, MK_ERR_USAGE, "board %s runs by the clock: without --fast",
                             s->board);
     if (s->rig[0] && !virtual)
@@ -952,7 +903,8 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
                                            .seed = s->seed + (uint64_t)v->j->count,
                                            .fault_script = v->o->faults,
                                            .device = s->device[0] ? s->device : NULL};
-    return rig_open(&v->rig, ops, &config, s->fast, err);
+    st = rig_open(&v->rig, ops, &config, s->fast, err);
+    return st == MK_OK ? believe_counters(v, err) : st;
 }
 
 static bool needs_the_rig(const struct investigation *v)

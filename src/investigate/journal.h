@@ -131,4 +131,9 @@ MK_NODISCARD enum mk_status journal_open(struct journal *j, const char *folder, 
 MK_NODISCARD enum mk_status journal_save(const struct journal *j, struct mk_error *err);
 void journal_close(struct journal *j);
 
+/* NULL where the journal is that of an investigation of this model with these settings, else what
+ * is another. Counts a turn are left out: the board's are believed. */
+const char *journal_another(const struct journal *j, const struct mk_model *model,
+                            const struct journal_settings *s);
+
 #endif
