@@ -14,6 +14,7 @@
 #include "investigate/nudge.h"
 #include "investigate/runs.h"
 #include "investigate/salvage.h"
+#include "investigate/zeros.h"
 #include "mechkit/log.h"
 
 #define WINDOW_S 1.0      /* of the free runs that a prediction is judged by */
@@ -25,6 +26,7 @@
 #define SPREAD_FIRST 0.1  /* how far a textbook's values may be off */
 #define SPREAD_LATER 0.03 /* those of a model that was fitted */
 #define DRIFT 1e-3
+#define BETTER 0.8        /* of the rest: what is left when every log has its own zeros */
 #define NO_COUNT_RAD 1e-3 /* an encoder that counts no more than that stands still */
 #define CATCH_S 10.0
 #define HOLD_S 6.0
@@ -36,7 +38,9 @@ struct investigation {
     struct journal *j;
     struct rig rig;
     struct mk_model simulated, model; /* behind the virtual board; as it is known now */
-    struct mk_explanation *e;         /* of all logs so far; explained: it is filled */
+    struct mk_model planned;          /* the latter, without its zeros */
+    bool own_zeros;                   /* every log has its own */
+    struct mk_explanation *e, *other; /* of all logs so far; explained: it is filled; room */
     bool explained;
     struct mk_log *log[JOURNAL_EXPERIMENTS];
 };
@@ -138,7 +142,8 @@ static void plan_within(const struct investigation *v, struct plan_limits *l)
 static void ask(struct investigation *v, struct plan_query *q)
 {
     const struct journal *j = v->j;
-    *q = (struct plan_query){.model = &v->model,
+    v->planned = zeros_left_out(&v->model, &j->given);
+    *q = (struct plan_query){.model = &v->planned,
                              .spread = v->explained ? SPREAD_LATER : SPREAD_FIRST,
                              .seconds = j->settings.seconds,
                              .rate_hz = j->settings.rate_hz,
@@ -534,11 +539,34 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
     return save(v, err);
 }
 
-/* Explains all logs so far, from the given model. */
+/* By how many times the noise the extended model is wrong, of the joint where that is most. */
+static double left_over(const struct investigation *v, const struct mk_explanation *e)
+{
+    double noise[MK_MAX_JOINTS], worst = 0.0;
+    learn_noise(&v->j->given, e, noise);
+    for (int j = 0; j < mk_model_joints(&v->j->given); j++)
+        worst = fmax(worst, e->budget.extended[j] / fmax(noise[j], e->budget.noise[j]));
+    return worst;
+}
+
+static enum mk_status explain_logs(struct investigation *v, const struct mk_log *const *logs,
+                                   size_t n, bool own_zeros, struct mk_explanation *e,
+                                   struct mk_error *err)
+{
+    struct mk_model from;
+    const struct mk_explain_options options = {
+        .threads = v->o->threads, .progress = on_progress, .progress_context = v};
+    zeros_free(&v->j->given, own_zeros, &from);
+    return mk_explain(&from, logs, n, NULL, 0, &options, e, err);
+}
+
+/* Explains all logs so far, from the given model with its zeros free. Where that leaves a rest,
+ * the zeros may differ from log to log. */
 static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
 {
     const struct mk_log *logs[JOURNAL_EXPERIMENTS];
     size_t n = 0;
+    int joint;
     enum mk_status st = MK_OK;
     for (int i = 0; i < count && st == MK_OK; i++)
         if (v->j->experiment[i].used) {
@@ -548,11 +576,17 @@ static enum mk_status explain_all(struct investigation *v, int count, struct mk_
     v->explained = false;
     if (st != MK_OK || n == 0)
         return st;
-    struct mk_explain_options options = {
-        .threads = v->o->threads, .progress = on_progress, .progress_context = v};
-    st = mk_explain(&v->j->given, logs, n, NULL, 0, &options, v->e, err);
+    st = explain_logs(v, logs, n, v->own_zeros, v->e, err);
     v->explained = st == MK_OK;
-    if (st == MK_OK)
+    if (v->explained && n > 1 && !v->own_zeros && learn_has_rest(v->e, &joint) &&
+        explain_logs(v, logs, n, true, v->other, NULL) == MK_OK &&
+        left_over(v, v->other) < BETTER * left_over(v, v->e)) {
+        *v->e = *v->other;
+        v->own_zeros = true;
+    }
+    if (cancelled(v))
+        return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");
+    if (v->explained)
         v->model = v->e->extended;
     return st;
 }
@@ -575,7 +609,7 @@ static enum mk_status learn(struct investigation *v, struct mk_error *err)
     if (v->explained && !kept_out) {
         char path[JOURNAL_PATH];
         const char *name = "model.ini";
-        learn_finding(v->e, &x->finding);
+        learn_finding(v->e, &j->given, &x->finding);
         st = mk_model_write(journal_file(j, path, name), &v->model,
                             "mechkit investigate: the model as it is known so far", err);
         if (st != MK_OK)
@@ -916,13 +950,13 @@ enum mk_status investigate(const struct investigate_options *options, struct jou
                            struct mk_error *err)
 {
     struct investigation *v = calloc(1, sizeof *v);
-    struct mk_explanation *e = calloc(1, sizeof *e);
+    struct mk_explanation *e = calloc(2, sizeof *e);
     enum mk_status st = MK_OK;
     out->lock = -1;
     if (!v || !e)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for an investigation");
     if (st == MK_OK) {
-        *v = (struct investigation){.o = options, .j = out, .e = e};
+        *v = (struct investigation){.o = options, .j = out, .e = e, .other = e + 1};
         st = open_journal(v, err);
     }
     if (st == MK_OK) {

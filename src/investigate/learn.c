@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "investigate/zeros.h"
 #include "mechkit/log.h"
 #include "mechkit/signal.h"
 #include "mechkit/sim.h"
@@ -266,7 +267,24 @@ static void name_open(const struct mk_explanation *e, char *text, size_t size)
         }
 }
 
-void learn_finding(const struct mk_explanation *e, struct journal_finding *out)
+/* A zero that is off is a cause of its own where the rest of the model leaves nothing. */
+static void name_zeros(const struct mk_explanation *e, const struct mk_model *given,
+                       struct journal_finding *out)
+{
+    double offset;
+    int joint;
+    for (int j = 0; j < mk_model_joints(given) && out->causes < JOURNAL_ITEMS; j++) {
+        if (learn_has_rest(e, &joint) || !zeros_are_off(e, given, j, &offset))
+            continue;
+        snprintf(out->cause[out->causes++], sizeof out->cause[0],
+                 "encoder-offset at joint %d: offset %.4g %s", j + 1, offset,
+                 mk_model_unit(given, j, "rad"));
+        snprintf(out->verdict, sizeof out->verdict, "%s", mk_verdict_name(MK_VERDICT_EFFECT));
+    }
+}
+
+void learn_finding(const struct mk_explanation *e, const struct mk_model *given,
+                   struct journal_finding *out)
 {
     const struct mk_budget *b = &e->budget;
     *out = (struct journal_finding){.closed = b->closed};
@@ -290,6 +308,7 @@ void learn_finding(const struct mk_explanation *e, struct journal_finding *out)
         name_cause(e, &e->log_value[i], text, sizeof out->cause[0] - 32);
         strncat(text, ", another in every log", sizeof out->cause[0] - strlen(text) - 1);
     }
+    name_zeros(e, given, out);
     name_rest(e, out->rest, sizeof out->rest);
     name_open(e, out->open, sizeof out->open);
 }

@@ -30,8 +30,10 @@ void learn_noise(const struct mk_model *model, const struct mk_explanation *e,
 /* The largest error of an experiment over its noise; *joint (0-based) whose. */
 double learn_worst(const struct experiment *x, const struct mk_model *model, int *joint);
 
-/* What an explanation found, in the journal's words. */
-void learn_finding(const struct mk_explanation *e, struct journal_finding *out);
+/* What an explanation found, in the journal's words. `given`: the model without the zeros that it
+ * was explained with (zeros.h). */
+void learn_finding(const struct mk_explanation *e, const struct mk_model *given,
+                   struct journal_finding *out);
 
 /* Whether the best model leaves free runs on held-back data wrong by more than twice the noise;
  * *joint (0-based) of most of it. */
