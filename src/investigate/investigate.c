@@ -556,7 +556,7 @@ static enum mk_status explain_logs(struct investigation *v, const struct mk_log 
     struct mk_model from;
     const struct mk_explain_options options = {
         .threads = v->o->threads, .progress = on_progress, .progress_context = v};
-    zeros_free(&v->j->given, own_zeros, &from);
+    (void)zeros_free(&v->j->given, own_zeros, &from);
     return mk_explain(&from, logs, n, NULL, 0, &options, e, err);
 }
 
@@ -565,6 +565,7 @@ static enum mk_status explain_logs(struct investigation *v, const struct mk_log 
 static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
 {
     const struct mk_log *logs[JOURNAL_EXPERIMENTS];
+    struct mk_model ignored;
     size_t n = 0;
     int joint;
     enum mk_status st = MK_OK;
@@ -579,6 +580,7 @@ static enum mk_status explain_all(struct investigation *v, int count, struct mk_
     st = explain_logs(v, logs, n, v->own_zeros, v->e, err);
     v->explained = st == MK_OK;
     if (v->explained && n > 1 && !v->own_zeros && learn_has_rest(v->e, &joint) &&
+        zeros_free(&v->j->given, true, &ignored) &&
         explain_logs(v, logs, n, true, v->other, NULL) == MK_OK &&
         left_over(v, v->other) < BETTER * left_over(v, v->e)) {
         *v->e = *v->other;

@@ -28,7 +28,7 @@ static bool hangs(const struct mk_model *m, int joint)
     return !plant->joint_is_wheel[joint] && !plant->joint_is_level[joint];
 }
 
-void zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
+bool zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
 {
     *out = *given;
     for (int j = 0; j < mk_model_joints(given); j++) {
@@ -41,6 +41,7 @@ void zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
         use->spread[0] = spread ? SPREAD_RAD * mk_model_joint_scale(given, j) : 0.0;
         *out = with;
     }
+    return out->effect_count > given->effect_count;
 }
 
 struct mk_model zeros_left_out(const struct mk_model *model, const struct mk_model *given)

@@ -10,8 +10,8 @@
 #include "mechkit/explain.h"
 
 /* `given` with a zero of its own at each joint that hangs and has none yet; `spread`: another in
- * every log. The first as many effects are those of `given`. */
-void zeros_free(const struct mk_model *given, bool spread, struct mk_model *out);
+ * every log. False: there is no such joint. */
+bool zeros_free(const struct mk_model *given, bool spread, struct mk_model *out);
 
 /* `model` without the zeros that `given` lacks, for planning: how well a zero is known does not
  * matter there. */
