@@ -45,9 +45,13 @@ void on_signal(int)
 struct Options {
     truth::Wish wish;
     std::string given, truth, listen = "127.0.0.1:0";
-    int hand_run = 0;            // 1-based: of which run somebody holds a joint
-    double hand[2] = {0.0, 0.0}; // from, to, s
-    int dead_motor_run = 0;      // from which run on the amplifier gives nothing
+    // Things that go wrong in a run (1-based; a run begins when the counters are zeroed), from a
+    // time to another.
+    struct Trouble {
+        int run = 0;
+        double from = 0.0, to = 0.0;
+    } hand, loose;          // somebody holds the last joint; its encoder does not count
+    int dead_motor_run = 0; // from which run on the amplifier gives nothing
 };
 
 // --- the board ---
@@ -56,7 +60,7 @@ class Board
 {
   public:
     Board(const truth::Case &c, const Options &options_in)
-        : hidden(c), options(options_in), rig(new_rig())
+        : hidden(c), options(options_in), rig(new_rig()), joints(truth::joints_of(c.rig.kind))
     {
         mk_clock_init_monotonic(&machine);
         opened_ns = mk_clock_now_ns(&machine);
@@ -117,7 +121,9 @@ class Board
     uint64_t now = 0; // of the board's clock
     bool held = false;
     double u = 0.0;
-    int runs = 0;
+    int runs = 0, joints;
+    uint64_t zeroed = 0; // when
+    int32_t stuck = 0;   // what the loose encoder says
     std::vector<uint8_t> out;
 
     std::unique_ptr<truth::Live> new_rig() const
@@ -140,13 +146,31 @@ class Board
     {
         held = hold;
         opened_ns = mk_clock_now_ns(&machine) - (int64_t)now;
-        rig = new_rig();
+        rig->begin();
+        runs = 0;
     }
     void zero()
     {
         rig->zero();
-        if (++runs == options.hand_run)
-            rig->hold(truth::joints_of(hidden.rig.kind), options.hand[0], options.hand[1]);
+        zeroed = now;
+        stuck = 0;
+        if (++runs == options.hand.run)
+            rig->hold(joints, options.hand.from, options.hand.to);
+    }
+    bool is_loose() const
+    {
+        const double t = (double)(now - zeroed) * 1e-9;
+        return runs == options.loose.run && t >= options.loose.from && t < options.loose.to;
+    }
+    void read_counters(int32_t *count)
+    {
+        int32_t seen[MK_WIRE_JOINTS];
+        rig->counts(seen);
+        if (is_loose())
+            seen[joints - 1] = stuck;
+        stuck = seen[joints - 1];
+        for (int j = 0; j < MK_WIRE_JOINTS; j++) // as wide as the counter
+            count[j] = (int32_t)((uint32_t)seen[j] << (32 - COUNTER_BITS)) >> (32 - COUNTER_BITS);
     }
     int32_t apply(int32_t micro)
     {
@@ -159,13 +183,7 @@ class Board
     {
         hal.user = this;
         hal.now_ns = [](void *user) { return me(user)->now; };
-        hal.read_counters = [](void *user, int32_t *count) {
-            int32_t seen[2];
-            me(user)->rig->counts(seen);
-            for (int j = 0; j < MK_WIRE_JOINTS; j++) // as wide as the counter
-                count[j] =
-                    (int32_t)((uint32_t)seen[j] << (32 - COUNTER_BITS)) >> (32 - COUNTER_BITS);
-        };
+        hal.read_counters = [](void *user, int32_t *count) { me(user)->read_counters(count); };
         hal.zero_counters = [](void *user) { me(user)->zero(); };
         hal.apply = [](void *user, int32_t micro) { return me(user)->apply(micro); };
         hal.send = [](void *user, const uint8_t *bytes, size_t n) {
@@ -268,9 +286,14 @@ const char usage[] =
     "usage: mechkit-hidden-rig [--seed S] [--rig R] [--kind none|parameters|single|pair|off]\n"
     "                          [--effect E] [--joint J] [--size X] [--listen HOST:PORT]\n"
     "                          [--given FILE] [--truth FILE] [--hand RUN:FROM:TO]\n"
-    "                          [--dead-motor RUN]\n"
+    "                          [--loose-encoder RUN:FROM:TO] [--dead-motor RUN]\n"
     "A rig with something hidden in it behind docs/protocol.md; the rig of a seed is always the\n"
     "same.\n";
+
+bool parse_trouble(const std::string &value, Options::Trouble &out)
+{
+    return sscanf(value.c_str(), "%d:%lf:%lf", &out.run, &out.from, &out.to) == 3;
+}
 
 bool parse(int argc, char **argv, Options &o)
 {
@@ -296,8 +319,8 @@ bool parse(int argc, char **argv, Options &o)
             o.truth = value;
         else if (key == "--dead-motor")
             o.dead_motor_run = atoi(value.c_str());
-        else if (key != "--hand" ||
-                 sscanf(value.c_str(), "%d:%lf:%lf", &o.hand_run, &o.hand[0], &o.hand[1]) != 3)
+        else if (!(key == "--hand" && parse_trouble(value, o.hand)) &&
+                 !(key == "--loose-encoder" && parse_trouble(value, o.loose)))
             return false;
     }
     return argc % 2 == 1;

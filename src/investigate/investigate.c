@@ -870,8 +870,14 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
                                "--resume to go on with that one",
                                other);
     }
-    if (found)
+    if (found) {
+        const char *device = o->settings.device;
+        if (device[0] && strcmp(device, j->settings.device) != 0) {
+            say(v, "The rig is now at %s, it was at %s.", device, j->settings.device);
+            snprintf(j->settings.device, sizeof j->settings.device, "%s", device);
+        }
         return MK_OK;
+    }
     snprintf(j->program, sizeof j->program, "mechkit " MK_VERSION);
     (void)mk_date_text(j->begun_at);
     snprintf(j->model_path, sizeof j->model_path, "%s", o->model);

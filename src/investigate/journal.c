@@ -370,7 +370,7 @@ const char *journal_another(const struct journal *j, const struct mk_model *mode
                  same_number(a->limits.v_max[k], s->limits.v_max[k]);
     if (!same_model(&j->given, model))
         return "model";
-    if (strcmp(a->board, s->board) != 0 || strcmp(a->device, s->device) != 0)
+    if (strcmp(a->board, s->board) != 0)
         return "board";
     if (strcmp(a->rig, s->rig) != 0)
         return "rig";

@@ -132,7 +132,8 @@ MK_NODISCARD enum mk_status journal_save(const struct journal *j, struct mk_erro
 void journal_close(struct journal *j);
 
 /* NULL where the journal is that of an investigation of this model with these settings, else what
- * is another. Counts a turn are left out: the board's are believed. */
+ * is another. Counts a turn are left out, for the board's are believed, and the device, for what
+ * was unplugged may come back under another name. */
 const char *journal_another(const struct journal *j, const struct mk_model *model,
                             const struct journal_settings *s);
 

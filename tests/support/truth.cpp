@@ -734,7 +734,7 @@ struct Live::Inside {
     Machine m;
     Draw draw;
     double cpr[2], jitter;
-    State s;
+    State s, hanging;
     double t = 0.0; // since the last zero
     double late = 0.0;
     std::deque<std::pair<double, double>> sent;    // commands with their times, the oldest acts
@@ -745,11 +745,23 @@ struct Live::Inside {
     Inside(const Rig &r, const double c[2], double shaken, uint64_t seed)
         : rig(with_room(r)), m(rig), draw(seed), cpr{c[0], c[1]}, jitter(shaken)
     {
-        Recording hanging;
-        s = start_of(m, hanging, draw);
+        Recording at_rest;
+        hanging = start_of(m, at_rest, draw);
         if (const Effect *e = m.find("input-delay"))
             late = e->value.at("delay");
-        sent.emplace_back(-1.0, 0.0);
+        begin();
+    }
+    void begin()
+    {
+        s = hanging;
+        t = 0.0;
+        sent.assign(1, {-1.0, 0.0});
+        for (int j = 0; j < 2; j++) {
+            past[j].clear();
+            slip[j] = 0.0;
+            zeroed[j] = 0;
+        }
+        let_go();
         note();
     }
     // For a hand: the machine keeps where its effects are.
@@ -849,6 +861,11 @@ Live::~Live() = default;
 void Live::advance(double seconds, double command)
 {
     inside->advance(seconds, command);
+}
+
+void Live::begin()
+{
+    inside->begin();
 }
 
 void Live::zero()

@@ -64,6 +64,7 @@ class Live
     ~Live();
     // Time passes under a command that is given now (and acts when its delay is over).
     void advance(double seconds, double command);
+    void begin(); // again, from rest
     // The counters are 0 where they are now, whatever their encoders' faults.
     void zero();
     void counts(int32_t out[2]);
