@@ -26,6 +26,8 @@
 #define SPREAD_FIRST 0.1  /* how far a textbook's values may be off */
 #define SPREAD_LATER 0.03 /* those of a model that was fitted */
 #define DRIFT 1e-3
+#define AGREES 3.0        /* times the noise: a log that is foretold */
+#define ODD 8.0           /* one that is not */
 #define BETTER 0.8        /* of the rest: what is left when every log has its own zeros */
 #define NO_COUNT_RAD 1e-3 /* an encoder that counts no more than that stands still */
 #define CATCH_S 10.0
@@ -500,11 +502,29 @@ static enum mk_status read_log(struct investigation *v, int number, struct mk_er
                           &v->j->experiment[number], &v->j->given, &v->log[number], err);
 }
 
+/* Nobody is to go on with a rig whose motor gives nothing; the experiment does not count. */
+static enum mk_status tell_dead_motor(struct investigation *v, struct experiment *x, double command,
+                                      struct mk_error *err)
+{
+    x->used = x->passed = false;
+    x->broken_off = true;
+    x->state = EXPERIMENT_LEARNED;
+    put(x->came, "Nothing moved: nothing is learned from it.");
+    const enum mk_status st = save(v, err);
+    return st != MK_OK ? st
+                       : mk_error_set(err, MK_ERR_EXPECT,
+                                      "experiment %d: nothing moved, though the command went "
+                                      "over %.2g: power supply, fuse, the motor's cable? When that "
+                                      "is put right, the same command goes on",
+                                      v->j->count, command);
+}
+
 static enum mk_status judge(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
     struct experiment *x = last_of(v);
     struct mk_model foretold;
+    double command;
     char name[64], log[JOURNAL_PATH], prediction[JOURNAL_PATH], path[JOURNAL_PATH];
     journal_file(j, log, journal_name(name, j->count - 1, ".csv"));
     journal_file(j, prediction, journal_name(name, j->count - 1, "-prediction.csv"));
@@ -519,6 +539,9 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
     }
     if (st != MK_OK)
         return st;
+    if (v->log[j->count - 1] &&
+        learn_motor_is_dead(v->log[j->count - 1], &j->given, prediction, &command))
+        return tell_dead_motor(v, x, command, err);
     if (x->used && learn_judge(x, &foretold, log, prediction, NULL) == MK_OK) {
         put(x->came, "Free runs of %.2g s from the model before were wrong by", x->window_s);
         for (int k = 0; k < mk_model_joints(&j->given); k++)
@@ -560,31 +583,108 @@ static enum mk_status explain_logs(struct investigation *v, const struct mk_log 
     return mk_explain(&from, logs, n, NULL, 0, &options, e, err);
 }
 
-/* Explains all logs so far, from the given model with its zeros free. Where that leaves a rest,
- * the zeros may differ from log to log. */
-static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
+/* The logs that are learned from; number[i]: of which experiment. */
+struct logs {
+    const struct mk_log *log[JOURNAL_EXPERIMENTS];
+    int number[JOURNAL_EXPERIMENTS];
+    size_t n;
+};
+
+static enum mk_status gather(struct investigation *v, int count, struct logs *out,
+                             struct mk_error *err)
 {
-    const struct mk_log *logs[JOURNAL_EXPERIMENTS];
-    struct mk_model ignored;
-    size_t n = 0;
-    int joint;
     enum mk_status st = MK_OK;
+    out->n = 0;
     for (int i = 0; i < count && st == MK_OK; i++)
         if (v->j->experiment[i].used) {
             st = read_log(v, i, err);
-            logs[n++] = v->log[i];
+            out->log[out->n] = v->log[i];
+            out->number[out->n++] = i;
         }
-    v->explained = false;
-    if (st != MK_OK || n == 0)
-        return st;
-    st = explain_logs(v, logs, n, v->own_zeros, v->e, err);
-    v->explained = st == MK_OK;
-    if (v->explained && n > 1 && !v->own_zeros && learn_has_rest(v->e, &joint) &&
-        zeros_free(&v->j->given, true, &ignored) &&
-        explain_logs(v, logs, n, true, v->other, NULL) == MK_OK &&
+    return st;
+}
+
+/* Where a rest is left, the zeros may differ from log to log. */
+static void try_own_zeros(struct investigation *v, const struct logs *logs)
+{
+    struct mk_model ignored;
+    int joint;
+    if (logs->n < 2 || v->own_zeros || !learn_has_rest(v->e, &joint) ||
+        !zeros_free(&v->j->given, true, &ignored))
+        return;
+    if (explain_logs(v, logs->log, logs->n, true, v->other, NULL) == MK_OK &&
         left_over(v, v->other) < BETTER * left_over(v, v->e)) {
         *v->e = *v->other;
         v->own_zeros = true;
+    }
+}
+
+static size_t largest(const double *x, size_t n)
+{
+    size_t most = 0;
+    for (size_t i = 1; i < n; i++)
+        most = x[i] > x[most] ? i : most;
+    return most;
+}
+
+/* Whether the model foretells all logs but the one at `odd`, and not that one. */
+static bool all_but(const struct investigation *v, const struct mk_explanation *e,
+                    const struct logs *logs, size_t odd)
+{
+    double noise[MK_MAX_JOINTS], error[JOURNAL_EXPERIMENTS], others = 0.0;
+    learn_noise(&v->j->given, e, noise);
+    if (!learn_errors(&e->extended, logs->log, logs->n, noise, WINDOW_S, error))
+        return false;
+    for (size_t i = 0; i < logs->n; i++)
+        others = i == odd ? others : fmax(others, error[i]);
+    return others < AGREES && error[odd] > ODD;
+}
+
+/* One log of several may tell of somebody who was at the rig. It is left out, once, where what the
+ * others say foretells all of them and not it. */
+static void leave_odd_out(struct investigation *v, const struct logs *logs)
+{
+    struct journal *j = v->j;
+    double noise[MK_MAX_JOINTS], error[JOURNAL_EXPERIMENTS];
+    struct logs others = {.n = 0};
+    for (int i = 0; i < j->count; i++)
+        if (j->experiment[i].left_out)
+            return;
+    learn_noise(&j->given, v->e, noise);
+    if (logs->n < 3 || !learn_errors(&v->e->extended, logs->log, logs->n, noise, WINDOW_S, error))
+        return;
+    const size_t odd = largest(error, logs->n);
+    if (error[odd] < ODD)
+        return;
+    for (size_t i = 0; i < logs->n; i++)
+        if (i != odd)
+            others.log[others.n++] = logs->log[i];
+    if (explain_logs(v, others.log, others.n, v->own_zeros, v->other, NULL) != MK_OK ||
+        !all_but(v, v->other, logs, odd))
+        return;
+    struct experiment *x = &j->experiment[logs->number[odd]];
+    *v->e = *v->other;
+    x->used = false;
+    x->left_out = true;
+    put(x->came, " Left out: the others agree with each other and not with it. Was somebody at the "
+                 "rig?");
+    say(v, "  experiment %d is left out: the others agree with each other and not with it",
+        logs->number[odd] + 1);
+}
+
+/* Explains all logs so far, from the given model with its zeros free. */
+static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
+{
+    struct logs logs;
+    enum mk_status st = gather(v, count, &logs, err);
+    v->explained = false;
+    if (st != MK_OK || logs.n == 0)
+        return st;
+    st = explain_logs(v, logs.log, logs.n, v->own_zeros, v->e, err);
+    v->explained = st == MK_OK;
+    if (v->explained) {
+        try_own_zeros(v, &logs);
+        leave_odd_out(v, &logs);
     }
     if (cancelled(v))
         return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");

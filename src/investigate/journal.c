@@ -186,6 +186,8 @@ static void one_experiment(struct both *b, struct experiment *x)
     number(b, "ran_s", &x->ran_s);
     yes_no(b, "broken_off", &x->broken_off);
     yes_no(b, "used", &x->used);
+    if (!b->reading || cJSON_HasObjectItem(b->at, "left_out")) /* older journals */
+        yes_no(b, "left_out", &x->left_out);
     TEXT(b, x, fault);
     number(b, "window_s", &x->window_s);
     numbers(b, "error", x->error, MK_MAX_JOINTS);

@@ -69,6 +69,7 @@ struct experiment {
     double ran_s;                 /* of the log */
     bool broken_off;              /* before its end */
     bool used;                    /* learned from */
+    bool left_out;                /* no longer: it contradicts the others */
     char fault[160];              /* "": none */
     double window_s;              /* of the free runs that the prediction is judged by */
     double error[MK_MAX_JOINTS], noise[MK_MAX_JOINTS]; /* their rms; of a reading */

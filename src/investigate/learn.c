@@ -190,6 +190,51 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     return st;
 }
 
+static double extent(const struct mk_log *log, const char *column)
+{
+    const double *x = mk_log_get(log, column);
+    double low = INFINITY, high = -INFINITY;
+    for (size_t k = 0; x && k < log->rows; k++)
+        if (isfinite(x[k])) {
+            low = fmin(low, x[k]);
+            high = fmax(high, x[k]);
+        }
+    return high > low ? high - low : 0.0;
+}
+
+bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
+                         const char *prediction_path, double *command)
+{
+    const double still = 2.0, moves = 20.0; /* counts */
+    const int motor = mk_plant(model->plant)->motor_joint;
+    const double count = mk_model_count(model, motor);
+    struct mk_log *foreseen = NULL;
+    *command = extent(log, "u");
+    if (extent(log, angle[motor]) > still * count ||
+        mk_log_read(prediction_path, &foreseen, NULL) != MK_OK)
+        return false;
+    const bool dead = extent(foreseen, angle[motor]) > moves * count;
+    mk_log_free(foreseen);
+    return dead;
+}
+
+bool learn_errors(const struct mk_model *model, const struct mk_log *const *logs, size_t n,
+                  const double noise[MK_MAX_JOINTS], double window_s, double *error)
+{
+    const struct mk_predict_options options = {.window_s = window_s};
+    for (size_t i = 0; i < n; i++) {
+        struct mk_predict_figures figures;
+        struct mk_log *windows = NULL;
+        if (mk_predict(model, logs[i], &options, &windows, &figures, NULL, NULL) != MK_OK)
+            return false;
+        mk_log_free(windows);
+        error[i] = 0.0;
+        for (int j = 0; j < mk_model_joints(model); j++)
+            error[i] = fmax(error[i], figures.rms[j] / noise[j]);
+    }
+    return true;
+}
+
 /* --- explanations ----------------------------------------------------------------------------- */
 
 void learn_noise(const struct mk_model *model, const struct mk_explanation *e,
