@@ -124,6 +124,7 @@ class Board
     int runs = 0, joints;
     uint64_t zeroed = 0; // when
     int32_t stuck = 0;   // what the loose encoder says
+    long place[MK_WIRE_JOINTS] = {0, 0};
     std::vector<uint8_t> out;
 
     std::unique_ptr<truth::Live> new_rig() const
@@ -148,9 +149,17 @@ class Board
         opened_ns = mk_clock_now_ns(&machine) - (int64_t)now;
         rig->begin();
         runs = 0;
+        place[0] = place[1] = 0;
     }
     void zero()
     {
+        // Where joints that rest anywhere were, counted from where the rig began.
+        int32_t moved[MK_WIRE_JOINTS];
+        rig->counts(moved);
+        for (int j = 0; j < MK_WIRE_JOINTS; j++)
+            place[j] += moved[j];
+        printf("zero: %ld %ld\n", place[0], place[1]);
+        fflush(stdout);
         rig->zero();
         zeroed = now;
         stuck = 0;

@@ -19,7 +19,7 @@ import shutil
 import signal
 import statistics
 import subprocess
-import sys
+import threading
 import time
 
 from wire import Host
@@ -27,6 +27,7 @@ from wire import Host
 PLANTS = ["inertia-wheel", "pendubot", "reaction-wheel", "furuta", "pendulum"]
 KINDS = ["single", "pair", "parameters", "single", "pair", "none", "single", "pair"]
 OFF = {(1, 6), (3, 6)}  # (plant, round): outside the catalogue
+ANYWHERE = {"inertia-wheel": (0,), "reaction-wheel": (1,), "furuta": (0,)}  # joints that rest there
 RESTS = {"pendubot": (-math.pi / 2, 0.0), "furuta": (0.0, math.pi)}
 RATE = 500
 SECONDS = 10.0
@@ -63,12 +64,18 @@ class Rig:
         self.joints = 2 if two else 1
         self.count = [2 * math.pi / cpr for cpr in self.truth["cpr"]]
         # Rounding and a uniform jitter before it.
+        self.places = []  # of every zero, counts from where the rig began
+        threading.Thread(target=self.listen, daemon=True).start()
         self.noise = [c * math.sqrt(1 / 12 + self.truth["jitter"] ** 2 / 3) for c in self.count]
+
+    def listen(self):
+        for line in self.server.stdout:
+            if line.startswith("zero:"):
+                self.places.append([int(word) for word in line.split()[1:]])
 
     def close(self):
         self.server.send_signal(signal.SIGTERM)
         self.server.wait()
-        self.server.stdout.close()
 
 
 def run_input(rig, signal_of, path):
@@ -133,6 +140,22 @@ def run_family(rig, family, name):
     return paths
 
 
+def seen_from(rig, place, logs):
+    """Logs whose joints that rest anywhere are counted from a place, as an investigation counts them
+    from the zero of its first run."""
+    paths = []
+    for log in logs:
+        paths.append(log.replace(".csv", "-there.csv"))
+        with open(log) as file, open(paths[-1], "w") as out:
+            for line in file:
+                fields = line.split(",")
+                if line[0].isdigit():
+                    for j in ANYWHERE.get(rig.plant, ()):
+                        fields[1 + j] = f"{float(fields[1 + j]) - place[j] * rig.count[j]:.12g}"
+                out.write(",".join(fields))
+    return paths
+
+
 def predicted(mechkit, rig, model, logs):
     """The worst rms of free runs of 1 s over the logs and joints, over the noise of a reading."""
     worst = 0.0
@@ -192,7 +215,7 @@ def tied_in(text):
 
 
 def investigated(mechkit, rig, experiments, logs):
-    begin = time.time()
+    begin, zeros = time.time(), len(rig.places)
     out = f"{rig.folder}/investigation"
     done = subprocess.run(
         [mechkit, "investigate", "--model", rig.given, "--board", "tcp", "--device", rig.device, "--fast",
@@ -210,6 +233,7 @@ def investigated(mechkit, rig, experiments, logs):
     if not found:
         return {**mark, **judge(rig, [], False, []), "failed": done.stderr.strip() or "nothing was learned"}
     last = found[-1]
+    logs = seen_from(rig, rig.places[zeros], logs)
     causes = [named(c["cause"]) for c in last["causes"]]
     mark.update(judge(rig, causes, last["verdict"] == "effect", tied_in(last["open"])))
     if not journal["stopped"]:
