@@ -12,6 +12,8 @@ Friction of the joint that no motor drives: --set coulomb=LEVEL, --set viscous=C
 --no-step (its clock cannot be stepped), --no-stream, --cpr A,B, --bits N (of its counters), --cut N (what
 it sends arrives N bytes at a time), --slow MS (before each answer), --leave-after N (exchanges; it then
 closes the connection, and takes the next client), --signs A,B (-1: an encoder that counts backwards).
+In a run, which begins when the counters are zeroed, somebody may be at the rig or it may break: --hold
+RUN:FROM:TO (s; softly, at the last joint), --dead-motor RUN (from that run on).
 """
 import argparse
 import math
@@ -37,7 +39,7 @@ def sign(v):
 
 
 def inertia_wheel(p, q, v, u, f2):
-    return ((u - p[1] * v[0] - p[2] * sign(v[0]) - f2(v[0]) * 0.0) / p[0],)
+    return ((u - p[1] * v[0] - p[2] * sign(v[0])) / p[0],)
 
 
 def pendulum(p, q, v, u, f2):
@@ -97,7 +99,8 @@ class Rig:
             else:
                 self.p[int(name[1:]) - 1] = float(value)
         self.cpr, self.signs, self.bits = o.cpr, o.signs, o.bits
-        self.rest = rest
+        self.hold, self.dead_motor = o.hold, o.dead_motor
+        self.rest, self.runs, self.time = rest, 0, 0.0
         self.begin()
 
     def begin(self):
@@ -111,6 +114,8 @@ class Rig:
 
     def advance(self, seconds, u):
         steps = max(1, math.ceil(seconds / LONGEST_STEP - 1e-9))
+        if 0 < self.dead_motor <= self.runs:
+            u = 0.0
         h = seconds / steps
 
         def along(x, d, k):
@@ -123,6 +128,9 @@ class Rig:
             v4, a4 = self.derivative(along(q, v3, h), along(v, a3, h), u)
             self.q = [x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(q, v1, v2, v3, v4)]
             self.v = [x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(v, a1, a2, a3, a4)]
+            self.time += h
+            if self.runs == self.hold[0] and self.hold[1] <= self.time < self.hold[2]:
+                self.v[-1] -= h * (5.0 * (self.q[-1] - self.rest[-1]) + 0.5 * self.v[-1]) / self.p[0]
 
     def position(self, j):
         if j >= len(self.q):
@@ -131,6 +139,7 @@ class Rig:
 
     def zero(self):
         self.zeroed = [self.position(0), self.position(1)]
+        self.runs, self.time = self.runs + 1, 0.0
 
     def counters(self):
         half = 1 << (self.bits - 1)
@@ -431,6 +440,8 @@ def main():
     parser.add_argument("--cut", type=int, default=0)
     parser.add_argument("--slow", type=float, default=0.0)
     parser.add_argument("--leave-after", type=int, default=0)
+    parser.add_argument("--hold", type=lambda text: [float(x) for x in text.split(":")], default=[0, 0, 0])
+    parser.add_argument("--dead-motor", type=int, default=0)
     parser.add_argument("--no-step", action="store_true")
     parser.add_argument("--no-stream", action="store_true")
     o = parser.parse_args()

@@ -514,7 +514,7 @@ static enum mk_status tell_dead_motor(struct investigation *v, struct experiment
     return st != MK_OK ? st
                        : mk_error_set(err, MK_ERR_EXPECT,
                                       "experiment %d: nothing moved, though the command went "
-                                      "over %.2g: power supply, fuse, the motor's cable? When that "
+                                      "over %.2g: power supply, fuse, cables? When that "
                                       "is put right, the same command goes on",
                                       v->j->count, command);
 }
@@ -536,6 +536,8 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
         st = read_log(v, j->count - 1, err);
         x->used =
             st == MK_OK && mk_data_check_uses(&j->given, v->log[j->count - 1], MK_DATA_EXPLAIN);
+    } else if (st == MK_OK) {
+        (void)read_log(v, j->count - 1, NULL); /* too short to learn from, perhaps for a reason */
     }
     if (st != MK_OK)
         return st;

@@ -190,11 +190,12 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     return st;
 }
 
-static double extent(const struct mk_log *log, const char *column)
+/* How far a column goes in its first rows. */
+static double extent(const struct mk_log *log, const char *column, size_t rows)
 {
     const double *x = mk_log_get(log, column);
     double low = INFINITY, high = -INFINITY;
-    for (size_t k = 0; x && k < log->rows; k++)
+    for (size_t k = 0; x && k < log->rows && k < rows; k++)
         if (isfinite(x[k])) {
             low = fmin(low, x[k]);
             high = fmax(high, x[k]);
@@ -209,11 +210,11 @@ bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
     const int motor = mk_plant(model->plant)->motor_joint;
     const double count = mk_model_count(model, motor);
     struct mk_log *foreseen = NULL;
-    *command = extent(log, "u");
-    if (extent(log, angle[motor]) > still * count ||
+    *command = extent(log, "u", log->rows);
+    if (extent(log, angle[motor], log->rows) > still * count ||
         mk_log_read(prediction_path, &foreseen, NULL) != MK_OK)
         return false;
-    const bool dead = extent(foreseen, angle[motor]) > moves * count;
+    const bool dead = extent(foreseen, angle[motor], log->rows) > moves * count;
     mk_log_free(foreseen);
     return dead;
 }

@@ -30,7 +30,7 @@ void learn_noise(const struct mk_model *model, const struct mk_explanation *e,
 /* The largest error of an experiment over its noise; *joint (0-based) whose. */
 double learn_worst(const struct experiment *x, const struct mk_model *model, int *joint);
 
-/* Whether the motor's joint stood still where the prediction that was written down moves it;
+/* Whether the motor's joint stood still while the prediction that was written down moves it;
  * *command: the range of the command meanwhile. */
 bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
                          const char *prediction_path, double *command);

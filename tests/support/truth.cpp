@@ -735,7 +735,8 @@ struct Live::Inside {
     Draw draw;
     double cpr[2], jitter;
     State s, hanging;
-    double t = 0.0; // since the last zero
+    double t = 0.0;    // since the last zero
+    double cold = 0.0; // of it before the first command
     double late = 0.0;
     std::deque<std::pair<double, double>> sent;    // commands with their times, the oldest acts
     std::deque<std::pair<double, double>> past[2]; // times and angles, as far back as a sensor lags
@@ -754,7 +755,7 @@ struct Live::Inside {
     void begin()
     {
         s = hanging;
-        t = 0.0;
+        t = cold = 0.0;
         sent.assign(1, {-1.0, 0.0});
         for (int j = 0; j < 2; j++) {
             past[j].clear();
@@ -797,12 +798,15 @@ struct Live::Inside {
     {
         if (command != sent.back().second)
             sent.emplace_back(t, command);
+        if (command == 0.0 && cold == t)
+            cold = t + seconds;
+        const double before = std::min(cold, t);
         for (const double end = t + seconds; t < end - 1e-12;) {
             const double until = piece(end), begin = t;
             const int steps = (int)std::ceil((until - begin) / LONGEST_STEP - 1e-9);
             const double h = (until - begin) / std::max(steps, 1);
             for (int i = 0; i < steps; i++) {
-                s = m.step(s, begin + i * h, h, sent.front().second);
+                s = m.step(s, begin + i * h - before, h, sent.front().second);
                 t = begin + (i + 1) * h;
                 note();
             }
@@ -828,7 +832,7 @@ struct Live::Inside {
         }
         for (auto &one : sent)
             one.first -= t;
-        t = 0.0;
+        t = cold = 0.0;
         let_go();
     }
     void let_go()

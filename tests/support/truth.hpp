@@ -54,8 +54,9 @@ int joints_of(const std::string &kind);
 Log record(const Rig &rig, const Recording &how);
 
 // The same machine while it lives, behind counters, for programs that drive it. It begins at rest
-// where it hangs by itself. What changes with time (drift, warming) begins anew with every zero:
-// a motor cools while a rig comes to rest. Counts slip only while their joint turns.
+// where it hangs by itself. What changes with time (drift, warming) begins anew with the first
+// command after every zero: a motor cools while a rig comes to rest. Counts slip only while their
+// joint turns.
 class Live
 {
   public:
@@ -68,8 +69,8 @@ class Live
     // The counters are 0 where they are now, whatever their encoders' faults.
     void zero();
     void counts(int32_t out[2]);
-    // Somebody holds a joint where it is now, from a time to another, both since the last zero.
-    // Gone with the next zero.
+    // Somebody holds a joint where it is now, from a time to another, both since the first
+    // command after the last zero. Gone with the next zero.
     void hold(int joint, double from, double to);
 
   private:
