@@ -13,7 +13,7 @@ threaded="ring clock log_writer console console_pty tui safety rig loop loop_fau
     hidden sweep"
 # What goes by the clock waits most of the time. What computes runs beside it, behind it.
 by_clock="clock log_writer console console_pty tui safety rig loop loop_faults board standalone doctor usb \
-    parport ppdev streams serve foreign boards_cli bus_runs replug bus_faults fault_script"
+    parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script"
 suites=""
 beside=""
 case $variant in

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "base/origin.h"
+#include "investigate/investigation.h"
 #include "investigate/learn.h"
 #include "investigate/notebook.h"
 #include "investigate/nudge.h"
@@ -17,7 +18,7 @@
 #include "investigate/zeros.h"
 #include "mechkit/log.h"
 
-#define WINDOW_S 1.0      /* of the free runs that a prediction is judged by */
+#define WINDOW_S INVESTIGATION_WINDOW_S
 #define LEAST_S 1.0       /* of a log that is learned from */
 #define WORTH 0.5         /* nats that an experiment must be expected to gain */
 #define MOST_FAULTS 3     /* of the rig */
@@ -26,29 +27,11 @@
 #define SPREAD_FIRST 0.1  /* how far a textbook's values may be off */
 #define SPREAD_LATER 0.03 /* those of a model that was fitted */
 #define DRIFT 1e-3
-#define AGREES 3.0        /* times the noise: a log that is foretold */
-#define ODD 8.0           /* one that is not */
-#define BETTER 0.8        /* of the rest: what is left when every log has its own zeros */
 #define NO_COUNT_RAD 1e-3 /* an encoder that counts no more than that stands still */
 #define CATCH_S 10.0
 #define HOLD_S 6.0
 
-/* --- what an investigation holds while it goes on --------------------------------------------- */
-
-struct investigation {
-    const struct investigate_options *o;
-    struct journal *j;
-    struct rig rig;
-    struct mk_model simulated, model; /* behind the virtual board; as it is known now */
-    struct mk_model planned;          /* the latter, without its zeros */
-    bool own_zeros;                   /* every log has its own */
-    struct mk_explanation *e, *other; /* of all logs so far; explained: it is filled; room */
-    bool explained;
-    struct mk_log *log[JOURNAL_EXPERIMENTS];
-};
-
-static void say(const struct investigation *v, const char *format, ...) MK_PRINTF(2, 3);
-static void say(const struct investigation *v, const char *format, ...)
+void investigation_say(const struct investigation *v, const char *format, ...)
 {
     char line[1400];
     va_list args;
@@ -59,18 +42,17 @@ static void say(const struct investigation *v, const char *format, ...)
         v->o->say(v->o->user, line);
 }
 
-static bool cancelled(const struct investigation *v)
+bool investigation_cancelled(const struct investigation *v)
 {
     return v->o->cancel && __atomic_load_n(v->o->cancel, __ATOMIC_ACQUIRE);
 }
 
-/* The callback of calculations: a signal ends them. */
-static bool on_progress(void *context, double done, const char *what)
+bool investigation_goes_on(void *context, double done, const char *what)
 {
     const struct investigation *v = context;
     if (v->o->progress)
         (void)v->o->progress(v->o->user, done, what);
-    return !cancelled(v);
+    return !investigation_cancelled(v);
 }
 
 static double now_s(void)
@@ -153,7 +135,7 @@ static void ask(struct investigation *v, struct plan_query *q)
                              .tries = j->settings.tries,
                              .threads = v->o->threads,
                              .seed = j->settings.seed,
-                             .progress = on_progress,
+                             .progress = investigation_goes_on,
                              .progress_context = v};
     plan_within(v, &q->limits);
     learn_noise(&j->given, v->explained ? v->e : NULL, q->noise);
@@ -215,10 +197,11 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
     if (isfinite(j->settings.limits.u_max))
         gentle.u_max = fmin(gentle.u_max, j->settings.limits.u_max / RIG_PUSH_SHARE);
     if (!rig_nudge(v->rig.board, &gentle, v->o->cancel, &n))
-        return cancelled(v) ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
-                            : mk_error_set(err, MK_ERR_FAULT,
-                                           "the first short push was broken off, the board "
-                                           "tripped: check cable and power");
+        return investigation_cancelled(v)
+                   ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
+                   : mk_error_set(err, MK_ERR_FAULT,
+                                  "the first short push was broken off, the board "
+                                  "tripped: check cable and power");
     const int joints = mk_model_joints(&j->given);
     if (!rig_nudge_is_well(&n) || an_encoder_is_dead(&n, joints))
         return wrong_wiring(&n, joints, err);
@@ -231,21 +214,11 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
              n.expected[motor] * size);
     (void)mk_date_text(j->looked_at);
     j->look_s = rig_seconds(&v->rig) - begin;
-    say(v, "%s", j->looked);
+    investigation_say(v, "%s", j->looked);
     return save(v, err);
 }
 
 /* --- choosing --------------------------------------------------------------------------------- */
-
-static void put(char text[JOURNAL_TEXT], const char *format, ...) MK_PRINTF(2, 3);
-static void put(char text[JOURNAL_TEXT], const char *format, ...)
-{
-    const size_t used = strlen(text);
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text + used, JOURNAL_TEXT - used, format, args);
-    va_end(args);
-}
 
 static void take(struct experiment *x, const struct plan *p)
 {
@@ -263,13 +236,14 @@ static enum mk_status choose_first(struct investigation *v, struct experiment *x
         return st;
     x->kind = EXPERIMENT_FIRST;
     take(x, &p);
-    put(x->why,
-        "Only a textbook model is known. Within the limits, on it and on models up to "
-        "%.0f %% off, this input tells most about its parameters and about friction where "
-        "no motor is.",
-        100.0 * SPREAD_FIRST);
-    put(x->expected, "Relative standard errors of %.2g %% at most (%s), if only values are wrong.",
-        100.0 * p.after, p.about);
+    journal_put(x->why,
+                "Only a textbook model is known. Within the limits, on it and on models up to "
+                "%.0f %% off, this input tells most about its parameters and about friction where "
+                "no motor is.",
+                100.0 * SPREAD_FIRST);
+    journal_put(x->expected,
+                "Relative standard errors of %.2g %% at most (%s), if only values are wrong.",
+                100.0 * p.after, p.about);
     return MK_OK;
 }
 
@@ -293,11 +267,11 @@ static bool choose_rivals(struct investigation *v, struct experiment *x)
     char *colon = strchr(why, ':'); /* "backlash at joint 2 or coulomb at joint 2: ..." */
     if (colon)
         *colon = '\0';
-    put(x->why,
-        "The data cannot tell %s. Of the family of inputs this one favours the right one "
-        "most, the other fitted again.",
-        why);
-    put(x->expected, "The right one favoured by %.3g in log likelihood.", next->odds);
+    journal_put(x->why,
+                "The data cannot tell %s. Of the family of inputs this one favours the right one "
+                "most, the other fitted again.",
+                why);
+    journal_put(x->expected, "The right one favoured by %.3g in log likelihood.", next->odds);
     return true;
 }
 
@@ -316,14 +290,15 @@ static bool choose_rest(struct investigation *v, struct experiment *x)
         return false;
     x->kind = EXPERIMENT_REST;
     take(x, &p);
-    put(x->why,
-        "Free runs on data that were held back are wrong by %.2g times the noise at joint "
-        "%d, and that has no name yet.",
-        b->extended[joint] / q.noise[joint], joint + 1);
+    journal_put(x->why,
+                "Free runs on data that were held back are wrong by %.2g times the noise at joint "
+                "%d, and that has no name yet.",
+                b->extended[joint] / q.noise[joint], joint + 1);
     if (with)
-        put(x->why, " It goes with %s.", with);
-    put(x->why, " Next look: %s.", p.kind);
-    put(x->expected, "Wrong again, by as much or more, and in a way that says more of the cause.");
+        journal_put(x->why, " It goes with %s.", with);
+    journal_put(x->why, " Next look: %s.", p.kind);
+    journal_put(x->expected,
+                "Wrong again, by as much or more, and in a way that says more of the cause.");
     return true;
 }
 
@@ -351,10 +326,11 @@ static bool choose_known(struct investigation *v, struct experiment *x)
         return false;
     x->kind = EXPERIMENT_KNOW;
     take(x, &p);
-    put(x->why, "%s is known to %.2g %% only. Of the family of inputs this one (%s) tells most.",
-        p.about, 100.0 * p.before, p.kind);
-    put(x->expected, "%s known to %.2g %%; in all %.2g nats less unknown.", p.about,
-        100.0 * p.after, p.gain);
+    journal_put(x->why,
+                "%s is known to %.2g %% only. Of the family of inputs this one (%s) tells most.",
+                p.about, 100.0 * p.before, p.kind);
+    journal_put(x->expected, "%s known to %.2g %%; in all %.2g nats less unknown.", p.about,
+                100.0 * p.after, p.gain);
     return true;
 }
 
@@ -369,26 +345,27 @@ static void choose_test(struct investigation *v, struct experiment *x, bool at_t
     x->kind = EXPERIMENT_TEST;
     if (plan_test(&q, &p)) {
         take(x, &p);
-        put(x->why,
-            "%s Under this input (%s), of all that keep to the limits, the prediction is "
-            "least sure of itself: the hardest test. Nothing is fitted to it before it is "
-            "judged.",
-            at_the_end ? "The budget ends with a test."
-            : rest     ? "What is left has no name, and no other look within the limits says more."
-                       : "The model explains all that was run.",
-            p.kind);
+        journal_put(x->why,
+                    "%s Under this input (%s), of all that keep to the limits, the prediction is "
+                    "least sure of itself: the hardest test. Nothing is fitted to it before it is "
+                    "judged.",
+                    at_the_end ? "The budget ends with a test."
+                    : rest
+                        ? "What is left has no name, and no other look within the limits says more."
+                        : "The model explains all that was run.",
+                    p.kind);
     } else {
         snprintf(x->input, sizeof x->input, "%s", v->j->experiment[0].input);
-        put(x->why, "No other input keeps to the limits: the first one again, as a test.");
+        journal_put(x->why, "No other input keeps to the limits: the first one again, as a test.");
     }
     const char *sep = "Free runs of ";
-    put(x->expected,
-        "%s%.2g s from the model as it was written down are within twice the noise:", sep,
-        WINDOW_S);
+    journal_put(x->expected,
+                "%s%.2g s from the model as it was written down are within twice the noise:", sep,
+                WINDOW_S);
     for (int k = 0; k < mk_model_joints(&v->model); k++)
-        put(x->expected, "%s %.2g %s at joint %d", k ? "," : "", 2e3 * q.noise[k],
-            mk_model_unit(&v->model, k, "mrad"), k + 1);
-    put(x->expected, ".");
+        journal_put(x->expected, "%s %.2g %s at joint %d", k ? "," : "", 2e3 * q.noise[k],
+                    mk_model_unit(&v->model, k, "mrad"), k + 1);
+    journal_put(x->expected, ".");
 }
 
 /* Room for one more that is no test, and its test. */
@@ -437,9 +414,9 @@ static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
     (void)mk_date_text(x->planned_at);
     x->compute_s = now_s() - begin;
     j->count++;
-    say(v, "Experiment %d (%s): %s", j->count, experiment_kind_name(x->kind), x->why);
-    say(v, "  input %s", x->input);
-    say(v, "  expected: %s", x->expected);
+    investigation_say(v, "Experiment %d (%s): %s", j->count, experiment_kind_name(x->kind), x->why);
+    investigation_say(v, "  input %s", x->input);
+    investigation_say(v, "  expected: %s", x->expected);
     return save(v, err);
 }
 
@@ -456,7 +433,7 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
     if (st != MK_OK)
         return st;
     if (found)
-        say(v, "  its log is there: %.3g of %.3g s", x->ran_s, x->seconds);
+        investigation_say(v, "  its log is there: %.3g of %.3g s", x->ran_s, x->seconds);
     if (!found) {
         const double begin = rig_seconds(&v->rig);
         struct rig_run run = {.believed = &v->model,
@@ -482,7 +459,7 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
     }
     x->state = EXPERIMENT_RUN;
     if (x->fault[0])
-        say(v, "  stopped: %s", x->fault);
+        investigation_say(v, "  stopped: %s", x->fault);
     /* The disk may be full: the log alone then says that it was run. */
     struct mk_error late = MK_ERROR_INIT;
     enum mk_status saved = save(v, &late);
@@ -493,15 +470,6 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
 
 /* --- judging and learning --------------------------------------------------------------------- */
 
-static enum mk_status read_log(struct investigation *v, int number, struct mk_error *err)
-{
-    char name[64], path[JOURNAL_PATH];
-    if (v->log[number])
-        return MK_OK;
-    return learn_read_log(journal_file(v->j, path, journal_name(name, number, ".csv")),
-                          &v->j->experiment[number], &v->j->given, &v->log[number], err);
-}
-
 /* Nobody is to go on with a rig whose motor gives nothing; the experiment does not count. */
 static enum mk_status tell_dead_motor(struct investigation *v, struct experiment *x, double command,
                                       struct mk_error *err)
@@ -509,7 +477,7 @@ static enum mk_status tell_dead_motor(struct investigation *v, struct experiment
     x->used = x->passed = false;
     x->broken_off = true;
     x->state = EXPERIMENT_LEARNED;
-    put(x->came, "Nothing moved: nothing is learned from it.");
+    journal_put(x->came, "Nothing moved: nothing is learned from it.");
     const enum mk_status st = save(v, err);
     return st != MK_OK ? st
                        : mk_error_set(err, MK_ERR_EXPECT,
@@ -533,11 +501,12 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
     x->came[0] = '\0';
     x->used = false;
     if (st == MK_OK && x->ran_s >= LEAST_S) {
-        st = read_log(v, j->count - 1, err);
+        st = investigation_read_log(v, j->count - 1, err);
         x->used =
             st == MK_OK && mk_data_check_uses(&j->given, v->log[j->count - 1], MK_DATA_EXPLAIN);
     } else if (st == MK_OK) {
-        (void)read_log(v, j->count - 1, NULL); /* too short to learn from, perhaps for a reason */
+        (void)!investigation_read_log(v, j->count - 1,
+                                      NULL); /* too short to learn from, perhaps for a reason */
     }
     if (st != MK_OK)
         return st;
@@ -545,154 +514,24 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
         learn_motor_is_dead(v->log[j->count - 1], &j->given, prediction, &command))
         return tell_dead_motor(v, x, command, err);
     if (x->used && learn_judge(x, &foretold, log, prediction, NULL) == MK_OK) {
-        put(x->came, "Free runs of %.2g s from the model before were wrong by", x->window_s);
+        journal_put(x->came, "Free runs of %.2g s from the model before were wrong by",
+                    x->window_s);
         for (int k = 0; k < mk_model_joints(&j->given); k++)
-            put(x->came, "%s %.3g times the noise at joint %d (%.3g %s)", k ? " and" : "",
-                x->error[k] / x->noise[k], k + 1, 1e3 * x->error[k],
-                mk_model_unit(&j->given, k, "mrad"));
-        put(x->came, ".");
+            journal_put(x->came, "%s %.3g times the noise at joint %d (%.3g %s)", k ? " and" : "",
+                        x->error[k] / x->noise[k], k + 1, 1e3 * x->error[k],
+                        mk_model_unit(&j->given, k, "mrad"));
+        journal_put(x->came, ".");
     } else {
         x->passed = false;
-        put(x->came, x->used ? "The model before cannot follow it."
-                             : "Too short, or nothing moved: nothing is learned from it.");
+        journal_put(x->came, x->used ? "The model before cannot follow it."
+                                     : "Too short, or nothing moved: nothing is learned from it.");
     }
     x->passed = x->passed && !x->broken_off && !x->fault[0];
     if (x->kind == EXPERIMENT_TEST)
-        put(x->came, x->passed ? " Passed." : " Not passed.");
+        journal_put(x->came, x->passed ? " Passed." : " Not passed.");
     x->state = EXPERIMENT_JUDGED;
-    say(v, "  came: %s", x->came);
+    investigation_say(v, "  came: %s", x->came);
     return save(v, err);
-}
-
-/* By how many times the noise the extended model is wrong, of the joint where that is most. */
-static double left_over(const struct investigation *v, const struct mk_explanation *e)
-{
-    double noise[MK_MAX_JOINTS], worst = 0.0;
-    learn_noise(&v->j->given, e, noise);
-    for (int j = 0; j < mk_model_joints(&v->j->given); j++)
-        worst = fmax(worst, e->budget.extended[j] / fmax(noise[j], e->budget.noise[j]));
-    return worst;
-}
-
-static enum mk_status explain_logs(struct investigation *v, const struct mk_log *const *logs,
-                                   size_t n, bool own_zeros, struct mk_explanation *e,
-                                   struct mk_error *err)
-{
-    struct mk_model from;
-    const struct mk_explain_options options = {
-        .threads = v->o->threads, .progress = on_progress, .progress_context = v};
-    (void)zeros_free(&v->j->given, own_zeros, &from);
-    return mk_explain(&from, logs, n, NULL, 0, &options, e, err);
-}
-
-/* The logs that are learned from; number[i]: of which experiment. */
-struct logs {
-    const struct mk_log *log[JOURNAL_EXPERIMENTS];
-    int number[JOURNAL_EXPERIMENTS];
-    size_t n;
-};
-
-static enum mk_status gather(struct investigation *v, int count, struct logs *out,
-                             struct mk_error *err)
-{
-    enum mk_status st = MK_OK;
-    out->n = 0;
-    for (int i = 0; i < count && st == MK_OK; i++)
-        if (v->j->experiment[i].used) {
-            st = read_log(v, i, err);
-            out->log[out->n] = v->log[i];
-            out->number[out->n++] = i;
-        }
-    return st;
-}
-
-/* Where a rest is left, the zeros may differ from log to log. */
-static void try_own_zeros(struct investigation *v, const struct logs *logs)
-{
-    struct mk_model ignored;
-    int joint;
-    if (logs->n < 2 || v->own_zeros || !learn_has_rest(v->e, &joint) ||
-        !zeros_free(&v->j->given, true, &ignored))
-        return;
-    if (explain_logs(v, logs->log, logs->n, true, v->other, NULL) == MK_OK &&
-        left_over(v, v->other) < BETTER * left_over(v, v->e)) {
-        *v->e = *v->other;
-        v->own_zeros = true;
-    }
-}
-
-static size_t largest(const double *x, size_t n)
-{
-    size_t most = 0;
-    for (size_t i = 1; i < n; i++)
-        most = x[i] > x[most] ? i : most;
-    return most;
-}
-
-/* Whether the model foretells all logs but the one at `odd`, and not that one. */
-static bool all_but(const struct investigation *v, const struct mk_explanation *e,
-                    const struct logs *logs, size_t odd)
-{
-    double noise[MK_MAX_JOINTS], error[JOURNAL_EXPERIMENTS], others = 0.0;
-    learn_noise(&v->j->given, e, noise);
-    if (!learn_errors(&e->extended, logs->log, logs->n, noise, WINDOW_S, error))
-        return false;
-    for (size_t i = 0; i < logs->n; i++)
-        others = i == odd ? others : fmax(others, error[i]);
-    return others < AGREES && error[odd] > ODD;
-}
-
-/* One log of several may tell of somebody who was at the rig. It is left out, once, where what the
- * others say foretells all of them and not it. */
-static void leave_odd_out(struct investigation *v, const struct logs *logs)
-{
-    struct journal *j = v->j;
-    double noise[MK_MAX_JOINTS], error[JOURNAL_EXPERIMENTS];
-    struct logs others = {.n = 0};
-    for (int i = 0; i < j->count; i++)
-        if (j->experiment[i].left_out)
-            return;
-    learn_noise(&j->given, v->e, noise);
-    if (logs->n < 3 || !learn_errors(&v->e->extended, logs->log, logs->n, noise, WINDOW_S, error))
-        return;
-    const size_t odd = largest(error, logs->n);
-    if (error[odd] < ODD)
-        return;
-    for (size_t i = 0; i < logs->n; i++)
-        if (i != odd)
-            others.log[others.n++] = logs->log[i];
-    if (explain_logs(v, others.log, others.n, v->own_zeros, v->other, NULL) != MK_OK ||
-        !all_but(v, v->other, logs, odd))
-        return;
-    struct experiment *x = &j->experiment[logs->number[odd]];
-    *v->e = *v->other;
-    x->used = false;
-    x->left_out = true;
-    put(x->came, " Left out: the others agree with each other and not with it. Was somebody at the "
-                 "rig?");
-    say(v, "  experiment %d is left out: the others agree with each other and not with it",
-        logs->number[odd] + 1);
-}
-
-/* Explains all logs so far, from the given model with its zeros free. */
-static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
-{
-    struct logs logs;
-    enum mk_status st = gather(v, count, &logs, err);
-    v->explained = false;
-    if (st != MK_OK || logs.n == 0)
-        return st;
-    st = explain_logs(v, logs.log, logs.n, v->own_zeros, v->e, err);
-    v->explained = st == MK_OK;
-    if (v->explained) {
-        try_own_zeros(v, &logs);
-        leave_odd_out(v, &logs);
-    }
-    if (cancelled(v))
-        return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");
-    if (v->explained)
-        v->model = v->e->extended;
-    return st;
 }
 
 static enum mk_status learn(struct investigation *v, struct mk_error *err)
@@ -702,11 +541,11 @@ static enum mk_status learn(struct investigation *v, struct mk_error *err)
     const double begin = now_s();
     /* Nothing is fitted to a test that was passed. */
     const bool kept_out = x->passed && x->kind == EXPERIMENT_TEST;
-    enum mk_status st = kept_out ? MK_OK : explain_all(v, j->count, err);
+    enum mk_status st = kept_out ? MK_OK : investigation_explain(v, j->count, err);
     if ((st == MK_ERR_NUMERIC || st == MK_ERR_RANGE) && x->used) {
         x->used = false;
-        put(x->came, " No model follows it: nothing is learned from it.");
-        st = explain_all(v, j->count, err);
+        journal_put(x->came, " No model follows it: nothing is learned from it.");
+        st = investigation_explain(v, j->count, err);
     }
     if (st != MK_OK)
         return st;
@@ -719,9 +558,9 @@ static enum mk_status learn(struct investigation *v, struct mk_error *err)
         if (st != MK_OK)
             return st;
         for (int i = 0; i < x->finding.causes; i++)
-            say(v, "  learned: %s", x->finding.cause[i]);
+            investigation_say(v, "  learned: %s", x->finding.cause[i]);
         if (x->finding.causes == 0)
-            say(v, "  learned: verdict %s", x->finding.verdict);
+            investigation_say(v, "  learned: verdict %s", x->finding.verdict);
     }
     x->compute_s += now_s() - begin;
     x->state = EXPERIMENT_LEARNED;
@@ -860,7 +699,8 @@ static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_op
     snprintf(c.fault, sizeof c.fault, "%s", run.fault_text);
     j->control[j->controls++] = c;
     j->control_s += rig_seconds(&v->rig) - begin;
-    say(v,
+    investigation_say(
+        v,
         "  %s, believing the %s model: %s, caught after %.3g s, sway %.3g mrad, rms command "
         "%.3g%s%s",
         setup->name, name, c.held ? "held" : "not held", c.caught_s, 1e3 * c.sway, c.effort,
@@ -901,11 +741,11 @@ static enum mk_status go_on(struct investigation *v, struct mk_error *err)
     if (st == MK_OK)
         rig_let_calm(&v->rig);
     while (st == MK_OK && !j->stopped[0]) {
-        if (cancelled(v))
+        if (investigation_cancelled(v))
             return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");
         const struct experiment *x = last_of(v);
         if (x && x->state == EXPERIMENT_LEARNED && is_over(v)) {
-            say(v, "%s", j->stopped_why);
+            investigation_say(v, "%s", j->stopped_why);
             snprintf(j->final_model, sizeof j->final_model, "model.ini");
             st = save(v, err);
         } else {
@@ -928,7 +768,7 @@ static enum mk_status take_up(struct investigation *v, struct mk_error *err)
     if (strcmp(j->stopped, "budget") == 0 && counted(j) < v->o->experiments &&
         spent_s(j) < 60.0 * v->o->minutes)
         j->stopped[0] = j->stopped_why[0] = '\0';
-    return known > 0 ? explain_all(v, known, err) : MK_OK;
+    return known > 0 ? investigation_explain(v, known, err) : MK_OK;
 }
 
 /* --- beginning -------------------------------------------------------------------------------- */
@@ -975,7 +815,7 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
     if (found) {
         const char *device = o->settings.device;
         if (device[0] && strcmp(device, j->settings.device) != 0) {
-            say(v, "The rig is now at %s, it was at %s.", device, j->settings.device);
+            investigation_say(v, "The rig is now at %s, it was at %s.", device, j->settings.device);
             snprintf(j->settings.device, sizeof j->settings.device, "%s", device);
         }
         return MK_OK;
@@ -1003,7 +843,8 @@ static enum mk_status believe_counters(struct investigation *v, struct mk_error 
         const int model = given->encoder_cpr[k], board = id.encoder_cpr[k];
         if (model <= 0 || board <= 0 || model == board)
             continue;
-        say(v, "The board counts %d a turn at joint %d, the model has %d: the board is believed.",
+        investigation_say(
+            v, "The board counts %d a turn at joint %d, the model has %d: the board is believed.",
             board, k + 1, model);
         given->encoder_cpr[k] = v->model.encoder_cpr[k] = board;
         other = true;
@@ -1041,7 +882,7 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
     v->rig.stream = s->stream;
     v->rig.limits = s->limits;
     v->rig.cancel = v->o->cancel;
-    v->rig.progress = on_progress;
+    v->rig.progress = investigation_goes_on;
     v->rig.progress_context = v;
     const struct mk_board_config config = {.model = &v->simulated,
                                            .seed = s->seed + (uint64_t)v->j->count,

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -340,6 +341,15 @@ void journal_close(struct journal *j)
     if (j->lock >= 0)
         close(j->lock);
     j->lock = -1;
+}
+
+void journal_put(char text[JOURNAL_TEXT], const char *format, ...)
+{
+    const size_t used = strlen(text);
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text + used, JOURNAL_TEXT - used, format, args);
+    va_end(args);
 }
 
 /* --- another investigation -------------------------------------------------------------------- */

@@ -124,6 +124,9 @@ const char *journal_file(const struct journal *j, char buf[JOURNAL_PATH], const 
 /* "exp-03.csv" and the like: `number` from 0. */
 const char *journal_name(char buf[64], int number, const char *end);
 
+/* Adds to a text, as far as there is room. */
+void journal_put(char text[JOURNAL_TEXT], const char *format, ...) MK_PRINTF(2, 3);
+
 /* Opens the folder, made if it is missing, and takes its lock: MK_ERR_BUSY where another process
  * has it. *found: there is a journal in it, which was read. MK_ERR_PARSE: a file of that name is
  * none. */

@@ -10,6 +10,7 @@
 #define SETTLE_S 30.0    /* of a model that is let go where the plant rests, */
 #define MEAN_S 30.0      /* whose mean is then taken: small swings may go on */
 #define LOOK_S 0.02
+#define VARIES_COUNTS 0.5
 #define OFF_RAD 1e-3 /* of a zero, at least, and so many counts */
 #define OFF_COUNTS 1.5
 
@@ -28,7 +29,7 @@ static bool hangs(const struct mk_model *m, int joint)
     return !plant->joint_is_wheel[joint] && !plant->joint_is_level[joint];
 }
 
-bool zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
+void zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
 {
     *out = *given;
     for (int j = 0; j < mk_model_joints(given); j++) {
@@ -41,14 +42,39 @@ bool zeros_free(const struct mk_model *given, bool spread, struct mk_model *out)
         use->spread[0] = spread ? SPREAD_RAD * mk_model_joint_scale(given, j) : 0.0;
         *out = with;
     }
-    return out->effect_count > given->effect_count;
+}
+
+bool zeros_turned(const struct mk_model *given, bool spread, struct mk_model *out)
+{
+    const struct mk_plant_info *plant = mk_plant(given->plant);
+    zeros_free(given, spread, out);
+    for (int j = 0; j < plant->joints; j++) {
+        struct mk_model with = *out;
+        if (!plant->joint_is_level[j] || plant->joint_motion[j] == MK_JOINT_SLIDES ||
+            zero_at(given, j) >= 0 || mk_model_add_effect(&with, ZERO, j + 1, NULL) != MK_OK)
+            continue;
+        with.effect[with.effect_count - 1].value[0] = 0.5 * M_PI;
+        *out = with;
+        return true;
+    }
+    return false;
+}
+
+void zeros_vary(struct mk_model *model, const struct mk_model *given)
+{
+    for (int j = 0; j < mk_model_joints(model); j++) {
+        const int e = hangs(model, j) ? zero_at(model, j) : -1;
+        if (e >= 0 && zero_at(given, j) < 0)
+            model->effect[e].spread[0] =
+                fmax(model->effect[e].spread[0], VARIES_COUNTS * mk_model_count(model, j));
+    }
 }
 
 struct mk_model zeros_left_out(const struct mk_model *model, const struct mk_model *given)
 {
     struct mk_model m = *model;
     for (int j = 0; j < mk_model_joints(model); j++) {
-        const int e = zero_at(&m, j);
+        const int e = hangs(model, j) ? zero_at(&m, j) : -1;
         if (e < 0 || zero_at(given, j) >= 0)
             continue;
         m.effect_count--;
@@ -91,7 +117,7 @@ bool zeros_are_off(const struct mk_explanation *e, const struct mk_model *given,
     const int number = zero_at(&e->extended, joint);
     double rest[MK_MAX_JOINTS];
     *offset = 0.0;
-    if (number < 0 || zero_at(given, joint) >= 0 || !rests_at(&bare, rest))
+    if (number < 0 || !hangs(given, joint) || zero_at(given, joint) >= 0 || !rests_at(&bare, rest))
         return false;
     const struct mk_effect_use *use = &e->extended.effect[number];
     double least = fmax(OFF_RAD * mk_model_joint_scale(given, joint),

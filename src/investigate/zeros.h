@@ -10,11 +10,20 @@
 #include "mechkit/explain.h"
 
 /* `given` with a zero of its own at each joint that hangs and has none yet; `spread`: another in
- * every log. False: there is no such joint. */
-bool zeros_free(const struct mk_model *given, bool spread, struct mk_model *out);
+ * every log, for dry friction holds links off where they hang, and a counter is zeroed to a count.
+ */
+void zeros_free(const struct mk_model *given, bool spread, struct mk_model *out);
 
-/* `model` without the zeros that `given` lacks, for planning: how well a zero is known does not
- * matter there. */
+/* The same with the direction free in which a joint that turns level has its zero, a quarter turn
+ * off to start from: an arm on a base that leans rests, and is zeroed, where it is lowest, and what
+ * depends on its place has another phase than the law's. False: there is no such joint. */
+bool zeros_turned(const struct mk_model *given, bool spread, struct mk_model *out);
+
+/* Lets those zeros of a model differ from log to log by what a count is, at least. */
+void zeros_vary(struct mk_model *model, const struct mk_model *given);
+
+/* `model` without the zeros of hanging joints that `given` lacks, for planning: how well they are
+ * known does not matter there. */
 struct mk_model zeros_left_out(const struct mk_model *model, const struct mk_model *given);
 
 /* Whether the zero that was fitted at a joint (0-based) is neither where the extended model rests
