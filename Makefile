@@ -201,11 +201,11 @@ $(foreach k,$(SHOOT_KERNELS),$(eval $(call SHOOT_RULE,$(word 1,$(subst ., ,$(k))
 # Check's macros convert freely; conversions are not errors in tests.
 $(TEST_OBJ) $(B)/tests/challenge.o: CFLAGS_ALL += -Wno-conversion -Wno-pedantic
 $(TEST_OBJ): CXXFLAGS_ALL += -Wno-conversion -Wno-pedantic -Wno-format-extra-args
-$(B)/tests/challenge.o: CPPFLAGS_ALL += -Itests
+$(B)/tests/challenge.o $(B)/tests/hidden_rig.o: CPPFLAGS_ALL += -Itests
 $(TEST_OBJ): CPPFLAGS_ALL += -Itests $(CHECK_CFLAGS) -DMK_TEST_APP='"$(abspath $(APP))"' \
 	-DMK_SOURCE_DIR='"$(CURDIR)"'
 
--include $(B)/tools/latency.d $(B)/tools/table31.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(B)/tests/vm/vhci.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d
+-include $(B)/tools/latency.d $(B)/tools/table31.d $(B)/tools/shots.d $(B)/tools/excitation.d $(B)/tools/roundtrip.d $(B)/tests/emu/plugged.d $(B)/tests/vm/vhci.d $(LIB_OBJ:.o=.d) $(APP_OBJ:.o=.d) $(TEST_OBJ:.o=.d) $(B)/tests/challenge.d $(B)/tests/hidden_rig.d
 
 # demo and check build on all cores unless told how many (make -jN).
 JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell nproc 2>/dev/null || echo 1))
@@ -235,6 +235,14 @@ challenge: $(B)/mechkit-challenge $(APP) ## hide effects in made-up logs and sco
 	@$< --cases $(or $(CASES),200) --seed $(or $(SEED),1) $(CHALLENGE_ARGS)
 	@tools/challenge.py $(APP)
 $(B)/mechkit-challenge: $(CHALLENGE_OBJ) $(LIB)
+	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
+# The same rigs behind a socket, and what investigate makes of them.
+.PHONY: hidden-rigs
+HIDDEN_RIG_OBJ := $(B)/tests/hidden_rig.o $(B)/tests/support/truth.o $(B)/tests/support/cases.o
+hidden-rigs: $(B)/mechkit-hidden-rig $(APP) ## investigate rigs that another simulator hides behind TCP (RIGS=40 SEED=1; takes an hour)
+	@tools/hidden_rigs.py $(APP) $< --rigs $(or $(RIGS),40) --seed $(or $(SEED),1) $(HIDDEN_RIGS_ARGS)
+$(B)/mechkit-hidden-rig: $(HIDDEN_RIG_OBJ) $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
 # Not part of check: what it measures is the machine.

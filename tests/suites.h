@@ -52,6 +52,7 @@
     X(ppdev)                                                                                       \
     X(streams)                                                                                     \
     X(serve)                                                                                       \
+    X(foreign)                                                                                     \
     X(boards_cli)                                                                                  \
     X(bus_runs)                                                                                    \
     X(replug)                                                                                      \

@@ -99,6 +99,10 @@ static const struct {
     {"inertia-wheel", "[effect.coulomb-asymmetry]\njoint = 1\ndifference = 0.1\n",
      "coulomb-asymmetry at joint 1"},
     {"pendulum", "[effect.input-delay]\ndelay = 0.006\n", "input-delay"},
+    /* It pulls where the rig is zeroed, which is then not where the plant hangs. */
+    {"pendubot", "[effect.cable-stiffness]\njoint = 1\nstiffness = 0.7\nrest = -1.73\n",
+     "cable-stiffness at joint 1"},
+    {"furuta", "[effect.encoder-offset]\njoint = 2\noffset = 0.02\n", "encoder-offset at joint 2"},
 };
 
 START_TEST(a_hidden_cause_is_found_by_name_and_the_model_passes_a_test)

@@ -7,7 +7,8 @@
 #include "driver/serial.h"
 #include "driver/tcp.h"
 
-#define BOOT_NS INT64_C(3000000000) /* a board at a serial port may take to answer */
+/* A board at a serial port may take that long to answer, and a simulation that begins anew. */
+#define BOOT_NS INT64_C(3000000000)
 
 struct stream_board {
     struct mk_wire wire; /* first: the slots of wire.h find it there */
@@ -24,6 +25,20 @@ static enum mk_status greet(struct stream_board *b, int fd, const struct mk_boar
     return st == MK_OK ? mk_wire_check_model(&b->wire, config->model, err) : st;
 }
 
+/* Opening a serial port resets some boards, and a boot loader has its say first. */
+static enum mk_status greet_patiently(struct stream_board *b, int fd,
+                                      const struct mk_board_config *config, struct mk_error *err)
+{
+    struct mk_clock clock;
+    enum mk_status st;
+    mk_clock_init_monotonic(&clock);
+    int64_t end_ns = mk_clock_now_ns(&clock) + BOOT_NS;
+    do
+        st = greet(b, fd, config, err);
+    while (st == MK_ERR_TIMEOUT && mk_clock_now_ns(&clock) < end_ns);
+    return st;
+}
+
 /* --- TCP ---------------------------------------------------------------------------------------
  */
 
@@ -35,7 +50,7 @@ static enum mk_status tcp_open(struct mk_board *board, const struct mk_board_con
     enum mk_status st = mk_tcp_connect(config->device, &fd, err);
     if (st != MK_OK)
         return st;
-    st = greet(b, fd, config, err);
+    st = greet_patiently(b, fd, config, err);
     if (st == MK_OK)
         return MK_OK;
     if (b->stream.gone)
@@ -73,20 +88,6 @@ static int serial_find(struct mk_board_found *out, int max, struct mk_error *err
     return mk_serial_find(out, max);
 }
 
-/* Opening a port resets some boards, and a boot loader has its say first. */
-static enum mk_status greet_patiently(struct stream_board *b, const struct mk_board_config *config,
-                                      struct mk_error *err)
-{
-    struct mk_clock clock;
-    enum mk_status st;
-    mk_clock_init_monotonic(&clock);
-    int64_t end_ns = mk_clock_now_ns(&clock) + BOOT_NS;
-    do
-        st = greet(b, b->serial.fd, config, err);
-    while (st == MK_ERR_TIMEOUT && mk_clock_now_ns(&clock) < end_ns);
-    return st;
-}
-
 static enum mk_status serial_open(struct mk_board *board, const struct mk_board_config *config,
                                   struct mk_error *err)
 {
@@ -94,7 +95,7 @@ static enum mk_status serial_open(struct mk_board *board, const struct mk_board_
     enum mk_status st = mk_serial_open(&b->serial, config->device, err);
     if (st != MK_OK)
         return st;
-    st = greet_patiently(b, config, err);
+    st = greet_patiently(b, b->serial.fd, config, err);
     if (st != MK_OK)
         mk_serial_close(&b->serial);
     return st;

@@ -1,23 +1,24 @@
 #include "investigate/investigate.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "base/origin.h"
+#include "investigate/investigation.h"
 #include "investigate/learn.h"
 #include "investigate/notebook.h"
 #include "investigate/nudge.h"
 #include "investigate/runs.h"
+#include "investigate/salvage.h"
+#include "investigate/zeros.h"
 #include "mechkit/log.h"
 
-#define WINDOW_S 1.0      /* of the free runs that a prediction is judged by */
+#define WINDOW_S INVESTIGATION_WINDOW_S
 #define LEAST_S 1.0       /* of a log that is learned from */
 #define WORTH 0.5         /* nats that an experiment must be expected to gain */
 #define MOST_FAULTS 3     /* of the rig */
@@ -30,20 +31,7 @@
 #define CATCH_S 10.0
 #define HOLD_S 6.0
 
-/* --- what an investigation holds while it goes on --------------------------------------------- */
-
-struct investigation {
-    const struct investigate_options *o;
-    struct journal *j;
-    struct rig rig;
-    struct mk_model simulated, model; /* behind the virtual board; as it is known now */
-    struct mk_explanation *e;         /* of all logs so far; explained: it is filled */
-    bool explained;
-    struct mk_log *log[JOURNAL_EXPERIMENTS];
-};
-
-static void say(const struct investigation *v, const char *format, ...) MK_PRINTF(2, 3);
-static void say(const struct investigation *v, const char *format, ...)
+void investigation_say(const struct investigation *v, const char *format, ...)
 {
     char line[1400];
     va_list args;
@@ -54,18 +42,17 @@ static void say(const struct investigation *v, const char *format, ...)
         v->o->say(v->o->user, line);
 }
 
-static bool cancelled(const struct investigation *v)
+bool investigation_cancelled(const struct investigation *v)
 {
     return v->o->cancel && __atomic_load_n(v->o->cancel, __ATOMIC_ACQUIRE);
 }
 
-/* The callback of calculations: a signal ends them. */
-static bool on_progress(void *context, double done, const char *what)
+bool investigation_goes_on(void *context, double done, const char *what)
 {
     const struct investigation *v = context;
     if (v->o->progress)
         (void)v->o->progress(v->o->user, done, what);
-    return !cancelled(v);
+    return !investigation_cancelled(v);
 }
 
 static double now_s(void)
@@ -139,7 +126,8 @@ static void plan_within(const struct investigation *v, struct plan_limits *l)
 static void ask(struct investigation *v, struct plan_query *q)
 {
     const struct journal *j = v->j;
-    *q = (struct plan_query){.model = &v->model,
+    v->planned = zeros_left_out(&v->model, &j->given);
+    *q = (struct plan_query){.model = &v->planned,
                              .spread = v->explained ? SPREAD_LATER : SPREAD_FIRST,
                              .seconds = j->settings.seconds,
                              .rate_hz = j->settings.rate_hz,
@@ -147,7 +135,7 @@ static void ask(struct investigation *v, struct plan_query *q)
                              .tries = j->settings.tries,
                              .threads = v->o->threads,
                              .seed = j->settings.seed,
-                             .progress = on_progress,
+                             .progress = investigation_goes_on,
                              .progress_context = v};
     plan_within(v, &q->limits);
     learn_noise(&j->given, v->explained ? v->e : NULL, q->noise);
@@ -209,10 +197,11 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
     if (isfinite(j->settings.limits.u_max))
         gentle.u_max = fmin(gentle.u_max, j->settings.limits.u_max / RIG_PUSH_SHARE);
     if (!rig_nudge(v->rig.board, &gentle, v->o->cancel, &n))
-        return cancelled(v) ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
-                            : mk_error_set(err, MK_ERR_FAULT,
-                                           "the first short push was broken off, the board "
-                                           "tripped: check cable and power");
+        return investigation_cancelled(v)
+                   ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
+                   : mk_error_set(err, MK_ERR_FAULT,
+                                  "the first short push was broken off, the board "
+                                  "tripped: check cable and power");
     const int joints = mk_model_joints(&j->given);
     if (!rig_nudge_is_well(&n) || an_encoder_is_dead(&n, joints))
         return wrong_wiring(&n, joints, err);
@@ -225,21 +214,11 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
              n.expected[motor] * size);
     (void)mk_date_text(j->looked_at);
     j->look_s = rig_seconds(&v->rig) - begin;
-    say(v, "%s", j->looked);
+    investigation_say(v, "%s", j->looked);
     return save(v, err);
 }
 
 /* --- choosing --------------------------------------------------------------------------------- */
-
-static void put(char text[JOURNAL_TEXT], const char *format, ...) MK_PRINTF(2, 3);
-static void put(char text[JOURNAL_TEXT], const char *format, ...)
-{
-    const size_t used = strlen(text);
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text + used, JOURNAL_TEXT - used, format, args);
-    va_end(args);
-}
 
 static void take(struct experiment *x, const struct plan *p)
 {
@@ -257,13 +236,14 @@ static enum mk_status choose_first(struct investigation *v, struct experiment *x
         return st;
     x->kind = EXPERIMENT_FIRST;
     take(x, &p);
-    put(x->why,
-        "Only a textbook model is known. Within the limits, on it and on models up to "
-        "%.0f %% off, this input tells most about its parameters and about friction where "
-        "no motor is.",
-        100.0 * SPREAD_FIRST);
-    put(x->expected, "Relative standard errors of %.2g %% at most (%s), if only values are wrong.",
-        100.0 * p.after, p.about);
+    journal_put(x->why,
+                "Only a textbook model is known. Within the limits, on it and on models up to "
+                "%.0f %% off, this input tells most about its parameters and about friction where "
+                "no motor is.",
+                100.0 * SPREAD_FIRST);
+    journal_put(x->expected,
+                "Relative standard errors of %.2g %% at most (%s), if only values are wrong.",
+                100.0 * p.after, p.about);
     return MK_OK;
 }
 
@@ -287,11 +267,11 @@ static bool choose_rivals(struct investigation *v, struct experiment *x)
     char *colon = strchr(why, ':'); /* "backlash at joint 2 or coulomb at joint 2: ..." */
     if (colon)
         *colon = '\0';
-    put(x->why,
-        "The data cannot tell %s. Of the family of inputs this one favours the right one "
-        "most, the other fitted again.",
-        why);
-    put(x->expected, "The right one favoured by %.3g in log likelihood.", next->odds);
+    journal_put(x->why,
+                "The data cannot tell %s. Of the family of inputs this one favours the right one "
+                "most, the other fitted again.",
+                why);
+    journal_put(x->expected, "The right one favoured by %.3g in log likelihood.", next->odds);
     return true;
 }
 
@@ -310,14 +290,15 @@ static bool choose_rest(struct investigation *v, struct experiment *x)
         return false;
     x->kind = EXPERIMENT_REST;
     take(x, &p);
-    put(x->why,
-        "Free runs on data that were held back are wrong by %.2g times the noise at joint "
-        "%d, and that has no name yet.",
-        b->extended[joint] / q.noise[joint], joint + 1);
+    journal_put(x->why,
+                "Free runs on data that were held back are wrong by %.2g times the noise at joint "
+                "%d, and that has no name yet.",
+                b->extended[joint] / q.noise[joint], joint + 1);
     if (with)
-        put(x->why, " It goes with %s.", with);
-    put(x->why, " Next look: %s.", p.kind);
-    put(x->expected, "Wrong again, by as much or more, and in a way that says more of the cause.");
+        journal_put(x->why, " It goes with %s.", with);
+    journal_put(x->why, " Next look: %s.", p.kind);
+    journal_put(x->expected,
+                "Wrong again, by as much or more, and in a way that says more of the cause.");
     return true;
 }
 
@@ -345,10 +326,11 @@ static bool choose_known(struct investigation *v, struct experiment *x)
         return false;
     x->kind = EXPERIMENT_KNOW;
     take(x, &p);
-    put(x->why, "%s is known to %.2g %% only. Of the family of inputs this one (%s) tells most.",
-        p.about, 100.0 * p.before, p.kind);
-    put(x->expected, "%s known to %.2g %%; in all %.2g nats less unknown.", p.about,
-        100.0 * p.after, p.gain);
+    journal_put(x->why,
+                "%s is known to %.2g %% only. Of the family of inputs this one (%s) tells most.",
+                p.about, 100.0 * p.before, p.kind);
+    journal_put(x->expected, "%s known to %.2g %%; in all %.2g nats less unknown.", p.about,
+                100.0 * p.after, p.gain);
     return true;
 }
 
@@ -363,26 +345,27 @@ static void choose_test(struct investigation *v, struct experiment *x, bool at_t
     x->kind = EXPERIMENT_TEST;
     if (plan_test(&q, &p)) {
         take(x, &p);
-        put(x->why,
-            "%s Under this input (%s), of all that keep to the limits, the prediction is "
-            "least sure of itself: the hardest test. Nothing is fitted to it before it is "
-            "judged.",
-            at_the_end ? "The budget ends with a test."
-            : rest     ? "What is left has no name, and no other look within the limits says more."
-                       : "The model explains all that was run.",
-            p.kind);
+        journal_put(x->why,
+                    "%s Under this input (%s), of all that keep to the limits, the prediction is "
+                    "least sure of itself: the hardest test. Nothing is fitted to it before it is "
+                    "judged.",
+                    at_the_end ? "The budget ends with a test."
+                    : rest
+                        ? "What is left has no name, and no other look within the limits says more."
+                        : "The model explains all that was run.",
+                    p.kind);
     } else {
         snprintf(x->input, sizeof x->input, "%s", v->j->experiment[0].input);
-        put(x->why, "No other input keeps to the limits: the first one again, as a test.");
+        journal_put(x->why, "No other input keeps to the limits: the first one again, as a test.");
     }
     const char *sep = "Free runs of ";
-    put(x->expected,
-        "%s%.2g s from the model as it was written down are within twice the noise:", sep,
-        WINDOW_S);
+    journal_put(x->expected,
+                "%s%.2g s from the model as it was written down are within twice the noise:", sep,
+                WINDOW_S);
     for (int k = 0; k < mk_model_joints(&v->model); k++)
-        put(x->expected, "%s %.2g %s at joint %d", k ? "," : "", 2e3 * q.noise[k],
-            mk_model_unit(&v->model, k, "mrad"), k + 1);
-    put(x->expected, ".");
+        journal_put(x->expected, "%s %.2g %s at joint %d", k ? "," : "", 2e3 * q.noise[k],
+                    mk_model_unit(&v->model, k, "mrad"), k + 1);
+    journal_put(x->expected, ".");
 }
 
 /* Room for one more that is no test, and its test. */
@@ -431,47 +414,13 @@ static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
     (void)mk_date_text(x->planned_at);
     x->compute_s = now_s() - begin;
     j->count++;
-    say(v, "Experiment %d (%s): %s", j->count, experiment_kind_name(x->kind), x->why);
-    say(v, "  input %s", x->input);
-    say(v, "  expected: %s", x->expected);
+    investigation_say(v, "Experiment %d (%s): %s", j->count, experiment_kind_name(x->kind), x->why);
+    investigation_say(v, "  input %s", x->input);
+    investigation_say(v, "  expected: %s", x->expected);
     return save(v, err);
 }
 
 /* --- running ---------------------------------------------------------------------------------- */
-
-/* A log that is there already is what a killed program left: it is kept, and not run again. */
-static enum mk_status salvage(struct investigation *v, struct experiment *x, const char *path,
-                              bool *found, struct mk_error *err)
-{
-    struct stat info;
-    struct mk_log *log = NULL;
-    *found = false;
-    if (stat(path, &info) != 0)
-        return MK_OK;
-    if (mk_log_read(path, &log, NULL) == MK_OK) {
-        const double *t = mk_log_get(log, "t");
-        const double ran = t[log->rows - 1] - t[0];
-        x->ran_s = ran;
-        x->broken_off = ran < 0.99 * x->seconds - 0.1;
-        mk_log_free(log);
-        *found = true;
-        snprintf(x->fault, sizeof x->fault, "%s",
-                 x->broken_off ? "broken off: the program ended while it ran" : "");
-        (void)mk_date_text(x->run_at);
-        say(v, "  its log is there: %.3g of %.3g s", ran, x->seconds);
-        return MK_OK;
-    }
-    /* Not a row: nothing was run. It stays under another name. */
-    char aside[JOURNAL_PATH + 32];
-    for (int i = 1; i < 100; i++) {
-        snprintf(aside, sizeof aside, "%s.empty-%d", path, i);
-        if (access(aside, F_OK) != 0)
-            return rename(path, aside) == 0
-                       ? MK_OK
-                       : mk_error_errno(err, errno, path, "cannot put an empty log aside");
-    }
-    return mk_error_at(err, MK_ERR_STATE, path, 0, 0, "too many empty logs beside this one");
-}
 
 static enum mk_status run_it(struct investigation *v, struct mk_error *err)
 {
@@ -480,9 +429,11 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
     char name[64], path[JOURNAL_PATH];
     bool found;
     journal_file(j, path, journal_name(name, j->count - 1, ".csv"));
-    enum mk_status st = salvage(v, x, path, &found, err);
+    enum mk_status st = salvage_log(x, path, &found, err);
     if (st != MK_OK)
         return st;
+    if (found)
+        investigation_say(v, "  its log is there: %.3g of %.3g s", x->ran_s, x->seconds);
     if (!found) {
         const double begin = rig_seconds(&v->rig);
         struct rig_run run = {.believed = &v->model,
@@ -508,7 +459,7 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
     }
     x->state = EXPERIMENT_RUN;
     if (x->fault[0])
-        say(v, "  stopped: %s", x->fault);
+        investigation_say(v, "  stopped: %s", x->fault);
     /* The disk may be full: the log alone then says that it was run. */
     struct mk_error late = MK_ERROR_INIT;
     enum mk_status saved = save(v, &late);
@@ -519,13 +470,21 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
 
 /* --- judging and learning --------------------------------------------------------------------- */
 
-static enum mk_status read_log(struct investigation *v, int number, struct mk_error *err)
+/* Nobody is to go on with a rig whose motor gives nothing; the experiment does not count. */
+static enum mk_status tell_dead_motor(struct investigation *v, struct experiment *x, double command,
+                                      struct mk_error *err)
 {
-    char name[64], path[JOURNAL_PATH];
-    if (v->log[number])
-        return MK_OK;
-    return learn_read_log(journal_file(v->j, path, journal_name(name, number, ".csv")),
-                          &v->j->experiment[number], &v->j->given, &v->log[number], err);
+    x->used = x->passed = false;
+    x->broken_off = true;
+    x->state = EXPERIMENT_LEARNED;
+    journal_put(x->came, "Nothing moved: nothing is learned from it.");
+    const enum mk_status st = save(v, err);
+    return st != MK_OK ? st
+                       : mk_error_set(err, MK_ERR_EXPECT,
+                                      "experiment %d: nothing moved, though the command went "
+                                      "over %.2g: power supply, fuse, cables? When that "
+                                      "is put right, the same command goes on",
+                                      v->j->count, command);
 }
 
 static enum mk_status judge(struct investigation *v, struct mk_error *err)
@@ -533,6 +492,7 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
     struct journal *j = v->j;
     struct experiment *x = last_of(v);
     struct mk_model foretold;
+    double command;
     char name[64], log[JOURNAL_PATH], prediction[JOURNAL_PATH], path[JOURNAL_PATH];
     journal_file(j, log, journal_name(name, j->count - 1, ".csv"));
     journal_file(j, prediction, journal_name(name, j->count - 1, "-prediction.csv"));
@@ -541,53 +501,37 @@ static enum mk_status judge(struct investigation *v, struct mk_error *err)
     x->came[0] = '\0';
     x->used = false;
     if (st == MK_OK && x->ran_s >= LEAST_S) {
-        st = read_log(v, j->count - 1, err);
+        st = investigation_read_log(v, j->count - 1, err);
         x->used =
             st == MK_OK && mk_data_check_uses(&j->given, v->log[j->count - 1], MK_DATA_EXPLAIN);
+    } else if (st == MK_OK) {
+        (void)!investigation_read_log(v, j->count - 1,
+                                      NULL); /* too short to learn from, perhaps for a reason */
     }
     if (st != MK_OK)
         return st;
+    if (v->log[j->count - 1] &&
+        learn_motor_is_dead(v->log[j->count - 1], &j->given, prediction, &command))
+        return tell_dead_motor(v, x, command, err);
     if (x->used && learn_judge(x, &foretold, log, prediction, NULL) == MK_OK) {
-        put(x->came, "Free runs of %.2g s from the model before were wrong by", x->window_s);
+        journal_put(x->came, "Free runs of %.2g s from the model before were wrong by",
+                    x->window_s);
         for (int k = 0; k < mk_model_joints(&j->given); k++)
-            put(x->came, "%s %.3g times the noise at joint %d (%.3g %s)", k ? " and" : "",
-                x->error[k] / x->noise[k], k + 1, 1e3 * x->error[k],
-                mk_model_unit(&j->given, k, "mrad"));
-        put(x->came, ".");
+            journal_put(x->came, "%s %.3g times the noise at joint %d (%.3g %s)", k ? " and" : "",
+                        x->error[k] / x->noise[k], k + 1, 1e3 * x->error[k],
+                        mk_model_unit(&j->given, k, "mrad"));
+        journal_put(x->came, ".");
     } else {
         x->passed = false;
-        put(x->came, x->used ? "The model before cannot follow it."
-                             : "Too short, or nothing moved: nothing is learned from it.");
+        journal_put(x->came, x->used ? "The model before cannot follow it."
+                                     : "Too short, or nothing moved: nothing is learned from it.");
     }
     x->passed = x->passed && !x->broken_off && !x->fault[0];
     if (x->kind == EXPERIMENT_TEST)
-        put(x->came, x->passed ? " Passed." : " Not passed.");
+        journal_put(x->came, x->passed ? " Passed." : " Not passed.");
     x->state = EXPERIMENT_JUDGED;
-    say(v, "  came: %s", x->came);
+    investigation_say(v, "  came: %s", x->came);
     return save(v, err);
-}
-
-/* Explains all logs so far, from the given model. */
-static enum mk_status explain_all(struct investigation *v, int count, struct mk_error *err)
-{
-    const struct mk_log *logs[JOURNAL_EXPERIMENTS];
-    size_t n = 0;
-    enum mk_status st = MK_OK;
-    for (int i = 0; i < count && st == MK_OK; i++)
-        if (v->j->experiment[i].used) {
-            st = read_log(v, i, err);
-            logs[n++] = v->log[i];
-        }
-    v->explained = false;
-    if (st != MK_OK || n == 0)
-        return st;
-    struct mk_explain_options options = {
-        .threads = v->o->threads, .progress = on_progress, .progress_context = v};
-    st = mk_explain(&v->j->given, logs, n, NULL, 0, &options, v->e, err);
-    v->explained = st == MK_OK;
-    if (st == MK_OK)
-        v->model = v->e->extended;
-    return st;
 }
 
 static enum mk_status learn(struct investigation *v, struct mk_error *err)
@@ -597,26 +541,26 @@ static enum mk_status learn(struct investigation *v, struct mk_error *err)
     const double begin = now_s();
     /* Nothing is fitted to a test that was passed. */
     const bool kept_out = x->passed && x->kind == EXPERIMENT_TEST;
-    enum mk_status st = kept_out ? MK_OK : explain_all(v, j->count, err);
+    enum mk_status st = kept_out ? MK_OK : investigation_explain(v, j->count, err);
     if ((st == MK_ERR_NUMERIC || st == MK_ERR_RANGE) && x->used) {
         x->used = false;
-        put(x->came, " No model follows it: nothing is learned from it.");
-        st = explain_all(v, j->count, err);
+        journal_put(x->came, " No model follows it: nothing is learned from it.");
+        st = investigation_explain(v, j->count, err);
     }
     if (st != MK_OK)
         return st;
     if (v->explained && !kept_out) {
         char path[JOURNAL_PATH];
         const char *name = "model.ini";
-        learn_finding(v->e, &x->finding);
+        learn_finding(v->e, &j->given, &x->finding);
         st = mk_model_write(journal_file(j, path, name), &v->model,
                             "mechkit investigate: the model as it is known so far", err);
         if (st != MK_OK)
             return st;
         for (int i = 0; i < x->finding.causes; i++)
-            say(v, "  learned: %s", x->finding.cause[i]);
+            investigation_say(v, "  learned: %s", x->finding.cause[i]);
         if (x->finding.causes == 0)
-            say(v, "  learned: verdict %s", x->finding.verdict);
+            investigation_say(v, "  learned: verdict %s", x->finding.verdict);
     }
     x->compute_s += now_s() - begin;
     x->state = EXPERIMENT_LEARNED;
@@ -755,7 +699,8 @@ static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_op
     snprintf(c.fault, sizeof c.fault, "%s", run.fault_text);
     j->control[j->controls++] = c;
     j->control_s += rig_seconds(&v->rig) - begin;
-    say(v,
+    investigation_say(
+        v,
         "  %s, believing the %s model: %s, caught after %.3g s, sway %.3g mrad, rms command "
         "%.3g%s%s",
         setup->name, name, c.held ? "held" : "not held", c.caught_s, 1e3 * c.sway, c.effort,
@@ -796,11 +741,11 @@ static enum mk_status go_on(struct investigation *v, struct mk_error *err)
     if (st == MK_OK)
         rig_let_calm(&v->rig);
     while (st == MK_OK && !j->stopped[0]) {
-        if (cancelled(v))
+        if (investigation_cancelled(v))
             return mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off");
         const struct experiment *x = last_of(v);
         if (x && x->state == EXPERIMENT_LEARNED && is_over(v)) {
-            say(v, "%s", j->stopped_why);
+            investigation_say(v, "%s", j->stopped_why);
             snprintf(j->final_model, sizeof j->final_model, "model.ini");
             st = save(v, err);
         } else {
@@ -823,7 +768,7 @@ static enum mk_status take_up(struct investigation *v, struct mk_error *err)
     if (strcmp(j->stopped, "budget") == 0 && counted(j) < v->o->experiments &&
         spent_s(j) < 60.0 * v->o->minutes)
         j->stopped[0] = j->stopped_why[0] = '\0';
-    return known > 0 ? explain_all(v, known, err) : MK_OK;
+    return known > 0 ? investigation_explain(v, known, err) : MK_OK;
 }
 
 /* --- beginning -------------------------------------------------------------------------------- */
@@ -843,47 +788,6 @@ void investigate_default(struct investigate_options *out)
         s->limits.q_min[j] = s->limits.q_max[j] = s->limits.v_max[j] = NAN;
 }
 
-static bool same_number(double a, double b)
-{
-    return (isnan(a) && isnan(b)) || fabs(a - b) <= 1e-12 * fabs(a);
-}
-
-static bool same_model(const struct mk_model *a, const struct mk_model *b)
-{
-    bool same = a->plant == b->plant && a->effect_count == b->effect_count &&
-                same_number(a->g, b->g) && same_number(a->u_max, b->u_max) &&
-                same_number(a->u_to_torque, b->u_to_torque);
-    for (int i = 0; i < mk_model_parameter_count(a) && same; i++)
-        same = same_number(mk_model_parameter(a, i), mk_model_parameter(b, i));
-    for (int e = 0; e < a->effect_count && same; e++)
-        same = a->effect[e].index == b->effect[e].index && a->effect[e].joint == b->effect[e].joint;
-    return same;
-}
-
-/* NULL, or what is another. */
-static const char *another(const struct journal *j, const struct mk_model *model,
-                           const struct journal_settings *s)
-{
-    const struct journal_settings *a = &j->settings;
-    bool limits = same_number(a->limits.u_max, s->limits.u_max);
-    for (int k = 0; k < MK_MAX_JOINTS; k++)
-        limits = limits && same_number(a->limits.q_min[k], s->limits.q_min[k]) &&
-                 same_number(a->limits.q_max[k], s->limits.q_max[k]) &&
-                 same_number(a->limits.v_max[k], s->limits.v_max[k]);
-    if (!same_model(&j->given, model))
-        return "model";
-    if (strcmp(a->board, s->board) != 0 || strcmp(a->device, s->device) != 0)
-        return "board";
-    if (strcmp(a->rig, s->rig) != 0)
-        return "rig";
-    if (!limits)
-        return "limits";
-    if (!same_number(a->seconds, s->seconds) || !same_number(a->rate_hz, s->rate_hz) ||
-        a->stream != s->stream || a->seed != s->seed)
-        return "seconds, rate, seed or stream";
-    return NULL;
-}
-
 /* The journal of the folder, or a new one. */
 static enum mk_status open_journal(struct investigation *v, struct mk_error *err)
 {
@@ -901,15 +805,21 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
         return mk_error_at(err, MK_ERR_NOTFOUND, o->folder, 0, 0,
                            "there is no journal.json in it: no investigation has begun here");
     if (found && !o->resume) {
-        const char *other = another(j, &model, &o->settings);
+        const char *other = journal_another(j, &model, &o->settings);
         if (other)
             return mk_error_at(err, MK_ERR_STATE, o->folder, 0, 0,
                                "has an investigation with another %s: give another --out, or "
                                "--resume to go on with that one",
                                other);
     }
-    if (found)
+    if (found) {
+        const char *device = o->settings.device;
+        if (device[0] && strcmp(device, j->settings.device) != 0) {
+            investigation_say(v, "The rig is now at %s, it was at %s.", device, j->settings.device);
+            snprintf(j->settings.device, sizeof j->settings.device, "%s", device);
+        }
         return MK_OK;
+    }
     snprintf(j->program, sizeof j->program, "mechkit " MK_VERSION);
     (void)mk_date_text(j->begun_at);
     snprintf(j->model_path, sizeof j->model_path, "%s", o->model);
@@ -920,6 +830,32 @@ static enum mk_status open_journal(struct investigation *v, struct mk_error *err
     return st == MK_OK ? journal_save(j, err) : st;
 }
 
+/* A board knows its encoders: where the model has other counts a turn, the board is believed, as by
+ * the loop that writes the logs. */
+static enum mk_status believe_counters(struct investigation *v, struct mk_error *err)
+{
+    struct mk_board_identity id = {.counter_bits = 0};
+    struct mk_model *given = &v->j->given;
+    char path[JOURNAL_PATH];
+    bool other = false;
+    enum mk_status st = v->rig.board->ops->identify(v->rig.board, &id, err);
+    for (int k = 0; st == MK_OK && k < mk_model_joints(given); k++) {
+        const int model = given->encoder_cpr[k], board = id.encoder_cpr[k];
+        if (model <= 0 || board <= 0 || model == board)
+            continue;
+        investigation_say(
+            v, "The board counts %d a turn at joint %d, the model has %d: the board is believed.",
+            board, k + 1, model);
+        given->encoder_cpr[k] = v->model.encoder_cpr[k] = board;
+        other = true;
+    }
+    return other ? mk_model_write(journal_file(v->j, path, "given.ini"), given,
+                                  "the model that the investigation began with, with the counts "
+                                  "a turn that the board tells",
+                                  err)
+                 : st;
+}
+
 static enum mk_status open_board(struct investigation *v, struct mk_error *err)
 {
     const struct journal_settings *s = &v->j->settings;
@@ -927,7 +863,7 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
     if (!ops)
         return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'", s->board);
     const bool virtual = (ops->capabilities & MK_BOARD_CAP_SIMULATED) != 0;
-    if (s->fast && !(ops->capabilities & MK_BOARD_CAP_FAST))
+    if (s->fast && !mk_board_may_be_fast(ops))
         return mk_error_set(err, MK_ERR_USAGE, "board %s runs by the clock: without --fast",
                             s->board);
     if (s->rig[0] && !virtual)
@@ -946,13 +882,14 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
     v->rig.stream = s->stream;
     v->rig.limits = s->limits;
     v->rig.cancel = v->o->cancel;
-    v->rig.progress = on_progress;
+    v->rig.progress = investigation_goes_on;
     v->rig.progress_context = v;
     const struct mk_board_config config = {.model = &v->simulated,
                                            .seed = s->seed + (uint64_t)v->j->count,
                                            .fault_script = v->o->faults,
                                            .device = s->device[0] ? s->device : NULL};
-    return rig_open(&v->rig, ops, &config, s->fast, err);
+    st = rig_open(&v->rig, ops, &config, s->fast, err);
+    return st == MK_OK ? believe_counters(v, err) : st;
 }
 
 static bool needs_the_rig(const struct investigation *v)
@@ -964,13 +901,13 @@ enum mk_status investigate(const struct investigate_options *options, struct jou
                            struct mk_error *err)
 {
     struct investigation *v = calloc(1, sizeof *v);
-    struct mk_explanation *e = calloc(1, sizeof *e);
+    struct mk_explanation *e = calloc(2, sizeof *e);
     enum mk_status st = MK_OK;
     out->lock = -1;
     if (!v || !e)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for an investigation");
     if (st == MK_OK) {
-        *v = (struct investigation){.o = options, .j = out, .e = e};
+        *v = (struct investigation){.o = options, .j = out, .e = e, .other = e + 1};
         st = open_journal(v, err);
     }
     if (st == MK_OK) {

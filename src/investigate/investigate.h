@@ -9,7 +9,8 @@
 
 struct investigate_options {
     const char *folder;
-    /* What an investigation goes on with is what it began with; these two are then ignored. */
+    /* What an investigation goes on with is what it began with; these two are then ignored, but for
+     * the device. */
     bool resume;       /* one must have begun in the folder */
     const char *model; /* file */
     struct journal_settings settings;

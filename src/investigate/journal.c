@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -186,6 +187,8 @@ static void one_experiment(struct both *b, struct experiment *x)
     number(b, "ran_s", &x->ran_s);
     yes_no(b, "broken_off", &x->broken_off);
     yes_no(b, "used", &x->used);
+    if (!b->reading || cJSON_HasObjectItem(b->at, "left_out")) /* older journals */
+        yes_no(b, "left_out", &x->left_out);
     TEXT(b, x, fault);
     number(b, "window_s", &x->window_s);
     numbers(b, "error", x->error, MK_MAX_JOINTS);
@@ -338,4 +341,55 @@ void journal_close(struct journal *j)
     if (j->lock >= 0)
         close(j->lock);
     j->lock = -1;
+}
+
+void journal_put(char text[JOURNAL_TEXT], const char *format, ...)
+{
+    const size_t used = strlen(text);
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text + used, JOURNAL_TEXT - used, format, args);
+    va_end(args);
+}
+
+/* --- another investigation -------------------------------------------------------------------- */
+
+static bool same_number(double a, double b)
+{
+    return (isnan(a) && isnan(b)) || fabs(a - b) <= 1e-12 * fabs(a);
+}
+
+static bool same_model(const struct mk_model *a, const struct mk_model *b)
+{
+    bool same = a->plant == b->plant && a->effect_count == b->effect_count &&
+                same_number(a->g, b->g) && same_number(a->u_max, b->u_max) &&
+                same_number(a->u_to_torque, b->u_to_torque);
+    for (int i = 0; i < mk_model_parameter_count(a) && same; i++)
+        same = same_number(mk_model_parameter(a, i), mk_model_parameter(b, i));
+    for (int e = 0; e < a->effect_count && same; e++)
+        same = a->effect[e].index == b->effect[e].index && a->effect[e].joint == b->effect[e].joint;
+    return same;
+}
+
+const char *journal_another(const struct journal *j, const struct mk_model *model,
+                            const struct journal_settings *s)
+{
+    const struct journal_settings *a = &j->settings;
+    bool limits = same_number(a->limits.u_max, s->limits.u_max);
+    for (int k = 0; k < MK_MAX_JOINTS; k++)
+        limits = limits && same_number(a->limits.q_min[k], s->limits.q_min[k]) &&
+                 same_number(a->limits.q_max[k], s->limits.q_max[k]) &&
+                 same_number(a->limits.v_max[k], s->limits.v_max[k]);
+    if (!same_model(&j->given, model))
+        return "model";
+    if (strcmp(a->board, s->board) != 0)
+        return "board";
+    if (strcmp(a->rig, s->rig) != 0)
+        return "rig";
+    if (!limits)
+        return "limits";
+    if (!same_number(a->seconds, s->seconds) || !same_number(a->rate_hz, s->rate_hz) ||
+        a->stream != s->stream || a->seed != s->seed)
+        return "seconds, rate, seed or stream";
+    return NULL;
 }

@@ -69,6 +69,7 @@ struct experiment {
     double ran_s;                 /* of the log */
     bool broken_off;              /* before its end */
     bool used;                    /* learned from */
+    bool left_out;                /* no longer: it contradicts the others */
     char fault[160];              /* "": none */
     double window_s;              /* of the free runs that the prediction is judged by */
     double error[MK_MAX_JOINTS], noise[MK_MAX_JOINTS]; /* their rms; of a reading */
@@ -123,6 +124,9 @@ const char *journal_file(const struct journal *j, char buf[JOURNAL_PATH], const 
 /* "exp-03.csv" and the like: `number` from 0. */
 const char *journal_name(char buf[64], int number, const char *end);
 
+/* Adds to a text, as far as there is room. */
+void journal_put(char text[JOURNAL_TEXT], const char *format, ...) MK_PRINTF(2, 3);
+
 /* Opens the folder, made if it is missing, and takes its lock: MK_ERR_BUSY where another process
  * has it. *found: there is a journal in it, which was read. MK_ERR_PARSE: a file of that name is
  * none. */
@@ -130,5 +134,11 @@ MK_NODISCARD enum mk_status journal_open(struct journal *j, const char *folder, 
                                          bool *found, struct mk_error *err);
 MK_NODISCARD enum mk_status journal_save(const struct journal *j, struct mk_error *err);
 void journal_close(struct journal *j);
+
+/* NULL where the journal is that of an investigation of this model with these settings, else what
+ * is another. Counts a turn are left out, for the board's are believed, and the device, for what
+ * was unplugged may come back under another name. */
+const char *journal_another(const struct journal *j, const struct mk_model *model,
+                            const struct journal_settings *s);
 
 #endif

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "investigate/zeros.h"
 #include "mechkit/log.h"
 #include "mechkit/signal.h"
 #include "mechkit/sim.h"
@@ -189,6 +190,52 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     return st;
 }
 
+/* How far a column goes in its first rows. */
+static double extent(const struct mk_log *log, const char *column, size_t rows)
+{
+    const double *x = mk_log_get(log, column);
+    double low = INFINITY, high = -INFINITY;
+    for (size_t k = 0; x && k < log->rows && k < rows; k++)
+        if (isfinite(x[k])) {
+            low = fmin(low, x[k]);
+            high = fmax(high, x[k]);
+        }
+    return high > low ? high - low : 0.0;
+}
+
+bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
+                         const char *prediction_path, double *command)
+{
+    const double still = 2.0, moves = 20.0; /* counts */
+    const int motor = mk_plant(model->plant)->motor_joint;
+    const double count = mk_model_count(model, motor);
+    struct mk_log *foreseen = NULL;
+    *command = extent(log, "u", log->rows);
+    if (extent(log, angle[motor], log->rows) > still * count ||
+        mk_log_read(prediction_path, &foreseen, NULL) != MK_OK)
+        return false;
+    const bool dead = extent(foreseen, angle[motor], log->rows) > moves * count;
+    mk_log_free(foreseen);
+    return dead;
+}
+
+bool learn_errors(const struct mk_model *model, const struct mk_log *const *logs, size_t n,
+                  const double noise[MK_MAX_JOINTS], double window_s, double *error)
+{
+    const struct mk_predict_options options = {.window_s = window_s};
+    for (size_t i = 0; i < n; i++) {
+        struct mk_predict_figures figures;
+        struct mk_log *windows = NULL;
+        if (mk_predict(model, logs[i], &options, &windows, &figures, NULL, NULL) != MK_OK)
+            return false;
+        mk_log_free(windows);
+        error[i] = 0.0;
+        for (int j = 0; j < mk_model_joints(model); j++)
+            error[i] = fmax(error[i], figures.rms[j] / noise[j]);
+    }
+    return true;
+}
+
 /* --- explanations ----------------------------------------------------------------------------- */
 
 void learn_noise(const struct mk_model *model, const struct mk_explanation *e,
@@ -266,7 +313,24 @@ static void name_open(const struct mk_explanation *e, char *text, size_t size)
         }
 }
 
-void learn_finding(const struct mk_explanation *e, struct journal_finding *out)
+/* A zero that is off is a cause of its own where the rest of the model leaves nothing. */
+static void name_zeros(const struct mk_explanation *e, const struct mk_model *given,
+                       struct journal_finding *out)
+{
+    double offset;
+    int joint;
+    for (int j = 0; j < mk_model_joints(given) && out->causes < JOURNAL_ITEMS; j++) {
+        if (learn_has_rest(e, &joint) || !zeros_are_off(e, given, j, &offset))
+            continue;
+        snprintf(out->cause[out->causes++], sizeof out->cause[0],
+                 "encoder-offset at joint %d: offset %.4g %s", j + 1, offset,
+                 mk_model_unit(given, j, "rad"));
+        snprintf(out->verdict, sizeof out->verdict, "%s", mk_verdict_name(MK_VERDICT_EFFECT));
+    }
+}
+
+void learn_finding(const struct mk_explanation *e, const struct mk_model *given,
+                   struct journal_finding *out)
 {
     const struct mk_budget *b = &e->budget;
     *out = (struct journal_finding){.closed = b->closed};
@@ -290,6 +354,7 @@ void learn_finding(const struct mk_explanation *e, struct journal_finding *out)
         name_cause(e, &e->log_value[i], text, sizeof out->cause[0] - 32);
         strncat(text, ", another in every log", sizeof out->cause[0] - strlen(text) - 1);
     }
+    name_zeros(e, given, out);
     name_rest(e, out->rest, sizeof out->rest);
     name_open(e, out->open, sizeof out->open);
 }

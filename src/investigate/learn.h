@@ -30,8 +30,19 @@ void learn_noise(const struct mk_model *model, const struct mk_explanation *e,
 /* The largest error of an experiment over its noise; *joint (0-based) whose. */
 double learn_worst(const struct experiment *x, const struct mk_model *model, int *joint);
 
-/* What an explanation found, in the journal's words. */
-void learn_finding(const struct mk_explanation *e, struct journal_finding *out);
+/* Whether the motor's joint stood still while the prediction that was written down moves it;
+ * *command: the range of the command meanwhile. */
+bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
+                         const char *prediction_path, double *command);
+
+/* The largest error of free runs over each log, over the noise. False: one cannot be followed. */
+bool learn_errors(const struct mk_model *model, const struct mk_log *const *logs, size_t n,
+                  const double noise[MK_MAX_JOINTS], double window_s, double *error);
+
+/* What an explanation found, in the journal's words. `given`: the model without the zeros that it
+ * was explained with (zeros.h). */
+void learn_finding(const struct mk_explanation *e, const struct mk_model *given,
+                   struct journal_finding *out);
 
 /* Whether the best model leaves free runs on held-back data wrong by more than twice the noise;
  * *joint (0-based) of most of it. */

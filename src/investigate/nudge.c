@@ -25,8 +25,11 @@ bool rig_watch_step(struct rig_watch *w, double u)
     w->next_ns += (int64_t)(1e9 / RIG_WATCH_RATE_HZ);
     mk_clock_sleep_until(w->clock, w->next_ns);
     enum mk_status st = mk_board_exchange(w->board, u, &s);
-    if (st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO)
+    w->asked++;
+    if (st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO) {
+        w->lost++;
         return true;
+    }
     if (st != MK_OK || s.status & (MK_BOARD_ST_WATCHDOG | MK_BOARD_ST_FAULT))
         return false;
     for (int j = 0; j < w->joints; j++) {

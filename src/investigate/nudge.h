@@ -22,6 +22,7 @@ struct rig_watch {
     double u; /* applied */
     int64_t next_ns;
     bool primed;
+    int asked, lost; /* exchanges; of them those without an answer in time */
 };
 
 void rig_watch_begin(struct rig_watch *w, struct mk_board *board, const struct mk_model *model);

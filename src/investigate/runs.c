@@ -18,6 +18,8 @@
 #define REST_LATER_RAD 0.0097 /* after so long: what the loop's own check lets pass */
 #define WHEEL_RAD 0.05
 #define SAY_EVERY_S 0.5
+#define LOST_SHARE 0.3   /* of the exchanges, at most, */
+#define LOST_LEAST 100   /* once there were so many */
 #define CALM_AFTER_S 8.0 /* of swinging on; then on for so long, off for so long, .. */
 #define CALM_S 8.0
 #define CALM_PAUSE_S 4.0
@@ -271,6 +273,18 @@ static void note_origin(struct rig *r, const struct rig_watch *w)
             r->origin[j] = r->zeroed_at[j] + w->raw[j] * mk_model_count(r->given, j);
 }
 
+/* Who hears nothing would take it for rest. */
+static enum mk_status hears(const struct rig_watch *w, struct mk_error *err)
+{
+    if (w->asked < LOST_LEAST || w->lost <= LOST_SHARE * w->asked)
+        return MK_OK;
+    return mk_error_set(err, MK_ERR_TIMEOUT,
+                        "the board answered %d of %d exchanges in time: it, or the line, is too "
+                        "slow for %.0f samples a second. A nearer or idler machine, or, where the "
+                        "rig is simulated and its clock can be stepped, --fast",
+                        w->asked - w->lost, w->asked, RIG_WATCH_RATE_HZ);
+}
+
 static enum mk_status until_still(struct rig *r, struct mk_error *err)
 {
     struct rig_watch w;
@@ -292,6 +306,9 @@ static enum mk_status until_still(struct rig *r, struct mk_error *err)
             return mk_error_set(err, MK_ERR_NODEV,
                                 "the board fell silent while the rig came to rest: check cable and "
                                 "power");
+        st = hears(&w, err);
+        if (st != MK_OK)
+            return st;
         follow(&c, &w, drives, t);
         look(&s, r, w.q, t, first || drives || driven);
         driven = drives;

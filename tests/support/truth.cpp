@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <limits>
 #include <stdexcept>
 
@@ -724,6 +725,170 @@ Log record(const Rig &rig, const Recording &how)
             log.angle[j].push_back(shown(rig, j + 1, trace.at(j, t - sensor_lateness(rig, j + 1))));
     read_encoders(rig, how, draw, log);
     return log;
+}
+
+// --- a rig that lives ---
+
+struct Live::Inside {
+    Rig rig;
+    Machine m;
+    Draw draw;
+    double cpr[2], jitter;
+    State s, hanging;
+    double t = 0.0;    // since the last zero
+    double cold = 0.0; // of it before the first command
+    double late = 0.0;
+    std::deque<std::pair<double, double>> sent;    // commands with their times, the oldest acts
+    std::deque<std::pair<double, double>> past[2]; // times and angles, as far back as a sensor lags
+    double slip[2] = {0.0, 0.0};
+    int64_t zeroed[2] = {0, 0};
+
+    Inside(const Rig &r, const double c[2], double shaken, uint64_t seed)
+        : rig(with_room(r)), m(rig), draw(seed), cpr{c[0], c[1]}, jitter(shaken)
+    {
+        Recording at_rest;
+        hanging = start_of(m, at_rest, draw);
+        if (const Effect *e = m.find("input-delay"))
+            late = e->value.at("delay");
+        begin();
+    }
+    void begin()
+    {
+        s = hanging;
+        t = cold = 0.0;
+        sent.assign(1, {-1.0, 0.0});
+        for (int j = 0; j < 2; j++) {
+            past[j].clear();
+            slip[j] = 0.0;
+            zeroed[j] = 0;
+        }
+        let_go();
+        note();
+    }
+    // For a hand: the machine keeps where its effects are.
+    static Rig with_room(Rig r)
+    {
+        r.effects.reserve(sizeof State::memory / sizeof(double));
+        return r;
+    }
+    void note()
+    {
+        for (int j = 0; j < joints_of(rig.kind); j++) {
+            const double oldest = t - sensor_lateness(rig, j + 1);
+            past[j].emplace_back(t, m.angle(s, j + 1));
+            while (past[j].size() > 2 && past[j][1].first <= oldest)
+                past[j].pop_front();
+        }
+    }
+    void lose_counts(double h)
+    {
+        for (const Effect &e : rig.effects)
+            if (e.name == "missed-counts" && std::fabs(m.speed(s, e.joint)) > 0.2 &&
+                draw.unit() < e.value.at("rate") * h)
+                slip[e.joint - 1] += draw.sign() * e.value.at("step");
+    }
+    // Until `end`, or until a command that was sent earlier begins to act.
+    double piece(double end)
+    {
+        while (sent.size() > 1 && sent[1].first + late <= t + 1e-12)
+            sent.pop_front();
+        return sent.size() > 1 ? std::min(end, sent[1].first + late) : end;
+    }
+    void advance(double seconds, double command)
+    {
+        if (command != sent.back().second)
+            sent.emplace_back(t, command);
+        if (command == 0.0 && cold == t)
+            cold = t + seconds;
+        const double before = std::min(cold, t);
+        for (const double end = t + seconds; t < end - 1e-12;) {
+            const double until = piece(end), begin = t;
+            const int steps = (int)std::ceil((until - begin) / LONGEST_STEP - 1e-9);
+            const double h = (until - begin) / std::max(steps, 1);
+            for (int i = 0; i < steps; i++) {
+                s = m.step(s, begin + i * h - before, h, sent.front().second);
+                t = begin + (i + 1) * h;
+                note();
+            }
+            lose_counts(until - begin);
+            t = until;
+        }
+    }
+    int64_t position(int j, double shaken)
+    {
+        const double when = t - sensor_lateness(rig, j + 1);
+        const auto &a = past[j].front(), &b = past[j].size() > 1 ? past[j][1] : past[j].front();
+        const double share = b.first > a.first ? (when - a.first) / (b.first - a.first) : 0.0;
+        const double q = a.second + std::min(std::max(share, 0.0), 1.0) * (b.second - a.second);
+        const double count = 2.0 * PI / cpr[j];
+        return std::llround((shown(rig, j + 1, q) + slip[j]) / count + shaken);
+    }
+    void zero()
+    {
+        for (int j = 0; j < joints_of(rig.kind); j++) {
+            zeroed[j] = position(j, 0.0);
+            for (auto &one : past[j])
+                one.first -= t;
+        }
+        for (auto &one : sent)
+            one.first -= t;
+        t = cold = 0.0;
+        let_go();
+    }
+    void let_go()
+    {
+        if (!rig.effects.empty() && rig.effects.back().name == "hand")
+            rig.effects.pop_back();
+    }
+    void hold(int joint, double from, double to)
+    {
+        let_go();
+        if (rig.effects.size() < rig.effects.capacity())
+            rig.effects.push_back({"hand",
+                                   joint,
+                                   {{"from", from},
+                                    {"to", to},
+                                    {"place", m.angle(s, joint)},
+                                    {"rate", 0.0},
+                                    {"stiffness", 5.0},
+                                    {"damping", 0.5}}});
+    }
+};
+
+Live::Live(const Rig &rig, const double cpr[2], double jitter, uint64_t seed)
+    : inside(new Inside(rig, cpr, jitter, seed))
+{
+}
+
+Live::~Live() = default;
+
+void Live::advance(double seconds, double command)
+{
+    inside->advance(seconds, command);
+}
+
+void Live::begin()
+{
+    inside->begin();
+}
+
+void Live::zero()
+{
+    inside->zero();
+}
+
+void Live::counts(int32_t out[2])
+{
+    out[0] = out[1] = 0;
+    for (int j = 0; j < joints_of(inside->rig.kind); j++) {
+        const double shaken = inside->draw.between(-inside->jitter, inside->jitter);
+        out[j] = (int32_t)(inside->position(j, shaken) - inside->zeroed[j]);
+    }
+}
+
+void Live::hold(int joint, double from, double to)
+{
+    inside->hold(joint, from, to);
 }
 
 } // namespace truth

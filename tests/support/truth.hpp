@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,31 @@ struct Log {
 
 int joints_of(const std::string &kind);
 Log record(const Rig &rig, const Recording &how);
+
+// The same machine while it lives, behind counters, for programs that drive it. It begins at rest
+// where it hangs by itself. What changes with time (drift, warming) begins anew with the first
+// command after every zero: a motor cools while a rig comes to rest. Counts slip only while their
+// joint turns.
+class Live
+{
+  public:
+    // `jitter`: as in a Recording.
+    Live(const Rig &rig, const double cpr[2], double jitter, uint64_t seed);
+    ~Live();
+    // Time passes under a command that is given now (and acts when its delay is over).
+    void advance(double seconds, double command);
+    void begin(); // again, from rest
+    // The counters are 0 where they are now, whatever their encoders' faults.
+    void zero();
+    void counts(int32_t out[2]);
+    // Somebody holds a joint where it is now, from a time to another, both since the first
+    // command after the last zero. Gone with the next zero.
+    void hold(int joint, double from, double to);
+
+  private:
+    struct Inside;
+    std::unique_ptr<Inside> inside;
+};
 
 // Effects that no catalogue has: each missing from every table of the program.
 extern const std::vector<std::string> foreign_effects;
