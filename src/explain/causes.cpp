@@ -156,7 +156,7 @@ void CauseSearch::add_causes()
             freed = true;
             continue;
         }
-        if (give_up_early && best.drift >= LOST)
+        if (gives_up())
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();

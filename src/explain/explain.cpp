@@ -337,6 +337,12 @@ class Explainer
             by_predictions = prediction && !go_on_from(*prediction, refit) &&
                              take_predictions(prediction, refit);
         }
+        // Nothing that predicts, where likelihood was not asked to the end.
+        if (!by_predictions && causes->gives_up() && data.whole.empty()) {
+            clock.enter("search");
+            causes->give_up_early = false;
+            causes->run();
+        }
         data.second_half = !own_parameters(causes->best.point.model).empty();
         if (by_predictions)
             return;
@@ -364,6 +370,8 @@ class Explainer
     {
         auto carried = std::make_unique<CauseSearch>(values.model, *search, refit);
         found->decide();
+        if (found->causes.empty() && data.whole.empty() && causes->gives_up())
+            return false;
         if (!confirm(found) || !carried->take_over(*found))
             return false;
         causes = std::move(carried);
