@@ -13,6 +13,10 @@
 
 #include "mechkit/ctrl.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define MK_CTRL_STATES 4
 
 struct mk_observer {
@@ -35,4 +39,7 @@ void mk_observer_step(struct mk_observer *obs, const struct mk_ctrl_input *in, d
 /* Moves x on by `dt` seconds under command u (limited to +-u_max): one midpoint step. */
 void mk_ctrl_predict(const struct mk_model *model, double *x, double u, double dt);
 
+#ifdef __cplusplus
+}
+#endif
 #endif
