@@ -397,7 +397,7 @@ install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), stage
 	tools/man-pages.sh $(APP) $(DESTDIR)$(MANDIR)/man1
 	install -d $(DESTDIR)$(DATADIR)/bash-completion/completions
 	install -m 644 tools/mechkit.bash $(DESTDIR)$(DATADIR)/bash-completion/completions/mechkit
-	install -m 644 models/*.ini $(DESTDIR)$(DATADIR)/mechkit/models
+	install -m 644 models/*.ini models/*-swingup.csv $(DESTDIR)$(DATADIR)/mechkit/models
 	install -m 644 models/measured/*.ini models/measured/*.map $(DESTDIR)$(DATADIR)/mechkit/models/measured
 	install -m 755 tools/demo.sh $(DESTDIR)$(DATADIR)/mechkit/tools
 	install -m 644 scripts/*.cmd scripts/*.ini $(DESTDIR)$(DATADIR)/mechkit/scripts

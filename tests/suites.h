@@ -38,6 +38,7 @@
     X(balance)                                                                                     \
     X(compensate)                                                                                  \
     X(swingup)                                                                                     \
+    X(trajectory)                                                                                  \
     X(roa)                                                                                         \
     X(robustness)                                                                                  \
     X(loop)                                                                                        \

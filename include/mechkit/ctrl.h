@@ -84,6 +84,8 @@ struct mk_ctrl_ops {
 };
 
 struct mk_compensator;
+struct mk_roa;
+struct mk_track;
 
 struct mk_ctrl {
     const struct mk_ctrl_ops *ops;
@@ -94,6 +96,8 @@ struct mk_ctrl {
     bool balances;               /* a setup that holds an equilibrium says so when it is created */
     double equilibrium[MK_MAX_JOINTS];  /* which one, rad: that of the textbook plant */
     struct mk_compensator *compensator; /* of the believed effects; NULL: there are none */
+    const struct mk_roa *roa; /* of a setup that balances: where its law takes over; else NULL */
+    struct mk_track *track;   /* a swing-up that is followed (mechkit/swingup.h); NULL: none */
     void *priv;
 };
 

@@ -41,6 +41,12 @@ static enum mk_status do_believe(struct session *s, int argc, char **argv, struc
     return session_load_model(s, session_find(s, argv[0], path, sizeof path), true, err);
 }
 
+static enum mk_status do_swingup(struct session *s, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc;
+    return session_set_swingup(s, strcmp(argv[0], "energy") == 0 ? NULL : argv[0], err);
+}
+
 static enum mk_status do_rate(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     (void)argc;
@@ -358,6 +364,9 @@ static const struct cmd commands[] = {
     {"model", "FILE", "the rig, from the next setup on", 1, 1, false, cmd_check_model, do_model},
     {"believe", "FILE", "what controllers believe, from the next setup on", 1, 1, false,
      cmd_check_believe, do_believe},
+    {"swingup", "FILE|energy",
+     "how setups swing up: along a trajectory of `mechkit design swingup`, or by energy (default)",
+     1, 1, false, cmd_check_swingup, do_swingup},
     {"rate", "HZ", "samples per second, from the next setup on", 1, 1, false, cmd_check_rate,
      do_rate},
     {"log", "on|off", "whether runs are logged; default on", 1, 1, false, cmd_check_on_off, do_log},

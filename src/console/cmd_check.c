@@ -9,6 +9,7 @@
 #include "ctrl/ctrl_rig.h"
 #include "driver/fault_script.h"
 #include "mechkit/number.h"
+#include "mechkit/swingup.h"
 
 #define SEED_MAX 9e15 /* whole numbers are exact up to there */
 
@@ -283,6 +284,20 @@ enum mk_status cmd_check_believe(struct cmd_known *known, int argc, char **argv,
         return MK_OK;
     known->have_believed = true;
     return read_rig(known, argv[0], &known->believed, err);
+}
+
+enum mk_status cmd_check_swingup(struct cmd_known *known, int argc, char **argv,
+                                 struct mk_error *err)
+{
+    char path[SESSION_PATH];
+    struct mk_swingup *read;
+    (void)argc;
+    if (!known || strcmp(argv[0], "energy") == 0)
+        return MK_OK;
+    session_beside(known->folder, argv[0], path, sizeof path);
+    enum mk_status st = mk_swingup_read(path, &read, err);
+    mk_swingup_free(read);
+    return st;
 }
 
 enum mk_status cmd_check_signal(struct cmd_known *known, int argc, char **argv,

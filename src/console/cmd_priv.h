@@ -53,6 +53,8 @@ enum mk_status cmd_check_model(struct cmd_known *known, int argc, char **argv,
                                struct mk_error *err);
 enum mk_status cmd_check_believe(struct cmd_known *known, int argc, char **argv,
                                  struct mk_error *err);
+enum mk_status cmd_check_swingup(struct cmd_known *known, int argc, char **argv,
+                                 struct mk_error *err);
 enum mk_status cmd_check_signal(struct cmd_known *known, int argc, char **argv,
                                 struct mk_error *err);
 

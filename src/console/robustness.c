@@ -9,6 +9,7 @@
 #include "mechkit/board.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
+#include "mechkit/swingup.h"
 
 #define STILL_RAD 0.1  /* tilt beyond this while held is not balancing */
 #define SETTLING_S 1.0 /* after the catch */
@@ -323,6 +324,8 @@ enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model 
     enum mk_status st = trial_rig(believed, spread, seed, &rig, err);
     if (st == MK_OK)
         st = mk_ctrl_create(setup, believed, 1.0 / spread->rate_hz, NULL, &ctrl, err);
+    if (st == MK_OK && spread->swingup)
+        st = mk_ctrl_load_swingup(ctrl, spread->swingup, err);
     if (st == MK_OK)
         st = trial_change(spread, ctrl, err);
     if (st == MK_OK)

@@ -22,6 +22,7 @@ struct trial_spread {
     int delay_samples;    /* more than the board's own */
     double rate_hz;
     double catch_s, hold_s; /* caught within, then held for */
+    const char *swingup;    /* file of a trajectory that is followed; NULL: none */
     int change_count;
     struct trial_change change[MK_CTRL_MAX_PARAMS];
 };

@@ -15,6 +15,7 @@
 #include "console/log_origin.h"
 
 #include "mechkit/number.h"
+#include "mechkit/swingup.h"
 
 #define TICK_S 0.05 /* how often options.tick is called during waits */
 
@@ -292,6 +293,8 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
     mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
     const struct mk_model *believed = s->have_believed ? &s->believed : &s->model;
     st = mk_ctrl_create(ops, believed, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
+    if (st == MK_OK && s->swingup[0])
+        st = mk_ctrl_load_swingup(s->ctrl, s->swingup, err);
     if (st == MK_OK)
         st = open_board(s, err);
     if (st == MK_OK)
@@ -487,6 +490,25 @@ enum mk_status session_set_signal(struct session *s, const char *text, struct mk
         mk_signal_destroy(s->signal);
     s->signal = made;
     return MK_OK;
+}
+
+enum mk_status session_set_swingup(struct session *s, const char *path, struct mk_error *err)
+{
+    char found[SESSION_PATH] = "";
+    struct mk_swingup *read = NULL;
+    if (s->running)
+        return mk_error_set(err, MK_ERR_STATE, "halt first");
+    if (path)
+        session_find(s, path, found, sizeof found);
+    enum mk_status st = MK_OK;
+    if (s->ctrl && (path || s->ctrl->track))
+        st = mk_ctrl_load_swingup(s->ctrl, path ? found : NULL, err);
+    else if (path)
+        st = mk_swingup_read(found, &read, err); /* what is wrong with it is said now */
+    mk_swingup_free(read);
+    if (st == MK_OK)
+        strcpy(s->swingup, found);
+    return st;
 }
 
 /* --- saving ------------------------------------------------------------------------------ */

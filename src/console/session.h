@@ -54,6 +54,7 @@ struct session {
     bool have_model, have_believed;
     char script_dir[SESSION_PATH]; /* of the command file that runs; "": none */
     char faults[SESSION_PATH];     /* fault script of the virtual board; "": none */
+    char swingup[SESSION_PATH];    /* trajectory that setups follow; "": they swing up by energy */
     const struct mk_ctrl_ops *setup;
     struct mk_signal *signal; /* reference or open-loop command */
     /* Signals that this run has had before: the loop's log still names them. */
@@ -108,6 +109,10 @@ MK_NODISCARD enum mk_status session_save(struct session *s, const char *name, bo
 /* Between runs or in flight: between two samples then. */
 MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *text,
                                                struct mk_error *err);
+/* The trajectory that setups follow from now on, also the one that is chosen; NULL: none. Errors as
+ * mk_ctrl_load_swingup; MK_ERR_STATE while it runs. */
+MK_NODISCARD enum mk_status session_set_swingup(struct session *s, const char *path,
+                                                struct mk_error *err);
 /* A file that a command names: beside the command file if it is there, else as given. Returns buf.
  */
 const char *session_find(const struct session *s, const char *path, char *buf, size_t size);

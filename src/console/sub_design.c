@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "console/design_swingup.h"
 #include "console/linear.h"
 #include "console/options.h"
 #include "mechkit/design.h"
@@ -18,6 +19,7 @@ struct options {
     const char *poles, *lqr, *lqrd, *gains;
     double rate;
     bool friction, delay;
+    struct swingup_request swingup;
 };
 
 struct result {
@@ -37,10 +39,16 @@ static const struct option_row option_rows[] = {
     {"delay", OPTION_FLAG(delay), NULL,
      "with --lqrd: the command acts a sample late; one more gain"},
     {"gains", OPTION_TEXT(gains), "LIST", "no design: the closed loop of these gains"},
-    {"rate", OPTION_NUMBER(rate), "HZ", "sample rate for --lqrd; default 500",
+    {"rate", OPTION_NUMBER(rate), "HZ", "sample rate for --lqrd and swingup; default 500",
      .wants = "samples per second above 0"},
     {"friction", OPTION_FLAG(friction), NULL,
      "keep the friction of the motor joint in the linearisation"},
+    {"out", OPTION_TEXT(swingup.out), "FILE",
+     "swingup: the trajectory; default: beside the model, MODEL-AT-swingup.csv"},
+    {"reserve", OPTION_NUMBER(swingup.options.reserve), "SHARE",
+     "swingup: share of the command left to follow it; default 0.25", 0.0, 0.6},
+    {"slack", OPTION_NUMBER(swingup.options.slack), "SHARE",
+     "swingup: how much longer than the shortest; default 0.1", 0.0, 1.0},
     {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
     {0}};
 
@@ -49,17 +57,32 @@ static int run(int argc, char **argv);
 const struct subcommand sub_design = {
     .name = "design",
     .summary = "linearise a rig and compute feedback gains",
-    .synopsis = "--model M.ini [options]",
-    .about = "Prints A and B at an equilibrium, controllability, gains and closed-loop poles. The "
-             "states\n"
-             "come in the order in which the command `gains` takes their gains.",
+    .synopsis = "--model M.ini [options]\nswingup --model M.ini [--at NAME] [options]",
+    .about =
+        "Prints A and B at an equilibrium, controllability, gains and closed-loop poles. The "
+        "states\n"
+        "come in the order in which the command `gains` takes their gains. With swingup:\n"
+        "finds the time-optimal swing-up to that equilibrium and writes it as a file that the\n"
+        "command `swingup` takes (docs/swingup.md).",
     .options = option_rows,
-    .argument = "model",
+    .argument = "what to design",
+    .most = 1,
     .run = run,
 };
 
+/* `mechkit design swingup` is about a trajectory, without that word about gains. */
+static int check_swingup(const struct options *o)
+{
+    if (o->poles || o->lqr || o->lqrd || o->gains || o->delay || o->friction)
+        return report_usage("design", "swingup takes --model, --at, --rate, --reserve, --slack, "
+                                      "--out and --json");
+    return EXIT_OK;
+}
+
 static int check(const struct options *o)
 {
+    if (o->swingup.out)
+        return report_usage("design", "--out goes with swingup");
     if ((o->poles != NULL) + (o->lqr != NULL) + (o->lqrd != NULL) + (o->gains != NULL) > 1)
         return report_usage("design", "one of --poles, --lqr, --lqrd, --gains at a time");
     if (o->delay && !o->lqrd)
@@ -314,10 +337,16 @@ static void print_place(const struct mk_model *model, const struct mk_equilibriu
 static int run(int argc, char **argv)
 {
     struct options o = {.rate = 500.0};
-    struct arguments none;
-    int code = options_parse(&sub_design, argc, argv, &o, &none);
+    struct arguments what;
+    mk_swingup_default(&o.swingup.options);
+    int code = options_parse(&sub_design, argc, argv, &o, &what);
+    if (code == EXIT_OK && what.count && strcmp(what.text[0], "swingup") != 0)
+        code = report_usage("design",
+                            "'%s': a design is of gains, or with the word swingup of a "
+                            "trajectory",
+                            what.text[0]);
     if (code == EXIT_OK)
-        code = check(&o);
+        code = what.count ? check_swingup(&o) : check(&o);
     if (code != EXIT_OK)
         return code;
     struct mk_model model;
@@ -327,6 +356,12 @@ static int run(int argc, char **argv)
     const struct mk_equilibrium *eq = find_equilibrium(mk_plant(model.plant), o.at);
     if (!eq)
         return no_equilibrium(mk_plant(model.plant), o.at);
+    if (what.count) {
+        o.swingup.model_path = o.model;
+        o.swingup.json = o.json;
+        o.swingup.options.rate_hz = o.rate;
+        return design_swingup(&o.swingup, &model, eq);
+    }
     struct linear sys;
     struct result r = {0};
     linear_at(&model, eq->q, o.friction, &sys);

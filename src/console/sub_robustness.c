@@ -49,6 +49,8 @@ static bool take_setup(const char *value, void *target)
 static const struct option_row option_rows[] = {
     {"setup", OPTION_CALL(setup), "NAME", "one setup; default: all that balance",
      .take = take_setup, .wants = "a setup that balances: pendubot-mid, furuta, ..."},
+    {"swingup", OPTION_TEXT(spread.swingup), "FILE",
+     "the trajectory that the setup follows, with --setup (docs/swingup.md)"},
     {"seeds", OPTION_COUNT(seeds), "N", "rigs a setup; default 200", 1, SEEDS_MAX},
     {"first", OPTION_SEED(first), "N", "seed of the first; default 1", 1, 9e15},
     {"delay", OPTION_COUNT(spread.delay_samples), "N",
@@ -212,6 +214,8 @@ static int run(int argc, char **argv)
     int code = options_parse(&sub_robustness, argc, argv, &o, &none);
     if (code != EXIT_OK)
         return code;
+    if (o.spread.swingup && !o.setup)
+        return report_usage("robustness", "--swingup goes with --setup: it is a trajectory of one");
     struct mk_error err = MK_ERROR_INIT;
     cJSON *root = cJSON_CreateArray();
     print_heading(&o);

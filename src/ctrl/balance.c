@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "ctrl/track.h"
 #include "mechkit/design.h"
 
 #define N MK_CTRL_STATES
@@ -67,6 +68,7 @@ enum mk_status mk_balance_prepare(struct mk_balance *b, struct mk_ctrl *ctrl,
     memcpy(b->roa.equilibrium, equilibrium, sizeof b->roa.equilibrium);
     memcpy(b->roa.limit, b->fallen, sizeof b->roa.limit);
     memcpy(b->roa.p, p, sizeof b->roa.p);
+    ctrl->roa = &b->roa;
     b->bent = estimate_in_what_remains(b, ctrl);
     see(b, ctrl, b->bent);
     return b->bent ? MK_OK : mk_roa_estimate(&b->roa, err);
@@ -102,6 +104,14 @@ bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
 double mk_balance_lean(const struct mk_balance *b, const double *x, int joint)
 {
     return b->roa.really ? mk_equilibria_at(b->roa.really, x)->shift[joint] : 0.0;
+}
+
+bool mk_balance_follow(const struct mk_balance *b, const struct mk_ctrl *ctrl,
+                       const struct mk_ctrl_input *in, const double *x, double *u)
+{
+    /* x is `lead` samples ahead; one of them passes until the command acts. */
+    double ahead = (param(b, ctrl, MK_BALANCE_LEAD) - 1.0) * ctrl->dt;
+    return mk_track_follow(ctrl->track, x, in->t, ahead, u);
 }
 
 static bool lost(const struct mk_balance *b, const double *x)

@@ -78,6 +78,10 @@ bool mk_balance_observe(struct mk_balance *b, const struct mk_ctrl *ctrl,
 /* How far the equilibrium where x is lies from the textbook plant's, in the angle of `joint`. RT.
  */
 double mk_balance_lean(const struct mk_balance *b, const double *x, int joint);
+/* Whether a trajectory (mechkit/swingup.h) says the command of the swing-up in state x: then it is
+ * *u. RT. */
+bool mk_balance_follow(const struct mk_balance *b, const struct mk_ctrl *ctrl,
+                       const struct mk_ctrl_input *in, const double *x, double *u);
 /* Next phase, from the present one: catches, falls, or stays. RT. */
 enum mk_phase mk_balance_phase(const struct mk_balance *b, const struct mk_ctrl *ctrl,
                                enum mk_phase phase, const double *x);

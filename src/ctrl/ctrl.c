@@ -7,6 +7,7 @@
 #include "ctrl/compensate.h"
 #include "ctrl/ctrl_priv.h"
 #include "ctrl/ctrl_rig.h"
+#include "ctrl/track.h"
 
 /* One row a setup: the order is the one of lists shown to people. */
 static const struct mk_ctrl_ops *const setups[] = {
@@ -196,6 +197,7 @@ void mk_ctrl_destroy(struct mk_ctrl *ctrl)
     if (ctrl->ops->destroy)
         ctrl->ops->destroy(ctrl);
     mk_compensator_destroy(ctrl->compensator);
+    mk_track_destroy(ctrl->track);
     free(ctrl->priv);
     free(ctrl);
 }
@@ -204,6 +206,7 @@ void mk_ctrl_reset(struct mk_ctrl *ctrl)
 {
     if (ctrl->compensator)
         mk_compensator_reset(ctrl->compensator);
+    mk_track_reset(ctrl->track);
     ctrl->ops->reset(ctrl);
 }
 

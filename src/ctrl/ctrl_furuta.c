@@ -98,6 +98,8 @@ static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     out->phase = s->phase;
     if (s->phase == MK_PHASE_BALANCE) {
         out->u = law(ctrl, x);
+    } else if (mk_balance_follow(&s->balance, ctrl, in, x, &out->u)) {
+        s->swing_from = in->t;
     } else {
         double v1 = mk_link_pump(&ctrl->model, x, 0.0, in->t - s->swing_from,
                                  mk_lift_share(&s->balance.lift, x), &ctrl->value[PUMP]);

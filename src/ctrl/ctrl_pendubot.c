@@ -178,7 +178,12 @@ static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
         s->swing_from = in->t;
 
     out->phase = s->phase;
-    out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x, in->t, &out->ref);
+    if (s->phase == MK_PHASE_BALANCE)
+        out->u = law(ctrl, x);
+    else if (mk_balance_follow(&s->balance, ctrl, in, x, &out->u))
+        s->swing_from = in->t;
+    else
+        out->u = swing_up(ctrl, x, in->t, &out->ref);
     out->ref += mk_balance_lean(&s->balance, x, 0);
 }
 

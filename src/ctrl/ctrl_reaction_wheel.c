@@ -184,7 +184,10 @@ static void reaction_wheel_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input
     s->phase = mk_balance_phase(&s->balance, ctrl, s->phase, x);
     out->phase = s->phase;
     out->ref += mk_balance_lean(&s->balance, x, 0);
-    out->u = s->phase == MK_PHASE_BALANCE ? law(ctrl, x) : swing_up(ctrl, x);
+    if (s->phase == MK_PHASE_BALANCE)
+        out->u = law(ctrl, x);
+    else if (!mk_balance_follow(&s->balance, ctrl, in, x, &out->u))
+        out->u = swing_up(ctrl, x);
 }
 
 const struct mk_ctrl_ops mk_ctrl_reaction_wheel =

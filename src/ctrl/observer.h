@@ -15,6 +15,10 @@
 
 #include "mechkit/ctrl.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define MK_CTRL_STATES 4
 
 /* Commands that are remembered: for delays of so many samples. */
@@ -53,4 +57,7 @@ void mk_observer_ahead(const struct mk_observer *obs, double *x, double lead_s);
  * model's effects those without a memory act, as they do at time 0. */
 void mk_ctrl_predict(const struct mk_model *model, double *x, double u, double dt);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

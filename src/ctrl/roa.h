@@ -24,6 +24,10 @@
 #include "mechkit/model.h"
 #include "mechkit/status.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* The command that the law asks for in state x (absolute), delay already made up for. */
 typedef double (*mk_roa_law)(const void *user, const double *x);
 
@@ -59,4 +63,7 @@ bool mk_roa_holds(const struct mk_roa *roa, const double *x, double share);
 bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, double horizon_s,
                      double u_share);
 
+#ifdef __cplusplus
+}
+#endif
 #endif
