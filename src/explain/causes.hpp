@@ -67,9 +67,9 @@ class CauseSearch
     std::vector<Asked> suspects;
     bool give_up_early = false; // where even with a cause the model is far from its data
     bool gives_up() const { return give_up_early && best.drift >= LOST; }
-    Hypothesis refit;           // the given model, without a cause
-    Hypothesis best;            // with all of them
-    std::vector<Round> rounds;  // one a cause of `best`, in its order
+    Hypothesis refit;          // the given model, without a cause
+    Hypothesis best;           // with all of them
+    std::vector<Round> rounds; // one a cause of `best`, in its order
 
   private:
     const mk_model &model;
