@@ -137,7 +137,7 @@ bool PredictionSearch::run()
     while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
            add_one())
         continue;
-    return true;
+    return exchange();
 }
 
 void PredictionSearch::decide()
@@ -378,7 +378,7 @@ bool PredictionSearch::add_one()
             runners_up.back().push_back(f.cause);
     best = std::move(*chosen);
     causes.push_back(carrier);
-    return settle() && exchange();
+    return settle();
 }
 
 // Errors that were usual before a cause was found hide what is left: once more, in units of what
