@@ -64,7 +64,7 @@ class Rig:
         self.joints = 2 if two else 1
         self.count = [2 * math.pi / cpr for cpr in self.truth["cpr"]]
         # Rounding and a uniform jitter before it.
-        self.places = []  # of every zero, counts from where the rig began
+        self.places = []  # of every zero, counts; those of fresh runs are all where the rig begins
         threading.Thread(target=self.listen, daemon=True).start()
         self.noise = [c * math.sqrt(1 / 12 + self.truth["jitter"] ** 2 / 3) for c in self.count]
 
@@ -151,7 +151,8 @@ def seen_from(rig, place, logs):
                 fields = line.split(",")
                 if line[0].isdigit():
                     for j in ANYWHERE.get(rig.plant, ()):
-                        fields[1 + j] = f"{float(fields[1 + j]) - place[j] * rig.count[j]:.12g}"
+                        moved = (rig.places[0][j] - place[j]) * rig.count[j]
+                        fields[1 + j] = f"{float(fields[1 + j]) + moved:.12g}"
                 out.write(",".join(fields))
     return paths
 
