@@ -153,7 +153,7 @@ class Board
     }
     void zero()
     {
-        // Where joints that rest anywhere were, counted from where the rig began.
+        // Where joints that rest anywhere are.
         int32_t moved[MK_WIRE_JOINTS];
         rig->counts(moved);
         for (int j = 0; j < MK_WIRE_JOINTS; j++)

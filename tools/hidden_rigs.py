@@ -27,7 +27,6 @@ from wire import Host
 PLANTS = ["inertia-wheel", "pendubot", "reaction-wheel", "furuta", "pendulum"]
 KINDS = ["single", "pair", "parameters", "single", "pair", "none", "single", "pair"]
 OFF = {(1, 6), (3, 6)}  # (plant, round): outside the catalogue
-ANYWHERE = {"inertia-wheel": (0,), "reaction-wheel": (1,), "furuta": (0,)}  # joints that rest there
 RESTS = {"pendubot": (-math.pi / 2, 0.0), "furuta": (0.0, math.pi)}
 RATE = 500
 SECONDS = 10.0
@@ -64,7 +63,7 @@ class Rig:
         self.joints = 2 if two else 1
         self.count = [2 * math.pi / cpr for cpr in self.truth["cpr"]]
         # Rounding and a uniform jitter before it.
-        self.places = []  # of every zero, counts from where the rig began
+        self.places = []  # of every zero, counts; those of fresh runs are all where the rig begins
         threading.Thread(target=self.listen, daemon=True).start()
         self.noise = [c * math.sqrt(1 / 12 + self.truth["jitter"] ** 2 / 3) for c in self.count]
 
@@ -141,8 +140,8 @@ def run_family(rig, family, name):
 
 
 def seen_from(rig, place, logs):
-    """Logs whose joints that rest anywhere are counted from a place, as an investigation counts them
-    from the zero of its first run."""
+    """Logs counted from a place, as an investigation counts from the zero of its first run: joints that
+    rest anywhere are elsewhere then, and on a base that leans that moves where the others hang."""
     paths = []
     for log in logs:
         paths.append(log.replace(".csv", "-there.csv"))
@@ -150,8 +149,9 @@ def seen_from(rig, place, logs):
             for line in file:
                 fields = line.split(",")
                 if line[0].isdigit():
-                    for j in ANYWHERE.get(rig.plant, ()):
-                        fields[1 + j] = f"{float(fields[1 + j]) - place[j] * rig.count[j]:.12g}"
+                    for j in range(rig.joints):
+                        moved = (rig.places[0][j] - place[j]) * rig.count[j]
+                        fields[1 + j] = f"{float(fields[1 + j]) + moved:.12g}"
                 out.write(",".join(fields))
     return paths
 
