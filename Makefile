@@ -308,6 +308,7 @@ monkey: tests ## random keys in the console, each halt looked at (SECONDS=60, VA
 .PHONY: pictures
 pictures: $(B)/shots $(APP) $(B)/mechkit-challenge ## render the pictures in docs/img from real runs
 	@$< $(APP) docs/img
+	@tools/swingup-picture.sh $(B)
 	@tools/explain-picture.sh $(B)
 	@tools/investigate-picture.sh $(B)
 SHOTS_OBJ := $(B)/tools/shots.o $(B)/tests/support/pty.o $(B)/tests/support/vt.o

@@ -1025,10 +1025,34 @@ START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
 }
 END_TEST
 
+START_TEST(a_swing_up_that_does_not_fit_is_told_with_file_and_line)
+{
+    /* No such file is found before anything runs; one of another setup when the setup is chosen. */
+    const char *none = scratch_text("none.cmd", "swingup none.csv\nsetup furuta\nquit\n");
+    struct outcome o = MECHKIT("run", "--check", none);
+    ck_assert_int_ne(o.code, 0);
+    ck_assert_msg(strstr(o.err, "none.csv"), "%s", o.err);
+    const char *other =
+        scratch_text("other.cmd", "swingup " MK_SOURCE_DIR
+                                  "/models/pendubot-mid-swingup.csv\nsetup pendubot-top\nquit\n");
+    o = MECHKIT("run", other, "--fast", "--out", scratch("other"));
+    ck_assert_int_ne(o.code, 0);
+    ck_assert_msg(strstr(o.err, "pendubot-mid-swingup.csv:4"), "%s", o.err);
+    ck_assert_msg(strstr(o.err, "leads to mid"), "%s", o.err);
+    const char *energy = scratch_text(
+        "energy.cmd", "swingup " MK_SOURCE_DIR "/models/pendubot-mid-swingup.csv\n"
+                      "setup pendubot-mid\nswingup energy\nstart\nwait 1.2\nexpect q2 < 2.5\n"
+                      "halt\nquit\n");
+    o = MECHKIT("run", energy, "--fast", "--out", scratch("energy"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+}
+END_TEST
+
 START_TEST(the_command_files_that_ship_do_what_they_promise)
 {
-    static const char *const names[] = {"pendubot-mid", "pendubot-top", "reaction-wheel",
-                                        "furuta",       "pi-speed",     "open-loop"};
+    static const char *const names[] = {"pendubot-mid",     "pendubot-top", "reaction-wheel",
+                                        "furuta",           "pi-speed",     "open-loop",
+                                        "pendubot-mid-fast"};
     char path[512];
     snprintf(path, sizeof path, MK_SOURCE_DIR "/scripts/%s.cmd", names[_i]);
     struct outcome o = MECHKIT("run", path, "--fast", "--out", scratch("ship"));
@@ -1081,7 +1105,8 @@ Suite *suite_console(void)
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);
     tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
     tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
-    tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 6);
+    tcase_add_test(t, a_swing_up_that_does_not_fit_is_told_with_file_and_line);
+    tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 7);
     suite_add_tcase(s, t);
     return s;
 }

@@ -204,11 +204,26 @@ START_TEST(what_cannot_be_designed_is_said_in_a_line)
 }
 END_TEST
 
+START_TEST(a_swing_up_is_a_design_of_its_own)
+{
+    char out[4096];
+    ck_assert_int_eq(design("--model " MODELS "furuta.ini --out x.csv", out, sizeof out), 2);
+    ck_assert_msg(strstr(out, "--out goes with swingup"), "%s", out);
+    ck_assert_int_eq(
+        design("swingup --model " MODELS "furuta.ini --lqr '1 1 1 1 1'", out, sizeof out), 2);
+    ck_assert_int_eq(design("swingdown --model " MODELS "furuta.ini", out, sizeof out), 2);
+    ck_assert_int_eq(design("swingup --at hanging --model " MODELS "furuta.ini", out, sizeof out),
+                     1);
+    ck_assert_msg(strstr(out, "nothing to swing up"), "%s", out);
+}
+END_TEST
+
 Suite *suite_design_cli(void)
 {
     Suite *s = suite_create("design_cli");
     TCase *t = tcase_create("program");
     tcase_set_timeout(t, 20);
+    tcase_add_test(t, a_swing_up_is_a_design_of_its_own);
     tcase_add_test(t, the_report_s_gains_come_out_in_its_order);
     tcase_add_test(t, complex_poles_are_placed_where_they_are_written);
     tcase_add_test(t, gains_are_printed_in_the_order_of_the_command);

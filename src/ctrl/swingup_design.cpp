@@ -20,21 +20,22 @@ using namespace mk::swing;
 namespace
 {
 
-constexpr double COARSE_S = 0.02;    // interval of the search
-constexpr double TOLERANCE = 1e-4;   // of the goal while searching: 0.1 mrad, 1 mrad/s
-constexpr double FINE = 1e-7;        // of the trajectory that is handed out
-constexpr int ITERATIONS = 30;       // between two updates of the multipliers
-constexpr double SMOOTHNESS = 0.1;   // 1/s
-constexpr double OF_LIMITS = 0.9;    // of travel and speed
-constexpr double FIRST_S = 1.0;      // of the durations tried
-constexpr double LONGEST_S = 12.0;   // no swing-up takes longer
-constexpr double AMPLE = 1.3;        // growth of the duration until starts lead somewhere
-constexpr double AMPLE_SHARE = 0.25; // of the starts
-constexpr double SHORTEN = 0.06;     // at once
-constexpr double RESOLUTION = 0.004; // of the duration
-constexpr double INTERVALS = 400.0;  // of a path that is shortened, about
-constexpr double SAME = 0.01;        // of the effort: solutions that are one
-constexpr size_t KEPT = 4;           // different swing-ups that are shortened
+constexpr double COARSE_S = 0.02;      // interval of the search
+constexpr double SEARCH_STEP_S = 5e-3; // of the integration meanwhile
+constexpr double TOLERANCE = 1e-4;     // of the goal while searching: 0.1 mrad, 1 mrad/s
+constexpr double FINE = 1e-7;          // of the trajectory that is handed out
+constexpr int ITERATIONS = 30;         // between two updates of the multipliers
+constexpr double SMOOTHNESS = 0.1;     // 1/s
+constexpr double OF_LIMITS = 0.9;      // of travel and speed
+constexpr double FIRST_S = 1.0;        // of the durations tried
+constexpr double LONGEST_S = 12.0;     // no swing-up takes longer
+constexpr double AMPLE = 1.3;          // growth of the duration until starts lead somewhere
+constexpr double AMPLE_SHARE = 0.25;   // of the starts
+constexpr double SHORTEN = 0.06;       // at once
+constexpr double RESOLUTION = 0.004;   // of the duration
+constexpr double INTERVALS = 400.0;    // of a path that is shortened, about
+constexpr double SAME = 0.01;          // of the effort: solutions that are one
+constexpr size_t KEPT = 4;             // different swing-ups that are shortened
 constexpr int THREADS = 2;
 
 struct Candidate {
@@ -241,7 +242,7 @@ enum mk_status check(const mk_model *model, int equilibrium, const mk_swingup_op
 enum mk_status design(const mk_model *model, int equilibrium, const mk_swingup_options *o,
                       mk_swingup **out, mk_error *err)
 {
-    Dynamics d(*model);
+    Dynamics d(*model, SEARCH_STEP_S), exact(*model);
     const double dt = 1.0 / o->rate_hz, limit = (1.0 - o->reserve) * model->u_max;
     Problem coarse = problem_of(d, equilibrium, model->u_max, COARSE_S);
     Candidate rough, optimum, best;
@@ -257,6 +258,7 @@ enum mk_status design(const mk_model *model, int equilibrium, const mk_swingup_o
                             LONGEST_S, limit);
     size_t n = (size_t)std::ceil(best.seconds(h) * (1.0 + o->slack) / dt);
     kept.h = dt;
+    kept.dynamics = &exact;
     for (; !solve_over(kept, best, n, FINE, best); n += std::max(n / 100, (size_t)1))
         if ((double)n * dt > LONGEST_S)
             return mk_error_set(err, MK_ERR_NUMERIC, "the swing-up was not found to the end");

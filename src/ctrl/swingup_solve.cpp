@@ -63,16 +63,15 @@ void move_by(const Dynamics &d, S *x, const S &u, double h)
 
 } // namespace
 
-// Steps no longer than MOST_S, and short enough for the fastest mode at rest, which is that of
-// friction's smoothed sign.
-Dynamics::Dynamics(const mk_model &believed)
+// The fastest mode is that of friction's smoothed sign at rest.
+Dynamics::Dynamics(const mk_model &believed, double longest_s)
     : model(believed), motor(mk_plant(believed.plant)->motor_joint)
 {
-    constexpr double MOST_S = 0.005, STABLE = 2.0; // of Runge-Kutta's 2.78
+    constexpr double STABLE = 2.0; // of Runge-Kutta's 2.78
     double a[N * N], b[N];
     mk_plant_linearise(&model, mk_plant(model.plant)->rest, true, a, b);
     double rate = std::max(std::fabs(a[N * 2 + 2] + a[N * 3 + 3]), 1e-9); // the sum of all modes
-    step_s = std::min(MOST_S, STABLE / rate);
+    step_s = std::min(longest_s, STABLE / rate);
 }
 
 State Dynamics::move(const State &x, double u, double h) const

@@ -29,13 +29,17 @@ namespace mk::swing
 using State = Eigen::Matrix<double, MK_CTRL_STATES, 1>;
 using StateMatrix = Eigen::Matrix<double, MK_CTRL_STATES, MK_CTRL_STATES>;
 
+// Of the trajectories that are handed out: an unstable motion multiplies what a step is off by.
+constexpr double FINE_STEP_S = 5e-4;
+
 // A textbook plant under a command, as the problem sees it.
 struct Dynamics {
     mk_model model; // no effects, no limit of its own to the command
     int motor;      // 0-based joint
     double step_s;  // the longest Runge-Kutta step
 
-    explicit Dynamics(const mk_model &believed);
+    // Steps of at most `longest_s`, and short enough for the motor's friction.
+    explicit Dynamics(const mk_model &believed, double longest_s = FINE_STEP_S);
     // x after h seconds under the command u, by equal Runge-Kutta steps of order 4.
     State move(const State &x, double u, double h) const;
     // The same, with a = dx+/dx and b = dx+/du.

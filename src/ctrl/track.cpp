@@ -16,7 +16,7 @@ namespace
 constexpr double ANGLE = 0.3;     // rad; of a slide by its scale
 constexpr double SPEED = 3.0;     // rad/s
 constexpr double WHEEL = 100.0;   // rad/s
-constexpr double COMMAND = 0.3;   // of u_max
+constexpr double COMMAND = 0.5;   // of u_max
 constexpr double LOST = 15.0;     // e' S e: 1 is the border of what balancing brings back
 constexpr double START = 0.5;     // of these sizes: the rig hangs still
 constexpr double LINGER_S = 0.25; // after the end: the last gain goes on
