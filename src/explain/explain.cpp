@@ -434,7 +434,8 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        causes->give_up_early = lost.joint == 0 && folds->enough(); // predictions are asked then
+        causes->give_up_early =
+            lost.joint == 0 && folds->enough() && !data.whole.empty(); // predictions are asked then
         if (!far)
             causes->run();
     }

@@ -74,10 +74,12 @@ void Verdict::find_pieces()
     sort_causes();
 }
 
-// Whether there is a cause with a name, and all predict data that they were not fitted to.
+// Whether there is a cause with a name, and all predict data that they were not fitted to, or
+// together follow those that they were.
 bool Verdict::carries_over() const
 {
-    return !causes.rounds.empty() && causes.carried.size() == causes.rounds.size() &&
+    return !causes.rounds.empty() &&
+           (causes.carried.size() == causes.rounds.size() || causes.follows(causes.best)) &&
            std::any_of(causes.rounds.begin(), causes.rounds.end(),
                        [](const Round &r) { return !is_library(r.field[0].added.effect); });
 }
