@@ -30,7 +30,11 @@ static void expect_fault(enum mk_fault fault)
 
     struct mk_log *log = bench_read_log();
     const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
-    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "fault"), mk_fault_name(fault)));
+    char noted[64], where[16] = "";
+    if (bench_look().fault_joint > 0)
+        snprintf(where, sizeof where, " joint %d", bench_look().fault_joint);
+    snprintf(noted, sizeof noted, "%s%s at ", mk_fault_name(fault), where);
+    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "fault"), noted));
     bool seen = false;
     for (size_t k = 0; k < log->rows; k++) {
         seen = seen || ((int)flags[k] & MK_FLAG_FAULT);

@@ -132,6 +132,8 @@ const struct mk_standing *mk_equilibria_at(const struct mk_equilibria *e, const 
     if (e->free_joint < 0)
         return &e->winding[MK_WINDINGS / 2];
     double turns = round((q[e->free_joint] - e->upright) / (2.0 * M_PI));
-    bool known = fabs(turns) <= MK_WINDINGS / 2; /* not so for a NAN */
-    return known ? &e->winding[(int)turns + MK_WINDINGS / 2] : &e->far;
+    if (!isfinite(turns))
+        return &e->nowhere;
+    turns = fmax(-MK_WINDINGS / 2, fmin(turns, MK_WINDINGS / 2));
+    return &e->winding[(int)turns + MK_WINDINGS / 2];
 }

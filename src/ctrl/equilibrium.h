@@ -17,7 +17,7 @@ bool mk_nearest_equilibrium(const struct mk_model *model, const double *nominal,
 /* The equilibria of a rig near a textbook one, by the turns that its free joint has made: a cable
  * there, or a wave of one turn that is read off an angle, pulls differently after a turn, and a
  * link that has been swung up to the left stands elsewhere than one that came from the right. */
-#define MK_WINDINGS 7 /* three turns either way; beyond, there is none */
+#define MK_WINDINGS 7 /* three turns either way; those beyond are taken for the last */
 
 struct mk_standing {
     double shift[MK_MAX_JOINTS]; /* rad: less the textbook one */
@@ -29,7 +29,7 @@ struct mk_standing {
 struct mk_equilibria {
     int free_joint; /* 0-based; -1: a rig without one, whose turns do not count */
     double upright; /* its angle in the textbook equilibrium */
-    struct mk_standing winding[MK_WINDINGS], far;
+    struct mk_standing winding[MK_WINDINGS], nowhere;
 };
 
 /* Those of `model` near `nominal`, by mk_nearest_equilibrium. */

@@ -48,6 +48,15 @@ static void integrate(const struct mk_model *model, const double *nominal, struc
     }
 }
 
+/* A joint beyond the turns that are known is taken to be in the last of them. */
+static double within(const struct mk_lift *lift, double q)
+{
+    double turns = (q - lift->first) / (2.0 * M_PI);
+    if (turns < 0.0)
+        return q - 2.0 * M_PI * floor(turns);
+    return turns < MK_WINDINGS ? q : q - 2.0 * M_PI * (floor(turns) - (MK_WINDINGS - 1));
+}
+
 static double potential_at(const struct mk_lift *lift, double q)
 {
     double place = mk_clamp((q - lift->first) / STEP, 0.0, POINTS - 1.0);
@@ -96,7 +105,7 @@ double mk_lift_energy(const struct mk_lift *lift, const double *q)
 {
     if (lift->free_joint < 0 || !isfinite(q[lift->free_joint]))
         return 0.0;
-    double angle = q[lift->free_joint];
+    double angle = within(lift, q[lift->free_joint]);
     return potential_at(lift, angle) - lift->upright[turn_of(lift, angle)];
 }
 
