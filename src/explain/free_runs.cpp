@@ -332,29 +332,11 @@ double FreeRuns::surprise(const mk_model &model, int number, double &slope) cons
     return std::log(now / info->initial) / SPREAD;
 }
 
-// Of own values and of base parameters.
-double FreeRuns::prior(const RunPoint &point, const std::vector<int> &free) const
-{
-    double sum = 0.0;
-    const std::vector<int> own = own_parameters(point.model);
-    for (const VectorXd &b : point.own)
-        for (size_t i = 0; i < own.size(); i++) {
-            const double off = b((long)i) / mk_model_parameter_spread(&point.model, own[i]);
-            sum += 0.5 * off * off;
-        }
-    for (int number : free) {
-        double slope;
-        const double off = surprise(point.model, number, slope);
-        sum += 0.5 * off * off;
-    }
-    return sum;
-}
-
-// Of the readings in units of what is usual, and of what is known beforehand.
+// Of the readings in units of what is usual, of own values and of base parameters.
 double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
 {
     constexpr double LOST = 1e3; // of the usual: a window that cannot be run
-    double sum = prior(point, picture.free);
+    double sum = 0.0;
     for (size_t w = 0; w < windows.size(); w += picture.stride)
         for (int j = 0; j < mk_model_joints(&near); j++) {
             const WindowQuadratic &q = picture.window[w];
@@ -362,27 +344,16 @@ double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
                    (q.finite ? q.before[j] / scale[j]
                              : LOST * (double)(windows[w].last - windows[w].first));
         }
-    return sum;
-}
-
-// What errors are usual is a parameter by itself, at its best: N independent errors of mean square
-// s^2 make N/2 log s^2. Windows that cannot be run are as bad as the worst.
-double FreeRuns::surprise_of_readings(const RunPicture &picture) const
-{
-    double sum = 0.0;
-    for (int j = 0; j < mk_model_joints(&near); j++) {
-        double squares = 0.0, n = 0.0, worst = 0.0, all = 0.0;
-        for (size_t w = 0; w < windows.size(); w += picture.stride) {
-            const WindowQuadratic &q = picture.window[w];
-            const double rows = (double)(windows[w].last - windows[w].first);
-            all += rows;
-            if (!q.finite)
-                continue;
-            squares += q.before[j], n += (double)q.readings[j];
-            worst = std::max(worst, q.before[j] / std::max((double)q.readings[j], 1.0));
+    const std::vector<int> own = own_parameters(point.model);
+    for (const VectorXd &b : point.own)
+        for (size_t i = 0; i < own.size(); i++) {
+            const double off = b((long)i) / mk_model_parameter_spread(&point.model, own[i]);
+            sum += 0.5 * off * off;
         }
-        squares += worst * (all - n);
-        sum += 0.5 * independent * all * std::log(std::max(squares / std::max(all, 1.0), ROUNDING));
+    for (int number : picture.free) {
+        double slope;
+        const double off = surprise(point.model, number, slope);
+        sum += 0.5 * off * off;
     }
     return sum;
 }
@@ -582,7 +553,7 @@ FitPicture FreeRuns::information(const RunPoint &point, const RunPicture &pictur
     const std::vector<Normal> parts = normals_of(point, picture, picture.free);
     FitPicture out = whole(point, picture.free, parts, folds);
     // Own values integrated out: their prior's and their posterior's widths.
-    out.cost = out.evidence = surprise_of_readings(picture) + prior(point, picture.free);
+    out.cost = out.evidence = point.cost;
     const std::vector<int> own = own_parameters(point.model);
     for (const Normal &part : parts)
         for (size_t i = 0; i < own.size(); i++)

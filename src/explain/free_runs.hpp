@@ -65,8 +65,7 @@ class FreeRuns
     // the picture's parameters that are `wanted`. `halves`: in second halves.
     bool left_out(const RunPoint &point, const RunPicture &picture, const std::vector<int> &wanted,
                   bool halves, HeldOutFigures &out) const;
-    // What the errors about a point say of the picture's parameters, own values eliminated; its
-    // evidence does not depend on the scale.
+    // What the errors about a point say of the picture's parameters, own values eliminated.
     FitPicture information(const RunPoint &point, const RunPicture &picture) const;
     size_t fold_count() const { return folds; }
     // Errors that are worth one each.
@@ -97,8 +96,6 @@ class FreeRuns
     std::unique_ptr<mk_start_finder> finder_of(const RunPoint &point, const mk_model &model,
                                                size_t log) const;
     void recall(RunPoint &point, int threads) const;
-    double prior(const RunPoint &point, const std::vector<int> &free) const;
-    double surprise_of_readings(const RunPicture &picture) const;
     void update_spreads(RunPoint &point, const RunPicture &picture) const;
     std::vector<Normal> normals_of(const RunPoint &point, const RunPicture &picture,
                                    const std::vector<int> &wanted) const;

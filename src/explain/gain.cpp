@@ -73,7 +73,12 @@ struct Gain {
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
     }
-    double noise(int j) const { return out.noise[j]; }
+    // What a fit took for noise of the readings; where a search in short stretches knew better,
+    // what that says.
+    double noise(int j) const
+    {
+        return causes.known_noise[j] > 0.0 ? out.noise[j] : causes.best.point.noise[j];
+    }
     double noise_share(const HeldOut &held, int j) const
     {
         const double sd = held.deviation(model, j);

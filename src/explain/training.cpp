@@ -252,6 +252,24 @@ std::vector<std::vector<const mk_log *>> TrainingData::rows_by_log() const
     return by_log;
 }
 
+std::vector<FitLog> TrainingData::thinned(const mk_model &model, double most_s) const
+{
+    double all_s = 0.0;
+    for (const FitLog &log : logs)
+        all_s += log.duration();
+    const double share = std::min(1.0, most_s / std::max(all_s, most_s));
+    std::vector<FitLog> some;
+    for (size_t i = 0; i < rows.size(); i++) {
+        mk_record record;
+        if (mk_record_from_log(rows[i], &model, &record, nullptr) != MK_OK)
+            continue;
+        const size_t wanted = std::max(FEWEST, (size_t)(share * (double)record.rows));
+        const size_t count = std::min(wanted, record.rows), first = (record.rows - count) / 2;
+        some.push_back(fit_log(record, model, first, first + count, logs[i].source));
+    }
+    return some;
+}
+
 // The last quarter of a log, [last, rows); of one that ends at rest, the last quarter of its
 // motion.
 enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &record,

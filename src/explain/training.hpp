@@ -33,6 +33,10 @@ struct TrainingData {
     // All rows to learn from, by log.
     std::vector<std::vector<const mk_log *>> rows_by_log() const;
 
+    // Of every part to search in its middle, so that all together last no longer than this: what it
+    // takes to say in which order causes are to be asked.
+    std::vector<FitLog> thinned(const mk_model &model, double most_s) const;
+
   private:
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,
                              size_t &last, mk_explanation &out, mk_error *err);

@@ -74,12 +74,10 @@ void Verdict::find_pieces()
     sort_causes();
 }
 
-// Whether there is a cause with a name, and all predict data that they were not fitted to, or
-// together follow those that they were.
+// Whether there is a cause with a name, and all predict data that they were not fitted to.
 bool Verdict::carries_over() const
 {
-    return !causes.rounds.empty() &&
-           (causes.carried.size() == causes.rounds.size() || causes.follows(causes.best)) &&
+    return !causes.rounds.empty() && causes.carried.size() == causes.rounds.size() &&
            std::any_of(causes.rounds.begin(), causes.rounds.end(),
                        [](const Round &r) { return !is_library(r.field[0].added.effect); });
 }
