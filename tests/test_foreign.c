@@ -13,9 +13,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "investigate/journal.h"
 #include "mechkit/model.h"
 #include "support/files.h"
+#include "support/journals.h"
 #include "support/program.h"
 
 #define SHORT "--seconds 5 --tries 100"
@@ -97,24 +97,6 @@ static void ck_assert_says(const char *text)
     ck_assert_msg(strstr(said, text) != NULL, "no '%s' in:\n%s", text, said);
 }
 
-static void read_journal(void)
-{
-    struct mk_error err = MK_ERROR_INIT;
-    bool found;
-    ck_assert_msg(journal_open(&journal, folder, false, &found, &err) == MK_OK, "%s", err.message);
-    journal_close(&journal);
-    ck_assert(found);
-}
-
-static const struct journal_finding *last_finding(void)
-{
-    for (int i = journal.count - 1; i >= 0; i--)
-        if (journal.experiment[i].finding.verdict[0])
-            return &journal.experiment[i].finding;
-    ck_abort_msg("nothing was learned");
-    return NULL;
-}
-
 /* The parameters that tools/rig_server.py has. */
 static void ck_assert_knows(const double *p, int n)
 {
@@ -143,9 +125,9 @@ START_TEST(a_rig_behind_a_server_in_another_language_is_known_to_a_percent)
     if (_i == 2)
         ck_assert_says("The board counts 2048 a turn at joint 1, the model has 4000: the board is "
                        "believed.");
-    read_journal();
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
-    ck_assert_int_eq(last_finding()->causes, 0);
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
     ck_assert_knows(pendulum, 4);
     server_says("gone: command 0,");
 }
@@ -159,9 +141,10 @@ START_TEST(a_cause_behind_it_is_named)
     new_folder("named");
     int code = investigate_rig("furuta", "--fast");
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal();
-    ck_assert_int_eq(last_finding()->causes, 1);
-    ck_assert_int_eq(strncmp(last_finding()->cause[0], "coulomb at joint 2: level 0.03", 30), 0);
+    read_journal_of(folder, &journal);
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 1);
+    ck_assert_int_eq(
+        strncmp(last_finding_of(&journal)->cause[0], "coulomb at joint 2: level 0.03", 30), 0);
 }
 END_TEST
 
@@ -220,7 +203,7 @@ START_TEST(a_server_that_hangs_up_and_comes_back_elsewhere_is_gone_on_with)
         run_mechkit(said, sizeof said, "investigate --resume %s --device %s", folder, device);
     ck_assert_msg(code == 0, "%d: %s", code, said);
     ck_assert_says("The rig is now at ");
-    read_journal();
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
     ck_assert_str_eq(journal.settings.device, device);
 }
@@ -234,12 +217,12 @@ START_TEST(a_motor_that_gives_nothing_ends_it_and_what_was_learned_stays)
     new_folder("dead");
     ck_assert_int_eq(investigate_rig("pendulum", "--fast"), 1);
     ck_assert_says("experiment 2: nothing moved");
-    read_journal();
+    read_journal_of(folder, &journal);
     ck_assert(journal.experiment[1].broken_off);
     end_server();
     serve(PENDULUM);
     ck_assert_int_eq(investigate_rig("pendulum", "--fast"), 0);
-    read_journal();
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
     ck_assert_knows(pendulum, 4);
 }
@@ -253,9 +236,9 @@ START_TEST(a_run_in_which_somebody_held_the_rig_is_left_out)
     new_folder("held");
     int code = investigate_rig("pendulum", "--fast");
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal();
+    read_journal_of(folder, &journal);
     ck_assert(journal.experiment[0].left_out && !journal.experiment[0].used);
-    ck_assert_int_eq(last_finding()->causes, 0);
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
     ck_assert_knows(pendulum, 4);
 }
 END_TEST
@@ -265,6 +248,7 @@ Suite *suite_foreign(void)
     Suite *s = suite_create("foreign");
     TCase *found = tcase_create("found");
     tcase_set_timeout(found, 240);
+    tcase_set_tags(found, "long");
     tcase_add_checked_fixture(found, NULL, end_server);
     tcase_add_loop_test(found, a_rig_behind_a_server_in_another_language_is_known_to_a_percent, 0,
                         3);
@@ -281,7 +265,7 @@ Suite *suite_foreign(void)
     suite_add_tcase(s, wrong);
     TCase *held = tcase_create("held"); /* a search for what is not there takes its time */
     tcase_set_timeout(held, 900);
-    tcase_set_tags(held, "long");
+    tcase_set_tags(held, "long patient");
     tcase_add_checked_fixture(held, NULL, end_server);
     tcase_add_test(held, a_run_in_which_somebody_held_the_rig_is_left_out);
     suite_add_tcase(s, held);

@@ -10,13 +10,13 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include "investigate/journal.h"
 #include "investigate/nudge.h"
 #include "investigate/plan.h"
 #include "investigate/runs.h"
 #include "mechkit/log.h"
 #include "mechkit/rig.h"
 #include "support/files.h"
+#include "support/journals.h"
 #include "support/program.h"
 
 /* Small budgets: seconds of a rig that is simulated as fast as it goes. */
@@ -60,24 +60,6 @@ static int investigate_rig(const char *rig, const char *truth, const char *folde
                        model_of(rig), truth, folder, options);
 }
 
-static void read_journal(const char *folder)
-{
-    struct mk_error err = MK_ERROR_INIT;
-    bool found;
-    ck_assert_msg(journal_open(&journal, folder, false, &found, &err) == MK_OK, "%s", err.message);
-    journal_close(&journal);
-    ck_assert(found);
-}
-
-static const struct journal_finding *last_finding(void)
-{
-    for (int i = journal.count - 1; i >= 0; i--)
-        if (journal.experiment[i].finding.verdict[0])
-            return &journal.experiment[i].finding;
-    ck_abort_msg("nothing was learned");
-    return NULL;
-}
-
 static char *file_of(const char *folder, const char *name)
 {
     char path[700];
@@ -111,9 +93,9 @@ START_TEST(a_hidden_cause_is_found_by_name_and_the_model_passes_a_test)
     int code =
         investigate_rig(cases[_i].rig, hidden(cases[_i].rig, cases[_i].effect), folder, SHORT);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
-    const struct journal_finding *f = last_finding();
+    const struct journal_finding *f = last_finding_of(&journal);
     ck_assert_int_eq(f->causes, 1);
     ck_assert_msg(strncmp(f->cause[0], cases[_i].found, strlen(cases[_i].found)) == 0, "%s",
                   f->cause[0]);
@@ -127,7 +109,7 @@ START_TEST(nothing_is_fitted_to_a_test_that_is_passed_and_its_prediction_is_olde
     ck_assert_int_eq(
         investigate_rig("inertia-wheel", hidden("inertia-wheel", cases[1].effect), folder, SHORT),
         0);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     const struct experiment *test = &journal.experiment[journal.count - 1];
     ck_assert_int_eq(test->kind, EXPERIMENT_TEST);
     ck_assert(test->passed);
@@ -154,9 +136,9 @@ START_TEST(a_rig_that_is_its_model_gets_no_cause_and_the_notebook_says_so)
     const char *folder = new_folder("clean");
     int code = investigate_rig(rigs[_i], model_of(rigs[_i]), folder, SHORT);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
-    ck_assert_int_eq(last_finding()->causes, 0);
-    ck_assert_str_eq(last_finding()->verdict, "none");
+    read_journal_of(folder, &journal);
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+    ck_assert_str_eq(last_finding_of(&journal)->verdict, "none");
     char *html = file_of(folder, "notebook.html"), *md = file_of(folder, "notebook.md");
     ck_assert_ptr_nonnull(strstr(html, "no cause is claimed"));
     ck_assert_ptr_nonnull(strstr(html, "<svg"));
@@ -176,7 +158,7 @@ START_TEST(the_rigs_setups_are_run_with_both_models_once)
         investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder, SHORT " --control"), 0);
     ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --resume %s --control", folder),
                      0);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.controls, 2);
     for (int i = 0; i < 2; i++) {
         ck_assert_str_eq(journal.control[i].setup, "pi-speed");
@@ -193,12 +175,12 @@ START_TEST(the_last_experiment_of_the_budget_is_a_test_and_a_spent_budget_can_be
     const char *folder = new_folder("budget"), *truth = hidden("inertia-wheel", cases[1].effect);
     ck_assert_int_eq(investigate_rig("inertia-wheel", truth, folder, SHORT " --experiments 1"), 1);
     ck_assert_says("The budget of 1 experiments is spent.");
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "budget");
     ck_assert_int_eq(journal.count, 1);
     ck_assert_int_eq(investigate_rig("inertia-wheel", truth, folder, SHORT " --experiments 2"), 0);
     ck_assert_says("The budget ends with a test.");
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.count, 2);
     ck_assert_int_eq(journal.experiment[1].kind, EXPERIMENT_TEST);
     /* By time as well. */
@@ -214,7 +196,7 @@ START_TEST(no_run_leaves_the_limits_that_the_operator_gave)
     ck_assert_int_eq(
         investigate_rig("pendulum", model_of("pendulum"), folder, SHORT " --u-max 2 --q1 -0.8:0.8"),
         0);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     for (int i = 0; i < journal.count; i++) {
         char name[64], path[700];
         struct mk_log *log;
@@ -258,15 +240,15 @@ START_TEST(an_investigation_that_is_killed_goes_on_and_runs_nothing_twice)
     }
     int code = run_command(said, sizeof said, "%s", command);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
-    ck_assert_int_eq(strncmp(last_finding()->cause[0], "input-delay", 11), 0);
+    ck_assert_int_eq(strncmp(last_finding_of(&journal)->cause[0], "input-delay", 11), 0);
     run_command(said, sizeof said, "ls %s/exp-??.csv | wc -l", folder);
     ck_assert_int_eq(atoi(said), journal.count);
     /* Over is over: the same command once more runs nothing. */
     const int count = journal.count;
     ck_assert_int_eq(run_command(said, sizeof said, "%s", command), 0);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.count, count);
 }
 END_TEST
@@ -281,7 +263,7 @@ START_TEST(a_signal_ends_it_with_the_journal_whole)
     int code = run_command(said, sizeof said, "timeout -s INT 1 %s", command);
     ck_assert_int_ne(code, 0);
     ck_assert_says("ended by a signal, motor off");
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.count, 0);
     ck_assert_str_eq(journal.stopped, "");
 }
@@ -304,11 +286,11 @@ START_TEST(a_board_that_fails_ends_it_with_the_motor_off_and_the_same_command_go
     for (size_t k = 2303; k < log->rows; k++)
         ck_assert_double_eq(u[k], 0.0);
     mk_log_free(log);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert(journal.experiment[0].broken_off);
     code = investigate_rig("inertia-wheel", truth, folder, SHORT);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert(journal.experiment[0].used); /* four seconds are worth something */
     ck_assert_str_eq(journal.stopped, "validated");
 }
@@ -323,7 +305,7 @@ START_TEST(a_cable_that_is_pulled_ends_it_and_the_same_command_goes_on)
     ck_assert_says("unplugged");
     int code = investigate_rig("inertia-wheel", model_of("inertia-wheel"), folder, SHORT);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert(journal.experiment[0].broken_off);
     ck_assert_str_eq(journal.stopped, "validated");
 }
@@ -338,12 +320,12 @@ START_TEST(a_full_disk_ends_it_and_nothing_that_was_written_is_lost)
     /* Room for predictions and half a log. */
     int code = run_command(said, sizeof said, "bash -c 'ulimit -f 130; %s'", command);
     ck_assert_msg(code == 1, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.count, 1);
     ck_assert_str_eq(journal.stopped, "");
     code = run_command(said, sizeof said, "%s", command);
     ck_assert_msg(code == 0, "%d: %s", code, said);
-    read_journal(folder);
+    read_journal_of(folder, &journal);
     ck_assert_str_eq(journal.stopped, "validated");
     ck_assert_int_eq(count_files("full/.*tmp"), 0);
 }
