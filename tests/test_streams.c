@@ -249,7 +249,8 @@ START_TEST(a_peer_that_says_nothing_is_no_board)
     double start = now_s();
     ck_assert_int_eq(try_open("tcp", bound), MK_ERR_TIMEOUT);
     says("no answer to 'hello'");
-    ck_assert_double_le(now_s() - start, 10.0);
+    /* It has 3 s to boot; a busy machine is given as long again. */
+    ck_assert_double_le(now_s() - start, 6.0);
     close(listening);
 }
 END_TEST
