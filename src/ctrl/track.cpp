@@ -51,7 +51,7 @@ State sizes_of(const mk_model &model)
     return size;
 }
 
-// The recursion above, from the end.
+// The recursion of track.h, from the end.
 void find_gains(const Dynamics &d, const StateMatrix &end, mk_track &t)
 {
     const size_t n = t.x.size() - 1;
