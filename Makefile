@@ -220,6 +220,9 @@ check: ## install what is missing, build, run the tests
 	@tools/deps.sh
 	@tools/floors.sh
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=$(VARIANT) run-tests
+.PHONY: check-all
+check-all: ## check, with the few tests that take minutes each
+	@MK_CHECK_ALL=1 $(MAKE) --no-print-directory check
 check-asan: ## the tests under AddressSanitizer and UndefinedBehaviorSanitizer
 	@$(MAKE) --no-print-directory $(JOBS) VARIANT=asan run-tests
 check-tsan: ## the tests with threads under ThreadSanitizer
@@ -236,6 +239,10 @@ challenge: $(B)/mechkit-challenge $(APP) ## hide effects in made-up logs and sco
 	@tools/challenge.py $(APP)
 $(B)/mechkit-challenge: $(CHALLENGE_OBJ) $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
+.PHONY: rich
+rich: $(APP) ## score explain on rigs with several effects at once
+	@tools/rich.py $(APP)
 
 # The same rigs behind a socket, and what investigate makes of them.
 .PHONY: hidden-rigs

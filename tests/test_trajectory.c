@@ -319,7 +319,6 @@ Suite *suite_trajectory(void)
     TCase *t = tcase_create("trajectory");
     tcase_set_timeout(t, 240);
     tcase_add_loop_test(t, sundials_integrates_the_commands_to_the_equilibrium, 0, RIGS);
-    tcase_add_test(t, the_search_finds_a_swing_up_that_holds_and_is_as_short_as_is_known);
     tcase_add_test(t, what_has_no_swing_up_is_refused);
     suite_add_tcase(s, t);
 
@@ -334,9 +333,15 @@ Suite *suite_trajectory(void)
     tcase_set_timeout(t, 120);
     tcase_add_loop_test(t, the_nominal_rig_is_caught_within_one_and_a_half_times_the_optimum, 0,
                         RIGS);
-    tcase_add_loop_test(t, rigs_off_the_model_are_caught_and_held, 0, ROBUST);
     tcase_add_loop_test(t, thrown_off_it_swings_up_by_energy, 0, ROBUST);
     tcase_add_test(t, a_tick_along_the_trajectory_allocates_nothing);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("figures");
+    tcase_set_timeout(t, 240);
+    tcase_set_tags(t, "long");
+    tcase_add_test(t, the_search_finds_a_swing_up_that_holds_and_is_as_short_as_is_known);
+    tcase_add_loop_test(t, rigs_off_the_model_are_caught_and_held, 0, ROBUST);
     suite_add_tcase(s, t);
     return s;
 }

@@ -14,16 +14,19 @@ threaded="ring clock log_writer console console_pty tui safety rig loop loop_fau
 # What goes by the clock waits most of the time. What computes runs beside it, behind it.
 by_clock="clock log_writer console console_pty tui safety rig loop loop_faults board standalone doctor usb \
     parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script"
+# What takes more than a minute by itself has its turn with `make check-all` only.
+patient=${MK_CHECK_ALL:+none}
+export CK_EXCLUDE_TAGS=${patient:-patient}
 suites=""
 beside=""
 case $variant in
 release) suites=$by_clock beside=yes ;;
 asan)
-    export CK_EXCLUDE_TAGS=long
+    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long"
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
     export CK_TIMEOUT_MULTIPLIER=6 ;;
 tsan)
-    export CK_EXCLUDE_TAGS="long one-thread"
+    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long one-thread"
     suites=$threaded
     export TSAN_OPTIONS=halt_on_error=1
     export CK_TIMEOUT_MULTIPLIER=12 ;;
