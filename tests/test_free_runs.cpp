@@ -1,6 +1,6 @@
 // Free runs as least squares: what a fit to some logs says of another one, and what effects
 // remember. Data are those of an independent simulator.
-#include "explain/free_runs.hpp"
+#include "ident/free_runs.hpp"
 
 #include "suites.h"
 
@@ -112,6 +112,26 @@ START_TEST(the_law_that_is_missing_is_what_the_left_out_logs_ask_for)
 END_TEST
 
 // A spring whose rest lies elsewhere in every log: its own value is learnt from a log's first half.
+// What was usual before a cause was found must not hide what the next one gains.
+START_TEST(what_errors_say_of_a_model_does_not_depend_on_what_was_usual)
+{
+    const Runs runs({DRAG});
+    mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
+    const std::vector<int> free = mk::fitted_parameters(runs.model);
+    mk::RunPoint far = all.start(runs.model), near = far;
+    for (int i = 0; i < mk_plant(MK_PLANT_PENDULUM)->parameter_count; i++)
+        far.model.parameter[i] *= 1.5;
+    mk::RunPicture picture;
+    ck_assert(all.linearise(near, free, true, 1, picture));
+    near.cost = all.cost(near, picture);
+    const mk::FitPicture before = all.information(near, picture);
+    all.take_scale(far);
+    const mk::FitPicture after = all.information(near, picture);
+    ck_assert_double_eq_tol(before.evidence, after.evidence, 1e-9 * std::fabs(before.evidence));
+    ck_assert_double_lt(all.cost(near, picture), 0.9 * near.cost); // while the cost does
+}
+END_TEST
+
 START_TEST(a_value_of_a_logs_own_comes_from_its_first_half)
 {
     std::vector<truth::OwnedLog> logs;
@@ -190,6 +210,7 @@ extern "C" Suite *suite_free_runs(void)
     tcase_set_timeout(t, 60);
     tcase_add_test(t, what_a_fit_to_the_other_logs_leaves_is_known_without_making_it);
     tcase_add_test(t, the_law_that_is_missing_is_what_the_left_out_logs_ask_for);
+    tcase_add_test(t, what_errors_say_of_a_model_does_not_depend_on_what_was_usual);
     tcase_add_test(t, a_value_of_a_logs_own_comes_from_its_first_half);
     tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
     suite_add_tcase(s, t);

@@ -1,17 +1,11 @@
 // Evidence that carries over: whether a cause improves the prediction of logs that it was not
-// fitted to.
-//
-// Every training log (or block of a log, where they are few) is left out once. What a fit to the
-// others would be is known from the second-order picture that each of them has of the cost: with
-// information H = sum H_l and slope G = sum G_l, the fit without log f is off by
-// (H - H_f)^-1 (G - G_f), one Gauss-Newton step. Free runs over windows of f then tell how far that
-// model ends from readings that had no part in it.
+// fitted to. Every training log (or block of a log, where they are few) is left out once; what fits
+// to all others leave there is compared window by window.
 #ifndef MECHKIT_EXPLAIN_CARRY_OVER_HPP
 #define MECHKIT_EXPLAIN_CARRY_OVER_HPP
 
 #include <vector>
 
-#include "explain/search.hpp"
 #include "explain/training.hpp"
 #include "ident/held_out.hpp"
 
@@ -30,46 +24,34 @@ struct Carried {
     std::vector<double> by_fold; // mean log ratio of each
 };
 
-class CarryOver
+// The training data in parts that are left out in turn: the logs, or blocks of them.
+class Folds
 {
   public:
-    // `data` must outlive it.
-    CarryOver(const mk_model &model, const TrainingData &data, double window_s,
-              const FitOptions &options);
-    bool possible() const { return folds.size() >= FEWEST_FOLDS; }
-    double window() const { return window_s; }
+    static constexpr size_t FEWEST = 3;
+
+    // `data` must outlive it. Windows of prediction of `window_s` fit into every block.
+    Folds(const TrainingData &data, double window_s);
+    bool enough() const { return logs.size() >= FEWEST; }
     // The logs of every fold; they live as long as this.
-    std::vector<std::vector<const mk_log *>> logs_by_fold() const;
-
-    // Errors in every fold of the model that the others lead to, `halves`: in its second half, with
-    // own values from the first. False where that has no answer: the model cannot be integrated, or
-    // hides a joint's other side from the readings.
-    bool errors(const Hypothesis &h, bool halves, HeldOutFigures &out) const;
-
-    // `floor`: what noise leaves of each joint's nrmse, `refit`: of the refitted model.
-    static Carried compare(const HeldOutFigures &with, const HeldOutFigures &without,
-                           const HeldOutFigures &refit, const double *floor, int joints);
-    // Whether that is enough to go on from, and to be claimed where `tried` models were asked.
-    static bool promising(const Carried &carried);
-    static bool enough(const Carried &carried, int tried);
-    // Noise over the deviation of the readings, by joint.
-    void floor_of(const mk_model &model, const double *noise, double *floor) const;
-
-    static constexpr size_t FEWEST_FOLDS = 3;
+    const std::vector<std::vector<const mk_log *>> &by_fold() const { return logs; }
 
   private:
-    struct Fold {
-        std::vector<const mk_log *> logs; // windows of one log as given, or a block of one
-        std::vector<FitLog> fit_logs;     // the same
-    };
     std::vector<OwnedLog> made;
-    std::vector<Fold> folds;
-    std::vector<const mk_log *> all; // of all folds
-    double window_s;
-    FitOptions options;
-
-    void add_block(const mk_model &model, const mk_log *rows, Fold &fold);
+    std::vector<std::vector<const mk_log *>> logs;
 };
+
+namespace carry_over
+{
+
+// `floor`: what noise leaves of each joint's nrmse, `refit`: of the refitted model.
+Carried compare(const HeldOutFigures &with, const HeldOutFigures &without,
+                const HeldOutFigures &refit, const double *floor, int joints);
+// Whether that is enough to go on from, and to be claimed where `tried` models were asked.
+bool promising(const Carried &carried);
+bool enough(const Carried &carried, int tried);
+
+} // namespace carry_over
 
 } // namespace mk
 #endif

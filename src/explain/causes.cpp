@@ -12,8 +12,8 @@ namespace mk
 namespace
 {
 
-constexpr size_t MOST = 3;            // causes looked for without evidence that carries over,
-constexpr size_t MOST_CARRIED = 8;    // and with it
+constexpr size_t MOST = 3;            // causes looked for from the refitted model,
+constexpr size_t MOST_MORE = 8;       // and from where most of them were found otherwise
 constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
 constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
@@ -34,6 +34,14 @@ size_t pick(const std::vector<Hypothesis> &field)
             return field[i].score < field[0].score + CATALOGUE ? i : 0;
     return 0;
 }
+
+void drop_terms(std::vector<Hypothesis> &field)
+{
+    field.erase(std::remove_if(field.begin(), field.end(),
+                               [](const Hypothesis &h) { return is_library(h.added.effect); }),
+                field.end());
+}
+
 } // namespace
 
 bool CauseSearch::matters(double drift)
@@ -52,17 +60,46 @@ void CauseSearch::run()
     search.polish(refit, true);
     best = refit;
     rounds.clear();
-    gave_up = false;
     add_causes();
     try_runners_up();
     drop_idle();
-    drop_what_does_not_carry_over();
+}
+
+bool CauseSearch::go_on(const PredictionSearch &found)
+{
+    const RunFit &all = found.extended();
+    Hypothesis there;
+    if (!search.follow(all.point.model, nullptr, LOST, there) ||
+        !search.refit(all.point.model, &there, best))
+        return false;
+    search.polish(best, true);
+    if (!likelihood_counts(best))
+        return false;
+    near = true;
+    most_tried = std::max(most_tried, found.tried());
+    rounds.clear();
+    for (size_t i = 0; i < found.causes.size(); i++) {
+        Round round;
+        for (const Candidate &cause : found.contenders(i)) {
+            Hypothesis h;
+            h.added = cause;
+            if (with_candidate(refit.point.model, cause, h.point.model))
+                round.field.push_back(std::move(h));
+        }
+        round.field[0].point.model = best.point.model;
+        rounds.push_back(std::move(round));
+    }
+    add_causes();
+    drop_idle();
+    for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++)
+        face_rivals(i);
+    return true;
 }
 
 void CauseSearch::add_causes()
 {
     bool freed = false;
-    const size_t most = carry_over ? MOST_CARRIED : MOST;
+    const size_t most = rounds.empty() ? MOST : MOST_MORE;
     while (rounds.size() < most && !search.cancelled && search.work_done() < MOST_WORK) {
         if (search.complete(best))
             return;
@@ -78,8 +115,8 @@ void CauseSearch::add_causes()
         Round round;
         double needed = rounds.empty() ? ENOUGH : AGAIN;
         ExtendOptions how;
-        how.small = follows(best) || (!rounds.empty() && best.drift <= LITTLE);
-        how.thorough = !follows(best);
+        how.small = near || follows(best) || (!rounds.empty() && best.drift <= LITTLE);
+        how.thorough = !near && !follows(best);
         how.least = HINT * needed;
         round.field = search.extend(best, how);
         // If something little is there, what is slow to fit may be it as well.
@@ -106,12 +143,6 @@ void CauseSearch::add_causes()
         consider_other_joint(round.field);
         consider_bristles(round.field);
         consider_own_places(round.field);
-        // Another search in shorter stretches ranks them better, and it is asked then.
-        gave_up = give_up_early && carry_over && round.field[0].drift >= LOST &&
-                  !mk_model_hides_joint(&round.field[0].point.model);
-        if (!gave_up && !follows(round.field[0]) && !likelihood_counts(round.field[0]) &&
-            !ask_carry_over(round.field, needed))
-            return;
         if (rounds.empty())
             first = round.field;
         before = best;
@@ -125,7 +156,7 @@ void CauseSearch::add_causes()
             freed = true;
             continue;
         }
-        if (gave_up || (give_up_early && best.drift >= LOST))
+        if (gives_up())
             return;
         if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
             reconsider();
@@ -134,27 +165,8 @@ void CauseSearch::add_causes()
 
 double CauseSearch::noise(int joint) const
 {
-    const double fitted = best.point.noise[joint], known = known_noise[joint];
-    if (follows(best))
-        return fitted;
-    const double scatter = scatter_of(search.training(), joint);
-    return std::min(fitted, known > 0.0 ? std::min(known, scatter) : scatter);
-}
-
-bool CauseSearch::take_over(const CauseSearch &other)
-{
-    if (!search.refit(other.best.point.model, nullptr, best))
-        return false;
-    rounds = other.rounds;
-    most_tried = other.most_tried;
-    suspects = other.suspects;
-    std::copy(std::begin(other.best.point.noise), std::end(other.best.point.noise), known_noise);
-    forget_lacks();
-    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
-        face_rivals(i); // the other search's fits have other states
-    drop_what_vanished();
-    drop_what_does_not_carry_over();
-    return true;
+    const double fitted = best.point.noise[joint];
+    return follows(best) ? fitted : std::min(fitted, scatter_of(search.training(), joint));
 }
 
 bool CauseSearch::take_over(const PredictionSearch &other)
@@ -189,147 +201,9 @@ bool CauseSearch::take_over(const PredictionSearch &other)
     return true;
 }
 
-// Causes that a fit has switched off, or made larger than they can be.
-void CauseSearch::drop_what_vanished()
-{
-    for (size_t i = rounds.size(); i-- > 0;) {
-        Hypothesis alone = best;
-        alone.added = rounds[i].field[0].added;
-        const int last = alone.point.model.effect_count - 1;
-        std::swap(alone.point.model.effect[model.effect_count + (int)i],
-                  alone.point.model.effect[last]);
-        if (!Search::discredited(alone))
-            continue;
-        Hypothesis less;
-        if (rounds.size() > 1 && fit_without(i, less)) {
-            shed(i, std::move(less));
-            continue;
-        }
-        best = refit;
-        rounds.clear();
-        return;
-    }
-}
-
 bool CauseSearch::likelihood_counts(const Hypothesis &h)
 {
     return h.drift <= SLIGHT;
-}
-
-// What a model leaves of data that it was not fitted to; a model with values of its own in every
-// log learns them from the first halves, and is then judged on the second.
-const HeldOutFigures *CauseSearch::left_out(const Hypothesis &h, bool halves, LeftOut &known) const
-{
-    if (!known.asked[halves]) {
-        known.asked[halves] = true;
-        known.found[halves] = carry_over->errors(h, halves, known.figures[halves]);
-    }
-    return known.found[halves] ? &known.figures[halves] : nullptr;
-}
-
-// How much better `with` predicts than `less`; nothing where one of them has no answer.
-std::optional<Carried> CauseSearch::compare(const Hypothesis &with, const Hypothesis &less,
-                                            LeftOut &of_less)
-{
-    LeftOut of_with;
-    const bool halves =
-        !own_parameters(with.point.model).empty() || !own_parameters(less.point.model).empty();
-    const HeldOutFigures *base = left_out(refit, halves, of_refit);
-    const HeldOutFigures *lacking = left_out(less, halves, of_less);
-    const HeldOutFigures *after = left_out(with, halves, of_with);
-    if (!base || !lacking || !after)
-        return std::nullopt;
-    double floor[MK_MAX_JOINTS];
-    double noises[MK_MAX_JOINTS];
-    for (int j = 0; j < mk_model_joints(&model); j++)
-        noises[j] = noise(j);
-    carry_over->floor_of(model, noises, floor);
-    return CarryOver::compare(*after, *lacking, *base, floor, mk_model_joints(&model));
-}
-
-// Brings to the front of the field the cause that carries over best; false if none does. Where the
-// data cannot tell, likelihood alone decides.
-bool CauseSearch::ask_carry_over(std::vector<Hypothesis> &field, double needed)
-{
-    constexpr size_t MOST_ASKED = 6; // of a field
-    if (!carry_over)
-        return true;
-    if (rounds.empty())
-        of_refit = {};
-    LeftOut of_best;
-    suspects.clear();
-    size_t chosen = field.size();
-    double least = 0.0; // mean log ratio: a few bad windows do not decide
-    for (size_t i = 0; i < std::min(MOST_ASKED, field.size()) && !search.cancelled; i++) {
-        if (i > 0)
-            search.polish(field[i], true);
-        if (Search::discredited(field[i]) || field[i].score > best.score - needed)
-            continue;
-        const std::optional<Carried> c = compare(field[i], best, of_best);
-        const bool asked = c && c->judged;
-        if (asked)
-            suspect(field[i].added, *c);
-        if (asked && (!CarryOver::promising(*c) || c->mean >= least))
-            continue;
-        chosen = i;
-        if (!asked)
-            break;
-        least = c->mean;
-    }
-    if (chosen == field.size())
-        return false;
-    std::rotate(field.begin(), field.begin() + (std::ptrdiff_t)chosen,
-                field.begin() + (std::ptrdiff_t)chosen + 1);
-    return true;
-}
-
-// Causes that no longer carry over beside those found after them: the weakest goes, and the others
-// are asked again.
-void CauseSearch::drop_what_does_not_carry_over()
-{
-    carried.clear();
-    while (carry_over && !explained() && !gave_up && !rounds.empty() && !search.cancelled) {
-        std::vector<Carried> each;
-        std::vector<Hypothesis> less(rounds.size());
-        size_t weakest = rounds.size();
-        double least = HUGE_VAL;
-        for (size_t i = 0; i < rounds.size(); i++) {
-            LeftOut of_less;
-            if (!fit_without(i, less[i]))
-                return;
-            const std::optional<Carried> c = compare(best, less[i], of_less);
-            if (!c)
-                return;
-            each.push_back(*c);
-            if (c->judged && !CarryOver::enough(*c, (int)rounds.size()) &&
-                -c->mean / c->error < least) {
-                least = -c->mean / c->error;
-                weakest = i;
-            }
-        }
-        if (weakest == rounds.size()) {
-            carried = std::move(each);
-            for (size_t i = 0; i < rounds.size() && rounds.size() > 1; i++)
-                face_rivals(i);
-            for (size_t i = 0; i < rounds.size(); i++)
-                rounds[i].lack = lack_of(less[i]);
-            return;
-        }
-        suspect(rounds[weakest].field[0].added, each[weakest]);
-        if (rounds.size() == 1) {
-            best = refit;
-            rounds.clear();
-        } else {
-            shed(weakest, std::move(less[weakest]));
-        }
-    }
-}
-
-// Terms of the library have no name to look for.
-void CauseSearch::suspect(const Candidate &cause, const Carried &c)
-{
-    if (c.mean < 0.0 && c.share > 0.0 && !is_library(cause.effect))
-        suspects.push_back({cause, c});
 }
 
 // The runners-up of a cause in its place, beside all others.
@@ -367,9 +241,7 @@ bool CauseSearch::has_cause(const Candidate &c) const
 void CauseSearch::try_runners_up()
 {
     constexpr size_t RUNNERS_UP = 2;
-    // What carries over best was asked of all of them.
-    const bool asked = carry_over && !likelihood_counts(best);
-    if (rounds.empty() || follows(best) || asked || best.drift >= LOST ||
+    if (rounds.empty() || follows(best) || best.drift >= LOST ||
         mk_model_hides_joint(&best.point.model))
         return;
     const std::vector<Hypothesis> field = first;
@@ -469,6 +341,8 @@ bool CauseSearch::follows(const Hypothesis &h) const
 // Brings what is to be named to the front of the field; false if nothing there earns a name.
 bool CauseSearch::choose(std::vector<Hypothesis> &field, double needed)
 {
+    if (near)
+        drop_terms(field); // a trifle without a name
     while (!field.empty()) {
         size_t chosen = pick(field);
         // A nameless term on top of named causes that already follow the data names nothing.

@@ -53,40 +53,30 @@ class CauseSearch
     // Noise of a joint's readings. What a model that does not follow its data misses within a
     // stretch is none.
     double noise(int joint) const;
-    // Starts from what another search has found in stretches of another length: keeps of that what
-    // carries over.
-    bool take_over(const CauseSearch &other);
-    // Starts from what improves predictions: the causes of that search, fitted by likelihood.
+    // What improves predictions in place of what likelihood finds: the causes of that search, and
+    // what it says of them.
     bool take_over(const PredictionSearch &other);
+    // Goes on from there by likelihood. False where all those causes together do not bring the
+    // model so near to its data that likelihood counts.
+    bool go_on(const PredictionSearch &found);
     int tried() const { return most_tried; }
 
-    // Where causes do not lead to a model that follows its data, each must carry over to data that
-    // it was not fitted to. Must outlive the search; NULL: there are too few data to tell.
-    const CarryOver *carry_over = nullptr;
-    // What was found of that for each cause of `best`; empty where it was not asked.
+    // What leaving data out says of each cause of `best`; empty where it was not asked.
     std::vector<Carried> carried;
     // Causes that were asked beside those of `best` and do not carry over surely.
     std::vector<Asked> suspects;
-    // Noise by joint that a search in shorter stretches knew, 0: unknown.
-    double known_noise[MK_MAX_JOINTS] = {0.0, 0.0};
     bool give_up_early = false; // where even with a cause the model is far from its data
-    bool gave_up = false;       // and what is there was not asked whether it carries over
-    Hypothesis refit;           // the given model, without a cause
-    Hypothesis best;            // with all of them
-    std::vector<Round> rounds;  // one a cause of `best`, in its order
+    bool gives_up() const { return give_up_early && best.drift >= LOST; }
+    Hypothesis refit;          // the given model, without a cause
+    Hypothesis best;           // with all of them
+    std::vector<Round> rounds; // one a cause of `best`, in its order
 
   private:
     const mk_model &model;
     Search &search;
     int most_tried = 0;
+    bool near = false; // most of what is missing was found otherwise: what is left is small
     Hypothesis before; // the latest cause
-    // What a hypothesis leaves of data that are left out, of whole folds and of their second
-    // halves.
-    struct LeftOut {
-        HeldOutFigures figures[2];
-        bool asked[2] = {false, false}, found[2] = {false, false};
-    };
-    LeftOut of_refit;
     std::vector<Hypothesis> first; // what competed when there was no cause yet
 
     mk_model removed(size_t cause) const;
@@ -94,13 +84,6 @@ class CauseSearch
 
     bool idle_without_last();
     void drop_idle();
-    const HeldOutFigures *left_out(const Hypothesis &h, bool halves, LeftOut &known) const;
-    std::optional<Carried> compare(const Hypothesis &with, const Hypothesis &less,
-                                   LeftOut &of_less);
-    bool ask_carry_over(std::vector<Hypothesis> &field, double needed);
-    void drop_what_does_not_carry_over();
-    void suspect(const Candidate &cause, const Carried &carried);
-    void drop_what_vanished();
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
     bool choose(std::vector<Hypothesis> &field, double needed);

@@ -30,8 +30,8 @@ namespace mk
 namespace
 {
 
-constexpr double MOST_DATA = 30.0;       // s to search in, if not said otherwise
-constexpr double ENOUGH_TO_RANK_S = 8.0; // s to say in which order causes are to be asked
+constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
+constexpr double FAR = 5.0;        // times the noise: a model that far off does not follow its data
 
 using LogList = std::vector<const mk_log *>;
 
@@ -44,12 +44,6 @@ bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &lo
         if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
             return model.no_motor;
     return scale_is_free(model, records);
-}
-
-double seconds_of(const mk_log &log)
-{
-    const double *t = mk_log_get(&log, "t");
-    return t && log.rows > 1 ? t[log.rows - 1] - t[0] : 0.0;
 }
 
 // A model less its effects from `first` up to before `last`.
@@ -112,30 +106,6 @@ void describe_input(const Hypothesis &best, mk_input_comparison &input)
             input.lag = m.effect[e].value[0], input.lag_error = error;
         number += info->parameter_count;
     }
-}
-
-// Of long logs the middles, so that all together are no longer than it takes to tell which column
-// of the command is right.
-LogList middles(const LogList &logs, std::vector<OwnedLog> &made)
-{
-    constexpr double ENOUGH_S = 60.0, FEWEST_S = 5.0; // together, of each
-    double all = 0.0;
-    for (const mk_log *log : logs)
-        all += seconds_of(*log);
-    LogList some;
-    for (const mk_log *log : logs) {
-        const double seconds = seconds_of(*log);
-        const double kept = std::max(FEWEST_S, seconds * ENOUGH_S / std::max(all, ENOUGH_S));
-        const size_t rows = log->rows, some_rows = (size_t)((double)rows * kept / seconds);
-        if (some_rows >= rows) {
-            some.push_back(log);
-            continue;
-        }
-        const size_t first = (rows - some_rows) / 2;
-        made.push_back(rows_of_log(*log, first, first + some_rows));
-        some.push_back(made.back().get());
-    }
-    return some;
 }
 
 class Explainer
@@ -226,13 +196,12 @@ class Explainer
     mk_explain_options options;
     StageClock clock;
     TrainingData data;
-    std::vector<FitLog> ranking;          // a part of `data`, where that is asked for
     std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
     LogValues values;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
-    std::unique_ptr<CarryOver> carry_over;
+    std::unique_ptr<Folds> folds;        // of `data`
     std::unique_ptr<FreeRuns> free_runs; // over the same data
     std::unique_ptr<FreeRuns> all_runs;  // over all to learn from
     bool by_predictions = false;         // have causes been found
@@ -243,7 +212,6 @@ class Explainer
     {
         search.reset();
         training.clear();
-        ranking.clear();
         data = {};
         out.given_s = out.searched_s = 0.0;
         enum mk_status st = data.load(model, options, logs.data(), logs.size(), holdouts.data(),
@@ -274,10 +242,8 @@ class Explainer
         o.threads = options.threads;
         o.progress = options.progress;
         o.progress_context = options.progress_context;
-        std::vector<OwnedLog> made;
-        const LogList some = middles(logs, made);
         const enum mk_status st =
-            mk_compare_inputs(&values.model, some.data(), some.size(), &o, &out.input, err);
+            mk_compare_inputs(&values.model, logs.data(), logs.size(), &o, &out.input, err);
         if (st == MK_OK && out.input.changed)
             start = model =
                 without_effects(out.input.model, model.effect_count, values.model.effect_count);
@@ -317,18 +283,13 @@ class Explainer
         Hypothesis refit = values.fit;
         clock.enter("missed counts");
         data.second_half = !values.found.empty();
-        carry_over =
-            std::make_unique<CarryOver>(model, data, out.window_s, search->usual_options());
-        if (!carry_over->possible())
-            carry_over.reset();
+        folds = std::make_unique<Folds>(data, out.window_s);
         // Of long logs windows are searched: there a search by likelihood takes long to fail.
         std::unique_ptr<PredictionSearch> prediction;
         if (!data.whole.empty())
             prediction = search_predictions(refit);
         clock.enter("missed counts");
-        // Times the noise: of long logs no single law explains all where several together are still
-        // that far off.
-        constexpr double FAR = 5.0;
+        // Of long logs no single law explains all where several together are still that far off.
         const bool far = prediction && prediction->times_noise() > FAR;
         if (!far)
             put_back_lost_counts(so, refit);
@@ -336,13 +297,16 @@ class Explainer
         search_causes(refit, far);
         if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
             search_causes(refit, false);
-        clock.enter("closer look");
-        const bool closer = !far && look_closer(so) && !causes->rounds.empty();
-        if (!closer && !prediction && !speaks_for_itself())
-            prediction = search_predictions(refit);
-        if (prediction && !speaks_for_itself() && take_predictions(prediction, refit))
-            by_predictions = true;
-        else if (!closer && causes->gave_up) {
+        if (!speaks_for_itself()) {
+            if (!prediction)
+                prediction = search_predictions(refit);
+            clock.enter("predictions");
+            by_predictions = prediction && !go_on_from(*prediction, refit) &&
+                             take_predictions(prediction, refit);
+        }
+        // Nothing that predicts, where likelihood was not asked to the end.
+        if (!by_predictions && causes->gives_up() && data.whole.empty()) {
+            clock.enter("search");
             causes->give_up_early = false;
             causes->run();
         }
@@ -360,10 +324,23 @@ class Explainer
         return lost.joint > 0 || causes->follows(causes->best) ||
                CauseSearch::likelihood_counts(causes->best);
     }
+    // Where what improves predictions brings the model near to its data, likelihood says the rest.
+    bool go_on_from(const PredictionSearch &found, const Hypothesis &refit)
+    {
+        if (found.causes.empty() || found.times_noise() > FAR)
+            return false;
+        auto more = std::make_unique<CauseSearch>(values.model, *search, refit);
+        if (!more->go_on(found))
+            return false;
+        causes = std::move(more);
+        return true;
+    }
     bool take_predictions(std::unique_ptr<PredictionSearch> &found, const Hypothesis &refit)
     {
         auto carried = std::make_unique<CauseSearch>(values.model, *search, refit);
-        carried->carry_over = carry_over.get();
+        found->decide();
+        if (found->causes.empty() && data.whole.empty() && causes->gives_up())
+            return false;
         if (!confirm(found) || !carried->take_over(*found))
             return false;
         causes = std::move(carried);
@@ -373,12 +350,12 @@ class Explainer
     // does not say what is missing. NULL: it does, or the data are too few to leave some out.
     std::unique_ptr<PredictionSearch> search_predictions(const Hypothesis &refit)
     {
-        if (!carry_over || CauseSearch::likelihood_counts(refit) ||
+        if (!folds->enough() || CauseSearch::likelihood_counts(refit) ||
             mk_model_hides_joint(&refit.point.model))
             return nullptr;
         clock.enter("predictions");
-        free_runs = std::make_unique<FreeRuns>(carry_over->logs_by_fold(), start, out.window_s,
-                                               options.threads);
+        free_runs =
+            std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s, options.threads);
         auto found = std::make_unique<PredictionSearch>(*search, *free_runs, refit.point.model);
         return found->run() ? std::move(found) : nullptr;
     }
@@ -391,7 +368,7 @@ class Explainer
             return true;
         all_runs =
             std::make_unique<FreeRuns>(data.rows_by_log(), start, out.window_s, options.threads);
-        if (all_runs->fold_count() < CarryOver::FEWEST_FOLDS) {
+        if (all_runs->fold_count() < Folds::FEWEST) {
             RunPoint at = all_runs->start(found->refitted().point.model);
             all_runs->take_scale(at);
             return true;
@@ -426,42 +403,10 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        causes->give_up_early = lost.joint == 0; // look_closer() goes on
-        causes->carry_over = carry_over.get();
-        causes->gave_up = far || quick_look_gives_up(refit);
-        if (!causes->gave_up)
+        causes->give_up_early =
+            lost.joint == 0 && folds->enough() && !data.whole.empty(); // predictions are asked then
+        if (!far)
             causes->run();
-    }
-    // Where the model is so far from its data that a search in stretches of the usual length may
-    // well give up, and what carries over decides then, a part of the data shows whether it will.
-    bool quick_look_gives_up(const Hypothesis &refit)
-    {
-        if (!carry_over || lost.joint > 0 || refit.drift < CauseSearch::LOST || data.whole.empty())
-            return false;
-        Search quick(to_rank(), search->settings());
-        Hypothesis from;
-        if (!quick.refit(values.model, nullptr, from))
-            return false;
-        CauseSearch look(values.model, quick, from);
-        look.give_up_early = true;
-        look.carry_over = carry_over.get();
-        look.run();
-        if (quick.cancelled)
-            search->cancelled = true;
-        return look.gave_up;
-    }
-    // Where what carries over decides, likelihood only says in which order causes are asked: of
-    // logs so long that windows of them are searched, a part of each window will do for that.
-    std::vector<const FitLog *> to_rank()
-    {
-        if (!carry_over || data.whole.empty())
-            return training;
-        if (ranking.empty())
-            ranking = data.thinned(model, ENOUGH_TO_RANK_S);
-        std::vector<const FitLog *> views;
-        for (const FitLog &log : ranking)
-            views.push_back(&log);
-        return views;
     }
     void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
     {
@@ -503,50 +448,6 @@ class Explainer
         if (!search->refit(from, nullptr, refit))
             refit = lost.fit;
     }
-    // A model that does not follow its data bends within a stretch, and what it misses there is
-    // taken for noise of the readings, of which there seem to be thousands: nearly anything can
-    // earn a place that way. With stretches so short that the drift between them makes up for it,
-    // evidence counts again. Done only where needed: it takes longer.
-    // False where there is nothing to be had of that.
-    bool look_closer(SearchOptions so)
-    {
-        constexpr double SHORTEST = 0.03, SHORT = 0.12; // s
-        const Hypothesis &left = causes->best;
-        if (lost.joint > 0 || causes->follows(left) || mk_model_hides_joint(&left.point.model))
-            return false;
-        double noise = HUGE_VAL;
-        for (int j = 0; j < mk_model_joints(&model); j++)
-            noise = std::min(noise, left.point.noise[j]);
-        so.stretch = std::max(SHORTEST, std::pow(noise / left.drift, 2.0 / 3.0));
-        if (so.stretch > SHORT)
-            return false;
-        auto nearer = std::make_unique<Search>(to_rank(), so);
-        Hypothesis refit, same;
-        if (!nearer->refit(causes->refit.point.model, nullptr, refit) ||
-            (!causes->gave_up && !nearer->refit(left.point.model, nullptr, same)))
-            return false;
-        auto again = std::make_unique<CauseSearch>(values.model, *nearer, refit);
-        again->carry_over = carry_over.get();
-        again->run();
-        if (nearer->cancelled)
-            search->cancelled = true;
-        // The first causes may come to the same once they are fitted closer.
-        constexpr double EVEN = 10.0;
-        if (!causes->gave_up && again->best.score > same.score + EVEN)
-            return false;
-        // What follows the data is what it is. Of all else only what is seen in stretches of the
-        // usual length as well matters to free runs.
-        auto usual = std::make_unique<CauseSearch>(values.model, *search, causes->refit);
-        usual->carry_over = carry_over.get();
-        if (carry_over && !again->explained() && usual->take_over(*again)) {
-            causes = std::move(usual);
-            return true;
-        }
-        causes = std::move(again);
-        search = std::move(nearer);
-        return true;
-    }
-
     // Of rivals that the training data cannot tell apart, the one that predicts held-out data
     // clearly better.
     void ask_held_out()

@@ -27,11 +27,14 @@ struct Gain {
     {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
+        // What is left is less than any cause is named for.
+        constexpr double ALL_BUT = 0.99, LITTLE = 5.0; // of what refitting leaves, of the noise
         const bool named = !causes.rounds.empty() && causes.all_named();
         bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
+        const double near = out.closed > ALL_BUT ? LITTLE : NEARLY;
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
+            as_read = as_read && after.nrmse(j) < near * noise_share(held, j);
         if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
             !(out.closed > CONFIRMED) || !(touches || as_read))
             return;
@@ -73,12 +76,7 @@ struct Gain {
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
     }
-    // What a fit took for noise of the readings; where a search in short stretches knew better,
-    // what that says.
-    double noise(int j) const
-    {
-        return causes.known_noise[j] > 0.0 ? out.noise[j] : causes.best.point.noise[j];
-    }
+    double noise(int j) const { return out.noise[j]; }
     double noise_share(const HeldOut &held, int j) const
     {
         const double sd = held.deviation(model, j);

@@ -16,7 +16,8 @@ constexpr size_t FINALISTS = 6; // of a round, fitted in full
 constexpr double DONE = 0.6;    // of a search, as far as anybody can tell
 constexpr const char *ASKING = "asking what predicts";
 constexpr size_t RIVALS = 2;
-constexpr double HONEST = 5.0;     // log likelihood of independent errors that a cause gains
+constexpr double HONEST = 5.0;     // log likelihood of independent errors that a cause gains,
+constexpr double BETTER = 3.0;     // and another one in its place
 constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
 constexpr int FULL_ITERATIONS = 8, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
 
@@ -83,8 +84,8 @@ Carried PredictionSearch::compare(const RunFit &with, const RunFit &less) const
 {
     // Own values are learnt on first halves, and then all are judged on the second.
     const bool half = has_own_values(with) || has_own_values(less);
-    return CarryOver::compare(with.left_out[half], less.left_out[half], refit.left_out[half], floor,
-                              mk_model_joints(&base));
+    return carry_over::compare(with.left_out[half], less.left_out[half], refit.left_out[half],
+                               floor, mk_model_joints(&base));
 }
 
 double PredictionSearch::times_noise() const
@@ -122,9 +123,10 @@ bool PredictionSearch::confirm(const PredictionSearch &found)
         return false;
     for (const Carrier &carrier : found.causes)
         causes.push_back({carrier.cause, {}, {}, {}});
+    if (!settle())
+        return false;
     runners_up = found.runners_up;
-    eliminate();
-    face_rivals();
+    decide();
     return true;
 }
 
@@ -135,9 +137,20 @@ bool PredictionSearch::run()
     while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
            add_one())
         continue;
+    return exchange();
+}
+
+void PredictionSearch::decide()
+{
     eliminate();
     face_rivals();
-    return true;
+}
+
+std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
+{
+    std::vector<Candidate> field = {causes[cause].cause};
+    field.insert(field.end(), runners_up[cause].begin(), runners_up[cause].end());
+    return field;
 }
 
 // Those that vanish with their size, from their slope where they are next to nothing.
@@ -163,7 +176,7 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
                 members.push_back(&given);
             }
         }
-        point = runs.adopt(best.point, model, 1);
+        point = runs.adopt_traces(best.point, model, 1);
         if (!runs.linearise(point, fitted_parameters(model), false, 1, picture))
             return;
         if (std::fabs(runs.cost(point, picture) - best.point.cost) < SAME)
@@ -267,7 +280,34 @@ bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) 
     return true;
 }
 
-// The best start of every cause that might carry over, the most promising first.
+// The best start of every cause that might carry over, the best first by that order.
+template <class Order>
+static std::vector<Asked> best_starts(std::vector<Asked> asked, Order better)
+{
+    std::sort(asked.begin(), asked.end(), better);
+    std::vector<Asked> some;
+    for (const Asked &a : asked)
+        if (a.carried.mean < 0.0 && a.carried.judged &&
+            std::none_of(some.begin(), some.end(),
+                         [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
+            some.push_back(a);
+    return some;
+}
+
+// One of these and one of those, no cause twice.
+static std::vector<Asked> in_turn(const std::vector<Asked> &these, const std::vector<Asked> &those)
+{
+    std::vector<Asked> all;
+    for (size_t i = 0; i < these.size(); i++)
+        for (const Asked &a : {these[i], those[i]})
+            if (std::none_of(all.begin(), all.end(),
+                             [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
+                all.push_back(a);
+    return all;
+}
+
+// What might carry over, the most promising first: what is better in most windows, and what takes
+// away most of the error, be it in a few.
 std::vector<Asked> PredictionSearch::screen()
 {
     // Over a window frequencies are told apart less finely than over a log.
@@ -292,15 +332,13 @@ std::vector<Asked> PredictionSearch::screen()
     std::vector<Asked> asked;
     screen_linear(linear, asked);
     screen_others(others, asked);
-    std::sort(asked.begin(), asked.end(),
-              [](const Asked &a, const Asked &b) { return a.carried.mean < b.carried.mean; });
-    std::vector<Asked> best_starts;
-    for (const Asked &a : asked)
-        if (a.carried.mean < 0.0 && a.carried.judged &&
-            std::none_of(best_starts.begin(), best_starts.end(),
-                         [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
-            best_starts.push_back(a);
-    return best_starts;
+    const auto by_windows = [](const Asked &a, const Asked &b) {
+        return a.carried.mean < b.carried.mean;
+    };
+    const auto by_share = [](const Asked &a, const Asked &b) {
+        return a.carried.share > b.carried.share;
+    };
+    return in_turn(best_starts(asked, by_windows), best_starts(asked, by_share));
 }
 
 bool PredictionSearch::add_one()
@@ -325,7 +363,7 @@ bool PredictionSearch::add_one()
     std::sort(finalists.begin(), finalists.end(),
               [](const RunFit &a, const RunFit &b) { return a.carried.mean < b.carried.mean; });
     const auto chosen = std::find_if(finalists.begin(), finalists.end(), [](const RunFit &f) {
-        return CarryOver::promising(f.carried);
+        return carry_over::promising(f.carried);
     });
     suspects.clear();
     for (const RunFit &f : finalists)
@@ -336,10 +374,64 @@ bool PredictionSearch::add_one()
     Carrier carrier = {chosen->cause, chosen->carried, {}, {}};
     runners_up.emplace_back();
     for (const RunFit &f : finalists)
-        if (&f != &*chosen && runners_up.back().size() < RIVALS && CarryOver::promising(f.carried))
+        if (&f != &*chosen && runners_up.back().size() < RIVALS && carry_over::promising(f.carried))
             runners_up.back().push_back(f.cause);
     best = std::move(*chosen);
     causes.push_back(carrier);
+    return settle();
+}
+
+// Errors that were usual before a cause was found hide what is left: once more, in units of what
+// is usual now.
+bool PredictionSearch::settle()
+{
+    RunFit again;
+    runs.take_scale(best.point);
+    if (!fit(best.point, best.point.model, REFIT_ITERATIONS, threads, again))
+        return false;
+    again.cause = best.cause;
+    again.carried = best.carried;
+    best = std::move(again);
+    return true;
+}
+
+// A cause was chosen while others were missing: one of those that nearly did as well then may be
+// the better one beside what was found since.
+bool PredictionSearch::exchange()
+{
+    for (size_t i = 0; i + 1 < causes.size() && !search.cancelled; i++) {
+        std::vector<Candidate> &others = runners_up[i];
+        std::vector<RunFit> fits(others.size());
+        parallel_for(threads, others.size(), [&](size_t k) {
+            mk_model model;
+            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
+                return same_cause(c.cause, others[k]);
+            });
+            if (there || !with_candidate(without(i), others[k], model) ||
+                !fit(best.point, model, FULL_ITERATIONS, 1, fits[k]))
+                return;
+            fits[k].fine = plausible(fits[k].point.model, others[k]);
+        });
+        size_t chosen = fits.size();
+        double least = score(best) - BETTER;
+        for (size_t k = 0; k < fits.size(); k++)
+            if (fits[k].fine && score(fits[k]) < least)
+                least = score(fits[k]), chosen = k;
+        if (chosen == fits.size())
+            continue;
+        // The new one sits last in the model; causes follow the model's order.
+        Carrier carrier = {others[chosen], {}, {}, {}};
+        std::vector<Candidate> left = std::move(others);
+        left[chosen] = causes[i].cause;
+        best = std::move(fits[chosen]);
+        causes.erase(causes.begin() + (std::ptrdiff_t)i);
+        runners_up.erase(runners_up.begin() + (std::ptrdiff_t)i);
+        causes.push_back(std::move(carrier));
+        runners_up.push_back(std::move(left));
+        i--;
+        if (!settle())
+            return false;
+    }
     return true;
 }
 
@@ -372,7 +464,7 @@ void PredictionSearch::eliminate()
             causes[i].carried = compare(best, less[i]);
             const Carried &c = causes[i].carried;
             const double gain = score(less[i]) - score(best);
-            if ((gain < HONEST || !CarryOver::enough(c, (int)causes.size())) &&
+            if ((gain < HONEST || !carry_over::enough(c, (int)causes.size())) &&
                 -c.mean / c.error < least) {
                 least = -c.mean / c.error;
                 weakest = i;

@@ -9,7 +9,8 @@
 #define MECHKIT_EXPLAIN_PREDICTION_SEARCH_HPP
 
 #include "explain/carry_over.hpp"
-#include "explain/free_runs.hpp"
+#include "explain/search.hpp"
+#include "ident/free_runs.hpp"
 
 namespace mk
 {
@@ -43,14 +44,18 @@ class PredictionSearch
   public:
     // `base`: the refitted model, values per log included. All must outlive the search.
     PredictionSearch(Search &search, FreeRuns &runs, const mk_model &base);
-    // False where the model cannot be run over the data.
+    // Adds causes as long as one carries over. False where the model cannot be run over the data.
     bool run();
+    // Keeps those that carry over beside all others, and has their rivals in their place.
+    void decide();
     // Asks causes that were found on other data, and no others.
     bool confirm(const PredictionSearch &found);
     // The base, and with all causes in their order.
     const RunFit &refitted() const { return refit; }
     const RunFit &extended() const { return best; }
     int tried() const { return most_tried; }
+    // A cause, and those that nearly did as well when it was found.
+    std::vector<Candidate> contenders(size_t cause) const;
     // What free runs say of how good a fit is and of its parameters, in place of what the
     // likelihood of all readings would.
     void judge(const RunFit &fit, Hypothesis &out) const;
@@ -84,6 +89,8 @@ class PredictionSearch
     double score(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
     bool add_one();
+    bool settle();
+    bool exchange();
     mk_model without(size_t cause) const;
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause

@@ -152,33 +152,6 @@ enum mk_status check_motion(const FitLog &log, const mk_log *source, const char 
 
 } // namespace
 
-OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last)
-{
-    mk_log *made = nullptr;
-    if (mk_log_create(last - first, &made) != MK_OK)
-        throw std::bad_alloc();
-    OwnedLog out(made);
-    for (size_t c = 0; c < log.column_count; c++) {
-        if (!log.columns[c].data)
-            continue;
-        double *data = mk_log_add_column(made, log.columns[c].name);
-        if (!data)
-            throw std::bad_alloc();
-        std::copy(log.columns[c].data + first, log.columns[c].data + last, data);
-    }
-    for (size_t m = 0; m < log.meta_count; m++)
-        if (log.meta[m].key[0] &&
-            mk_log_set_meta(made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
-            throw std::bad_alloc();
-    char begins[32];
-    const double *t = mk_log_get(&log, "t");
-    std::snprintf(begins, sizeof begins, "%.17g", t ? t[0] : 0.0);
-    if (!mk_log_find_meta(&log, "begins_s") &&
-        mk_log_set_meta(made, "begins_s", begins) == MK_ERR_NOMEM)
-        throw std::bad_alloc();
-    return out;
-}
-
 enum mk_status TrainingData::load(const mk_model &model, const mk_explain_options &options,
                                   const mk_log *const *given, size_t count,
                                   const mk_log *const *holdouts, size_t holdout_count,
@@ -250,24 +223,6 @@ std::vector<std::vector<const mk_log *>> TrainingData::rows_by_log() const
         by_log.back().push_back(all[i]);
     }
     return by_log;
-}
-
-std::vector<FitLog> TrainingData::thinned(const mk_model &model, double most_s) const
-{
-    double all_s = 0.0;
-    for (const FitLog &log : logs)
-        all_s += log.duration();
-    const double share = std::min(1.0, most_s / std::max(all_s, most_s));
-    std::vector<FitLog> some;
-    for (size_t i = 0; i < rows.size(); i++) {
-        mk_record record;
-        if (mk_record_from_log(rows[i], &model, &record, nullptr) != MK_OK)
-            continue;
-        const size_t wanted = std::max(FEWEST, (size_t)(share * (double)record.rows));
-        const size_t count = std::min(wanted, record.rows), first = (record.rows - count) / 2;
-        some.push_back(fit_log(record, model, first, first + count, logs[i].source));
-    }
-    return some;
 }
 
 // The last quarter of a log, [last, rows); of one that ends at rest, the last quarter of its

@@ -11,9 +11,6 @@
 namespace mk
 {
 
-// Rows [first, last) of a log, with its metadata and when it began. Throws std::bad_alloc.
-OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last);
-
 struct TrainingData {
     std::vector<FitLog> logs;         // to search in
     std::vector<const mk_log *> rows; // the same rows, one a FitLog
@@ -32,10 +29,6 @@ struct TrainingData {
 
     // All rows to learn from, by log.
     std::vector<std::vector<const mk_log *>> rows_by_log() const;
-
-    // Of every part to search in its middle, so that all together last no longer than this: what it
-    // takes to say in which order causes are to be asked.
-    std::vector<FitLog> thinned(const mk_model &model, double most_s) const;
 
   private:
     enum mk_status hold_back(const mk_log &log, const mk_record &record, const mk_model &model,

@@ -74,10 +74,13 @@ void Verdict::find_pieces()
     sort_causes();
 }
 
-// Whether there is a cause with a name, and all predict data that they were not fitted to.
+// Whether there is a cause with a name, and all predict data that they were not fitted to, or
+// together follow those that they were without cancelling each other.
 bool Verdict::carries_over() const
 {
-    return !causes.rounds.empty() && causes.carried.size() == causes.rounds.size() &&
+    return !causes.rounds.empty() &&
+           (causes.carried.size() == causes.rounds.size() ||
+            (causes.follows(causes.best) && established())) &&
            std::any_of(causes.rounds.begin(), causes.rounds.end(),
                        [](const Round &r) { return !is_library(r.field[0].added.effect); });
 }

@@ -10,12 +10,12 @@
 #include <new>
 #include <thread>
 
-#include "base/parallel.hpp"
 #include "ident/first_values.hpp"
-#include "ident/fit.hpp"
-#include "ident/held_out.hpp"
+#include "ident/free_runs.hpp"
 #include "ident/left_out.hpp"
+#include "ident/owned_log.hpp"
 #include "ident/scale.hpp"
+#include "sim/period.hpp"
 #include "sim/record_check.hpp"
 
 namespace mk
@@ -24,15 +24,14 @@ namespace mk
 namespace
 {
 
-constexpr double WINDOW_S = 0.5;    // of free runs: real rigs are hardly predicted for longer
-constexpr size_t MOST_FOLDS = 8;    // fits without a part of the logs
-constexpr size_t MOST_ROWS = 40000; // that are fitted, of all logs together
-constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
-constexpr double MOST_PASSES = 1000.0;            // of a fit
-constexpr double FIRST_LAG = 0.003;               // s, to start from
-constexpr double LATE = 3.0;                      // standard errors: less is not late
-constexpr double LEAST_LAG = 0.2;                 // of the time between rows: less is a delay
-constexpr double ENOUGH = 12.0;                   // log likelihood that a lag must gain
+constexpr double WINDOW_S = 0.5;  // of free runs: real rigs are hardly predicted for longer
+constexpr double ENOUGH_S = 60.0; // of all logs together; of longer ones the middles are taken,
+constexpr double FEWEST_S = 5.0;  // and so much of each
+constexpr int ITERATIONS = 12, MORE = 6;
+constexpr double FIRST_LAG = 0.003; // s, to start from
+constexpr double LATE = 3.0;        // standard errors: less is not late
+constexpr double LEAST_LAG = 0.2;   // of the time between rows: less is a delay
+constexpr double ENOUGH = 12.0;     // log likelihood that makes a difference
 
 int place_of(const mk_model &m, const char *effect)
 {
@@ -61,11 +60,13 @@ void add(mk_model &m, const char *effect, double value)
 // A column with what its command needs, fitted to all logs, and what that says of logs left out.
 struct Column {
     mk_model start;
-    std::vector<FitLog> logs;
+    std::vector<OwnedLog> pieces; // of the logs, without holes
+    std::unique_ptr<FreeRuns> runs;
     std::vector<int> free;
-    FitPoint point;
-    FitPicture picture;
-    double drift = 0.0;
+    double period = HUGE_VAL; // between rows, s
+    RunPoint point;
+    RunPicture picture;
+    FitPicture said; // by all logs
     HeldOutFigures left_out;
 
     double standard_error(const char *effect) const
@@ -74,7 +75,7 @@ struct Column {
         if (place_of(point.model, effect) < 0 || place == free.end())
             return std::numeric_limits<double>::quiet_NaN();
         const long at = place - free.begin();
-        return std::sqrt(Fit::covariance(point.model, picture, free)(at, at));
+        return std::sqrt(Fit::covariance(point.model, said, free)(at, at));
     }
     double value(const char *effect) const
     {
@@ -84,13 +85,14 @@ struct Column {
     bool is_late(const char *effect) const { return value(effect) > LATE * standard_error(effect); }
 };
 
-// Better in every log, or surely on average: how much better differs more from log to log than
-// whether.
+// Better in every log, or surely on average, or on average where the likelihood of all errors says
+// so too: how much better differs more from log to log than whether.
 bool predicts_better(const Column &a, const Column &b)
 {
     constexpr double LESS = 0.05; // of the squared error must go, at least
     const LogRatio r = ratio_by_log(a.left_out, b.left_out);
-    return surely_better(r) || (r.better == r.logs && r.mean < std::log(1.0 - LESS));
+    const bool likelier = a.said.evidence < b.said.evidence - ENOUGH && 2 * r.better > r.logs;
+    return surely_better(r) || ((likelier || r.better == r.logs) && r.mean < std::log(1.0 - LESS));
 }
 
 class Comparison
@@ -117,12 +119,11 @@ class Comparison
 
     enum mk_status run(mk_input_comparison &out, mk_error *err)
     {
+        take_middles();
         auto measured = std::make_unique<Column>(), commanded = std::make_unique<Column>();
         enum mk_status st = fit(with_input(MK_INPUT_MEASURED), nullptr, *measured, err);
         if (st == MK_OK)
             st = fit_commanded(*measured, commanded, err);
-        if (st == MK_OK)
-            st = leave_out(*measured, err);
         if (st == MK_OK)
             decide(*measured, *commanded, out);
         return st;
@@ -132,46 +133,45 @@ class Comparison
     mk_model model;
     mk_ident_options options;
     std::vector<const mk_log *> logs;
+    std::vector<OwnedLog> made;
 
+    static double seconds_of(const mk_log &log)
+    {
+        const double *t = mk_log_get(&log, "t");
+        return t && log.rows > 1 ? t[log.rows - 1] - t[0] : 0.0;
+    }
+    // Of long logs the middles, so that all together are no longer than it takes to tell.
+    void take_middles()
+    {
+        double all = 0.0;
+        for (const mk_log *log : logs)
+            all += seconds_of(*log);
+        for (const mk_log *&log : logs) {
+            const double seconds = seconds_of(*log);
+            const double kept = std::max(FEWEST_S, seconds * ENOUGH_S / std::max(all, ENOUGH_S));
+            const size_t rows = log->rows, some = (size_t)((double)rows * kept / seconds);
+            if (some >= rows)
+                continue;
+            const size_t first = (rows - some) / 2;
+            made.push_back(rows_of_log(*log, first, first + some));
+            log = made.back().get();
+        }
+    }
     mk_model with_input(enum mk_input input) const
     {
         mk_model m = model;
         m.input = input;
         return m;
     }
-    // The first rows of every log, the same for either column.
-    std::vector<FitLog> fit_logs(const std::vector<mk_record> &records, const mk_model &m) const
-    {
-        std::vector<FitLog> all;
-        double hole = 0.0;
-        for (size_t i = 0; i < records.size(); i++) {
-            const size_t rows = std::min(records[i].rows, MOST_ROWS / records.size());
-            for (const Piece &piece : pieces_of(records[i], rows, hole))
-                all.push_back(fit_log(records[i], m, piece.first, piece.last, (int)i));
-        }
-        return all;
-    }
-    static std::vector<const FitLog *> without(const std::vector<FitLog> &all, size_t fold,
-                                               size_t folds)
-    {
-        std::vector<const FitLog *> view;
-        for (const FitLog &log : all)
-            if (fold >= folds || (size_t)log.source % folds != fold)
-                view.push_back(&log);
-        return view;
-    }
-    FitOptions fit_options(const Column &column) const
-    {
-        FitOptions o;
-        o.threads = options.threads;
-        o.near = &column.start;
-        o.max_passes = MOST_PASSES;
-        return o;
-    }
     // Where fits begin, which for a given model that is orders of magnitude off is elsewhere.
-    mk_model first_model(const mk_model &m, const std::vector<mk_record> &records,
-                         const std::vector<const FitLog *> &view) const
+    mk_model first_model(const mk_model &m, const std::vector<mk_record> &records) const
     {
+        std::vector<FitLog> whole;
+        for (size_t i = 0; i < records.size(); i++)
+            whole.push_back(fit_log(records[i], m, 0, records[i].rows, (int)i));
+        std::vector<const FitLog *> view;
+        for (const FitLog &log : whole)
+            view.push_back(&log);
         IdentProblem problem = {};
         problem.model = m;
         problem.logs = logs;
@@ -187,34 +187,61 @@ class Comparison
     // `like`: a column whose fit has values to start from.
     enum mk_status fit(const mk_model &m, const Column *like, Column &out, mk_error *err) const
     {
+        out.start = m;
+        if (like)
+            std::copy_n(like->start.parameter, MK_MAX_PARAMETERS, out.start.parameter);
+        enum mk_status st = load(m, like == nullptr, out, err);
+        if (st != MK_OK)
+            return st;
+        RunPoint point = out.runs->start(out.start);
+        return settle(std::move(point), out, err);
+    }
+    // The pieces of every log, which is a fold of its own.
+    enum mk_status load(const mk_model &m, bool first, Column &out, mk_error *err) const
+    {
         std::vector<mk_record> records(logs.size());
+        std::vector<std::vector<const mk_log *>> folds(logs.size());
         for (size_t i = 0; i < logs.size(); i++) {
             enum mk_status st = mk_record_from_log(logs[i], &m, &records[i], err);
             if (st != MK_OK)
                 return st;
+            double hole = 0.0;
+            for (const Piece &piece : pieces_of(records[i], records[i].rows, hole)) {
+                out.pieces.push_back(rows_of_log(*logs[i], piece.first, piece.last));
+                folds[i].push_back(out.pieces.back().get());
+            }
+            out.period = std::min(out.period, median_period(records[i].t, records[i].rows));
         }
-        out.logs = fit_logs(records, m);
-        const std::vector<const FitLog *> view = without(out.logs, 1, 1);
-        out.start = m;
-        if (like)
-            std::copy_n(like->start.parameter, MK_MAX_PARAMETERS, out.start.parameter);
-        else
-            out.start = first_model(m, records, view);
-        for (int number : fitted_parameters(m))
+        if (first)
+            out.start = first_model(m, records);
+        out.runs = std::make_unique<FreeRuns>(folds, out.start, WINDOW_S, options.threads);
+        return MK_OK;
+    }
+    // From a point of the column's runs to where they are met best, and what that says.
+    enum mk_status settle(RunPoint point, Column &out, mk_error *err) const
+    {
+        out.free.clear();
+        for (int number : fitted_parameters(point.model))
             if (!options.fixed[number])
                 out.free.push_back(number);
-        Fit fit(view, fit_options(out));
-        fit.progress = options.progress;
-        fit.progress_context = options.progress_context;
-        out.point = fit.start(out.start);
-        const bool fitted = fit.descend(out.point, out.free, LOOSEST, TIGHTEST, out.picture);
-        out.drift = fit.options.drift[0];
-        if (fit.cancelled)
-            return mk_error_set(err, MK_ERR_INTR, "stopped");
-        return fitted ? MK_OK
-                      : mk_error_set(err, MK_ERR_NUMERIC,
-                                     "the model cannot follow the data with the %s column",
-                                     mk_input_name(m.input));
+        out.point = std::move(point);
+        // What errors are usual is known better the second time.
+        for (const int iterations : {ITERATIONS, MORE}) {
+            if (options.progress && !options.progress(options.progress_context, 0.0, "fitting"))
+                return mk_error_set(err, MK_ERR_INTR, "stopped");
+            out.runs->take_scale(out.point);
+            if (!out.runs->minimise(out.point, out.free, iterations, options.threads, out.picture))
+                return mk_error_set(err, MK_ERR_NUMERIC,
+                                    "the model cannot follow the data with the %s column",
+                                    mk_input_name(out.start.input));
+        }
+        out.said = out.runs->information(out.point, out.picture);
+        const bool halves = mk_model_has_own_values(&model);
+        return out.runs->left_out(out.point, out.picture, out.free, halves, out.left_out)
+                   ? MK_OK
+                   : mk_error_set(err, MK_ERR_NUMERIC,
+                                  "the model cannot follow a part of the data with the %s column",
+                                  mk_input_name(out.start.input));
     }
     // Late, and with a lag as well where that predicts logs left out surely better.
     enum mk_status fit_commanded(const Column &measured, std::unique_ptr<Column> &out,
@@ -223,75 +250,21 @@ class Comparison
         mk_model late = with_input(MK_INPUT_COMMANDED);
         add(late, "input-delay", mk_effect_by_name("input-delay")->parameter[0].initial);
         enum mk_status st = fit(late, &measured, *out, err);
-        if (st == MK_OK)
-            st = leave_out(*out, err);
-        if (st != MK_OK || place_of(model, "actuator-lag") >= 0 || !gains_by_a_lag(*out))
+        if (st != MK_OK || place_of(model, "actuator-lag") >= 0)
             return st;
         auto slow = std::make_unique<Column>();
-        mk_model lagging = late;
+        slow->start = out->start;
+        slow->period = out->period;
+        st = load(late, false, *slow, err);
+        mk_model lagging = out->point.model;
         add(lagging, "actuator-lag", FIRST_LAG);
-        st = fit(lagging, &measured, *slow, err);
-        const bool lags = st == MK_OK && slow->is_late("actuator-lag") &&
-                          slow->value("actuator-lag") > LEAST_LAG * slow->logs[0].period &&
-                          slow->picture.evidence < out->picture.evidence - ENOUGH;
-        if (lags)
-            st = leave_out(*slow, err);
-        if (lags && st == MK_OK && predicts_better(*slow, *out))
+        if (st == MK_OK)
+            st = settle(slow->runs->adopt(out->point, lagging, options.threads), *slow, err);
+        if (st == MK_OK && slow->is_late("actuator-lag") &&
+            slow->value("actuator-lag") > LEAST_LAG * slow->period &&
+            slow->said.evidence < out->said.evidence - ENOUGH && predicts_better(*slow, *out))
             out = std::move(slow);
         return st == MK_ERR_NUMERIC ? MK_OK : st;
-    }
-    // Whether a lag gains enough beside the delay, from where the fit without one is.
-    bool gains_by_a_lag(const Column &late) const
-    {
-        const std::vector<const FitLog *> view = without(late.logs, 1, 1);
-        mk_model lagging = late.point.model;
-        add(lagging, "actuator-lag", FIRST_LAG);
-        std::vector<int> free = late.free;
-        free.push_back(number_of(lagging, "actuator-lag"));
-        std::sort(free.begin(), free.end());
-        Fit fit(view, fit_options(late));
-        FitPoint point = fit.adopt(late.point, lagging);
-        FitPicture picture;
-        return fit.settle(point, free, late.drift, picture) &&
-               picture.evidence < late.picture.evidence - ENOUGH;
-    }
-    // Fits without a part of the logs start from that of all.
-    enum mk_status leave_out(Column &column, mk_error *err) const
-    {
-        const size_t folds = std::min(logs.size(), MOST_FOLDS);
-        std::vector<mk_model> found(folds);
-        std::vector<char> fitted(folds, false);
-        parallel_for(options.threads, folds, [&](size_t fold) {
-            FitOptions o = fit_options(column);
-            o.threads = 1;
-            Fit fit(without(column.logs, fold, folds), o);
-            FitPoint point = column.point;
-            point.nodes.clear();
-            for (size_t l = 0; l < column.logs.size(); l++)
-                if ((size_t)column.logs[l].source % folds != fold)
-                    point.nodes.push_back(column.point.nodes[l]);
-            FitPicture picture;
-            fitted[fold] = fit.settle(point, column.free, column.drift, picture);
-            found[fold] = point.model;
-        });
-        if (!std::all_of(fitted.begin(), fitted.end(), [](char yes) { return yes; }))
-            return mk_error_set(err, MK_ERR_NUMERIC,
-                                "the model cannot follow a part of the data with the %s column",
-                                mk_input_name(column.start.input));
-        const HeldOut held(logs, WINDOW_S, mk_model_has_own_values(&model));
-        std::vector<HeldOutFigures> by_log(logs.size());
-        std::vector<enum mk_status> status(logs.size());
-        parallel_for(options.threads, logs.size(), [&](size_t i) {
-            status[i] = held.add_log(found[i % folds], i, by_log[i], nullptr);
-        });
-        for (size_t i = 0; i < logs.size(); i++) {
-            if (status[i] != MK_OK)
-                return mk_error_at(err, status[i], logs[i]->path, 0, 0,
-                                   "no free run over this log with the %s column",
-                                   mk_input_name(column.start.input));
-            column.left_out.append(by_log[i]);
-        }
-        return MK_OK;
     }
     void decide(const Column &measured, const Column &commanded, mk_input_comparison &out) const
     {

@@ -14,5 +14,8 @@ struct LogFree {
 };
 using OwnedLog = std::unique_ptr<mk_log, LogFree>;
 
+// Rows [first, last) of a log, with its metadata and when it began. Throws std::bad_alloc.
+OwnedLog rows_of_log(const mk_log &log, size_t first, size_t last);
+
 } // namespace mk
 #endif

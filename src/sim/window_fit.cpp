@@ -21,7 +21,6 @@ namespace
 constexpr double HIDDEN_STD = 0.05;      // s above, of a joint's far side (rad, rad/s),
 constexpr double KNOWN = 0.01;           // and of other states of effects, of what is usual,
 constexpr double FORGOTTEN = 0.5;        // s after which it is no more: what was before the log
-constexpr double STEP = 2.5e-3;          // longest integration step, s
 constexpr double FIRST_HORIZON = 0.05;   // s
 constexpr double LONGER = 2.0;           // from one horizon to the next
 constexpr size_t FEWEST_READINGS = 12;   // rows of a horizon
@@ -362,7 +361,7 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     task.end = end;
     task.last = true;
     task.x = x.data();
-    task.step = STEP;
+    task.step = f.step;
     task.columns = columns;
     task.free_count = std::max(columns - ns, 0);
     task.free = task.free_count ? free->data() : nullptr;

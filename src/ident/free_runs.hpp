@@ -8,8 +8,8 @@
 // Parameters with a spread have a value of their own in every fold (random effects, as in
 // ident/fit.hpp); of a fold that is left out they come from the first halves of its logs, and the
 // second halves are judged.
-#ifndef MECHKIT_EXPLAIN_FREE_RUNS_HPP
-#define MECHKIT_EXPLAIN_FREE_RUNS_HPP
+#ifndef MECHKIT_IDENT_FREE_RUNS_HPP
+#define MECHKIT_IDENT_FREE_RUNS_HPP
 
 #include <vector>
 
@@ -47,6 +47,9 @@ class FreeRuns
     RunPoint start(const mk_model &model) const;
     // The same windows and states for a model with other effects.
     RunPoint adopt(const RunPoint &from, const mk_model &model, int threads) const;
+    // The same for effects that are next to nothing: where they remember nothing themselves, what
+    // the others remember is as it was.
+    RunPoint adopt_traces(const RunPoint &from, const mk_model &model, int threads) const;
     // What errors are usual, by joint, is from here on what they are at this point.
     void take_scale(RunPoint &point);
     // An error in a joint's unit over the deviation of its readings.
@@ -65,14 +68,19 @@ class FreeRuns
     // the picture's parameters that are `wanted`. `halves`: in second halves.
     bool left_out(const RunPoint &point, const RunPicture &picture, const std::vector<int> &wanted,
                   bool halves, HeldOutFigures &out) const;
-    // What the errors about a point say of the picture's parameters, own values eliminated.
+    // What the errors about a point say of the picture's parameters, own values eliminated; its
+    // evidence does not depend on the scale.
     FitPicture information(const RunPoint &point, const RunPicture &picture) const;
     size_t fold_count() const { return folds; }
     // Errors that are worth one each.
     double independent_errors() const;
 
   private:
+    // Rows of a log, and what they are made of.
     struct Log {
+        Log(const mk_record &given, int fold);
+        Log(Log &&) = default;
+        std::vector<double> t, q[MK_MAX_JOINTS], u[MK_MAX_INPUTS], left_out;
         mk_record record;
         int fold;
         std::shared_ptr<const Way> way;
@@ -96,6 +104,8 @@ class FreeRuns
     std::unique_ptr<mk_start_finder> finder_of(const RunPoint &point, const mk_model &model,
                                                size_t log) const;
     void recall(RunPoint &point, int threads) const;
+    double prior(const RunPoint &point, const std::vector<int> &free) const;
+    double surprise_of_readings(const RunPicture &picture) const;
     void update_spreads(RunPoint &point, const RunPicture &picture) const;
     std::vector<Normal> normals_of(const RunPoint &point, const RunPicture &picture,
                                    const std::vector<int> &wanted) const;

@@ -1,4 +1,4 @@
-#include "explain/free_runs.hpp"
+#include "ident/free_runs.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -24,6 +24,8 @@ constexpr size_t TOGETHER = 16;         // windows that are shot side by side
 constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
 constexpr double MOST_LOST = 0.1;       // of the windows
 constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
+constexpr double SPARSE = 0.004;        // s between the rows that are looked at, at least,
+constexpr double LONGEST_STEP = 0.005;  // and of an integration step, so that it spans them
 
 using Finder = std::unique_ptr<mk_start_finder>;
 
@@ -43,7 +45,57 @@ void by_chunks(size_t count, F &&body)
         body(first, std::min(first + TOGETHER, count));
 }
 
+// The row behind the first one of [first, record.rows) that is kept for itself and those after it:
+// as far on as keeps rows SPARSE apart, and none of it left out where `first` is not.
+size_t next_kept(const mk_record &record, size_t first)
+{
+    constexpr double NEARLY = 0.95; // times are not read to the last digit
+    const auto out = [&record](size_t k) { return record.left_out && record.left_out[k] != 0.0; };
+    size_t next = first + 1;
+    while (next < record.rows && out(next) == out(first) &&
+           record.t[next] - record.t[first] < NEARLY * SPARSE)
+        next++;
+    return next;
+}
+
+// Mean over time of what is held from each of the rows [first, last) to the next one.
+double mean_held(const double *u, const mk_record &record, size_t first, size_t last)
+{
+    if (last - first < 2 || last == record.rows)
+        return u[first];
+    double sum = 0.0;
+    for (size_t k = first; k < last; k++)
+        sum += u[k] * (record.t[k + 1] - record.t[k]);
+    return sum / (record.t[last] - record.t[first]);
+}
+
 } // namespace
+
+// An error hardly changes from one row of a fast log to the next: rows some milliseconds apart,
+// with the command's mean between them, say the same for less work.
+FreeRuns::Log::Log(const mk_record &given, int fold_in) : record(given), fold(fold_in)
+{
+    for (size_t first = 0, next; first < given.rows; first = next) {
+        next = next_kept(given, first);
+        t.push_back(given.t[first]);
+        for (int j = 0; j < MK_MAX_JOINTS; j++)
+            if (given.q[j])
+                q[j].push_back(given.q[j][first]);
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            if (given.u[i])
+                u[i].push_back(mean_held(given.u[i], given, first, next));
+        if (given.left_out)
+            left_out.push_back(given.left_out[first]);
+    }
+    record.rows = t.size();
+    record.t = t.data();
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        record.q[j] = given.q[j] ? q[j].data() : nullptr;
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        record.u[i] = given.u[i] ? u[i].data() : nullptr;
+    record.left_out = given.left_out ? left_out.data() : nullptr;
+    record.late_us = record.flags = nullptr; // no run asks for them
+}
 
 // p'Ap/2 - a'p of a fold in the wanted parameters, and what own values b make of it:
 // b = M (beta - K'p) once they are eliminated.
@@ -65,9 +117,9 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 {
     for (size_t f = 0; f < given.size(); f++)
         for (const mk_log *log : given[f]) {
-            Log l = {{}, (int)f, {}};
-            if (mk_record_from_log(log, &near, &l.record, nullptr) == MK_OK)
-                logs.push_back(l);
+            mk_record record;
+            if (mk_record_from_log(log, &near, &record, nullptr) == MK_OK)
+                logs.emplace_back(record, (int)f);
         }
     double seconds = 0.0, rows = 0.0;
     for (size_t i = 0; i < logs.size(); i++) {
@@ -134,6 +186,7 @@ std::unique_ptr<mk_start_finder> FreeRuns::finder_of(const RunPoint &point, cons
                                                      size_t log) const
 {
     std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
+    finder->step = LONGEST_STEP;
     if (remembers(model))
         finder->way = logs[log].way;
     if (log < point.usual.size())
@@ -211,6 +264,17 @@ RunPoint FreeRuns::adopt(const RunPoint &from, const mk_model &model, int thread
         if (!point.z.empty())
             point.x[w].tail(point.x[w].size() - measured) = point.z[w];
     }
+    return point;
+}
+
+RunPoint FreeRuns::adopt_traces(const RunPoint &from, const mk_model &model, int threads_now) const
+{
+    if (mk_model_state_count(&model) != mk_model_state_count(&from.model) ||
+        own_parameters(model).size() != own_parameters(from.model).size())
+        return adopt(from, model, threads_now);
+    RunPoint point = from;
+    point.model = model;
+    point.cost = HUGE_VAL;
     return point;
 }
 
@@ -332,11 +396,29 @@ double FreeRuns::surprise(const mk_model &model, int number, double &slope) cons
     return std::log(now / info->initial) / SPREAD;
 }
 
-// Of the readings in units of what is usual, of own values and of base parameters.
+// Of own values and of base parameters.
+double FreeRuns::prior(const RunPoint &point, const std::vector<int> &free) const
+{
+    double sum = 0.0;
+    const std::vector<int> own = own_parameters(point.model);
+    for (const VectorXd &b : point.own)
+        for (size_t i = 0; i < own.size(); i++) {
+            const double off = b((long)i) / mk_model_parameter_spread(&point.model, own[i]);
+            sum += 0.5 * off * off;
+        }
+    for (int number : free) {
+        double slope;
+        const double off = surprise(point.model, number, slope);
+        sum += 0.5 * off * off;
+    }
+    return sum;
+}
+
+// Of the readings in units of what is usual, and of what is known beforehand.
 double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
 {
     constexpr double LOST = 1e3; // of the usual: a window that cannot be run
-    double sum = 0.0;
+    double sum = prior(point, picture.free);
     for (size_t w = 0; w < windows.size(); w += picture.stride)
         for (int j = 0; j < mk_model_joints(&near); j++) {
             const WindowQuadratic &q = picture.window[w];
@@ -344,16 +426,27 @@ double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
                    (q.finite ? q.before[j] / scale[j]
                              : LOST * (double)(windows[w].last - windows[w].first));
         }
-    const std::vector<int> own = own_parameters(point.model);
-    for (const VectorXd &b : point.own)
-        for (size_t i = 0; i < own.size(); i++) {
-            const double off = b((long)i) / mk_model_parameter_spread(&point.model, own[i]);
-            sum += 0.5 * off * off;
+    return sum;
+}
+
+// What errors are usual is a parameter by itself, at its best: N independent errors of mean square
+// s^2 make N/2 log s^2. Windows that cannot be run are as bad as the worst.
+double FreeRuns::surprise_of_readings(const RunPicture &picture) const
+{
+    double sum = 0.0;
+    for (int j = 0; j < mk_model_joints(&near); j++) {
+        double squares = 0.0, n = 0.0, worst = 0.0, all = 0.0;
+        for (size_t w = 0; w < windows.size(); w += picture.stride) {
+            const WindowQuadratic &q = picture.window[w];
+            const double rows = (double)(windows[w].last - windows[w].first);
+            all += rows;
+            if (!q.finite)
+                continue;
+            squares += q.before[j], n += (double)q.readings[j];
+            worst = std::max(worst, q.before[j] / std::max((double)q.readings[j], 1.0));
         }
-    for (int number : picture.free) {
-        double slope;
-        const double off = surprise(point.model, number, slope);
-        sum += 0.5 * off * off;
+        squares += worst * (all - n);
+        sum += 0.5 * independent * all * std::log(std::max(squares / std::max(all, 1.0), ROUNDING));
     }
     return sum;
 }
@@ -520,7 +613,7 @@ RunPoint FreeRuns::moved(const RunPoint &from, const RunPicture &picture, const 
 bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int iterations,
                         int threads_now, RunPicture &picture) const
 {
-    constexpr double SETTLED = 0.05; // log likelihood
+    constexpr double SETTLED = 0.3; // log likelihood
     constexpr double HARDER = 30.0, EASIER = 0.1, MOST_DAMPING = 10.0;
     if (!linearise(point, free, true, threads_now, picture))
         return false;
@@ -531,7 +624,9 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
         RunPicture there;
         there.stride = picture.stride;
         trial.cost = HUGE_VAL;
-        recall(trial, threads_now);
+        // A trial on some of the windows is not worth a run along all that was before them.
+        if (picture.stride == 1)
+            recall(trial, threads_now);
         if (mk_model_check(&trial.model, nullptr) == MK_OK &&
             linearise(trial, free, true, threads_now, there))
             trial.cost = cost(trial, there);
@@ -553,7 +648,7 @@ FitPicture FreeRuns::information(const RunPoint &point, const RunPicture &pictur
     const std::vector<Normal> parts = normals_of(point, picture, picture.free);
     FitPicture out = whole(point, picture.free, parts, folds);
     // Own values integrated out: their prior's and their posterior's widths.
-    out.cost = out.evidence = point.cost;
+    out.cost = out.evidence = surprise_of_readings(picture) + prior(point, picture.free);
     const std::vector<int> own = own_parameters(point.model);
     for (const Normal &part : parts)
         for (size_t i = 0; i < own.size(); i++)
