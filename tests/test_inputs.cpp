@@ -167,6 +167,14 @@ START_TEST(two_logs_with_both_columns_are_needed_to_compare_them)
 }
 END_TEST
 
+START_TEST(two_logs_are_enough_to_compare_them)
+{
+    const auto c = compared(logs_of(Truth::measured, 0.0, 2), MK_INPUT_COMMANDED);
+    ck_assert_int_eq(c->taken, MK_INPUT_MEASURED);
+    ck_assert(c->changed);
+}
+END_TEST
+
 // Runs identify, and reads the fitted model and the JSON's `input`.
 struct Identified {
     char out[8192];
@@ -276,11 +284,12 @@ Suite *suite_inputs(void)
     TCase *t = tcase_create("columns");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, two_logs_with_both_columns_are_needed_to_compare_them);
-    tcase_add_test(t, identify_compares_where_nobody_says_which_column_it_is);
+    tcase_add_test(t, two_logs_are_enough_to_compare_them);
     suite_add_tcase(s, t);
     t = tcase_create("many fits");
     tcase_set_tags(t, "long");
     tcase_set_timeout(t, 120);
+    tcase_add_test(t, identify_compares_where_nobody_says_which_column_it_is);
     tcase_add_test(t, a_command_that_acts_late_is_taken_where_what_was_measured_of_it_is_wrong);
     tcase_add_test(t, what_was_measured_is_taken_where_the_command_is_wrong);
     tcase_add_test(t, a_tie_goes_to_what_the_model_says);

@@ -216,13 +216,13 @@ Suite *suite_own_values(void)
     Suite *s = suite_create("own_values");
     TCase *t = tcase_create("logs");
     tcase_set_timeout(t, 120);
-    tcase_add_test(t, a_fit_finds_the_zero_of_every_log_and_how_they_spread);
-    tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, a_new_logs_own_values_come_from_its_first_half);
     suite_add_tcase(s, t);
-    t = tcase_create("searches");
+    t = tcase_create("fits and searches");
     tcase_set_tags(t, "long");
     tcase_set_timeout(t, 120);
+    tcase_add_test(t, a_fit_finds_the_zero_of_every_log_and_how_they_spread);
+    tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, explain_tells_zeros_of_every_log_from_a_cause);
     tcase_add_test(t, explain_claims_no_zeros_where_logs_do_not_differ);
     suite_add_tcase(s, t);

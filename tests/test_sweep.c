@@ -484,6 +484,10 @@ Suite *suite_sweep(void)
     tcase_add_test(t, one_thread_and_two_write_the_same_file);
     tcase_add_loop_test(t, a_column_with_nothing_in_it_keeps_its_place, 0,
                         (int)(sizeof uncaught / sizeof uncaught[0]));
+    suite_add_tcase(s, t);
+    t = tcase_create("journals and specs");
+    tcase_set_timeout(t, 120);
+    tcase_set_tags(t, "one-thread"); /* whose runs are those of the sweeps above */
     tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
     tcase_add_test(t, a_full_disk_keeps_what_was_done);
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
