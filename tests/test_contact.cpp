@@ -316,12 +316,9 @@ Suite *suite_contact(void)
     tcase_set_timeout(t, 120);
     tcase_add_loop_test(t, a_hand_is_found_at_the_start_in_the_middle_and_at_the_end, 0, 1);
     tcase_add_test(t, a_kick_is_found);
-    tcase_add_test(t, parameters_that_are_far_off_change_nothing);
-    tcase_add_test(t, a_log_that_stands_still_hides_no_hand_in_another);
     tcase_add_loop_test(t, a_rig_alone_is_not_touched, 0, 1);
     tcase_add_loop_test(t, what_a_smoother_cannot_follow_is_no_hand, 0, 1);
     tcase_add_test(t, rows_that_were_not_asked_for_are_marked_and_have_no_angles);
-    tcase_add_test(t, a_fit_leaves_a_hand_out);
     tcase_add_loop_test(t, what_is_left_out_is_told_by_output_and_json, 0, SUBCOMMANDS);
     tcase_add_loop_test(t, all_is_kept_or_a_part_taken_where_that_is_asked_for, 0, EXPLAIN);
     tcase_add_loop_test(t, an_effect_that_the_model_lacks_is_no_hand, 0, 1);
@@ -329,6 +326,9 @@ Suite *suite_contact(void)
     t = tcase_create("other rigs");
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "long");
+    tcase_add_test(t, a_fit_leaves_a_hand_out);
+    tcase_add_test(t, parameters_that_are_far_off_change_nothing);
+    tcase_add_test(t, a_log_that_stands_still_hides_no_hand_in_another);
     tcase_add_loop_test(t, a_hand_is_found_at_the_start_in_the_middle_and_at_the_end, 1, 5);
     tcase_add_loop_test(t, a_rig_alone_is_not_touched, 1, 5);
     tcase_add_loop_test(t, what_a_smoother_cannot_follow_is_no_hand, 1, 4);

@@ -404,17 +404,13 @@ extern "C" Suite *suite_hidden(void)
     Suite *s = suite_create("hidden");
     TCase *laws = tcase_create("laws");
     tcase_set_timeout(laws, 120);
-    tcase_set_tags(laws, "one-thread");
-    tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0, 1);
-    suite_add_tcase(s, laws);
-    TCase *more = tcase_create("laws of the others");
-    tcase_set_timeout(more, 120);
-    tcase_set_tags(more, "long");
-    tcase_add_loop_test(more, every_law_agrees_with_an_independent_simulator, 1,
+    tcase_set_tags(laws, "long");
+    tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0,
                         (int)truth::rig_kinds.size());
-    suite_add_tcase(s, more);
+    suite_add_tcase(s, laws);
     TCase *one = tcase_create("one search");
     tcase_set_timeout(one, 300);
+    tcase_set_tags(one, "threads");
     tcase_add_loop_test(one, what_was_hidden_is_named_and_the_gain_is_there, 0, 1);
     suite_add_tcase(s, one);
     TCase *t = tcase_create("many searches");

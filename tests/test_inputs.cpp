@@ -56,7 +56,7 @@ truth::OwnedLog record(Truth which, uint64_t seed, double friction)
         rig.effects.push_back({"input-delay", 0, {{"delay", LATE}}});
     if (friction > 0.0)
         rig.effects.push_back({"coulomb", 2, {{"level", friction}}});
-    how.seconds = 6.0;
+    how.seconds = 4.0;
     how.input = seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
     truth::OwnedLog log = truth::as_log(truth::record(rig, how), rig, how);
@@ -126,7 +126,7 @@ END_TEST
 START_TEST(what_was_measured_is_taken_where_the_command_is_wrong)
 {
     const Logs logs = logs_of(Truth::measured, RUB);
-    for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
+    for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_COMMANDED}) {
         const auto c = compared(logs, said);
         ck_assert_int_eq(c->taken, MK_INPUT_MEASURED);
         ck_assert_int_eq(c->changed, said == MK_INPUT_COMMANDED);
@@ -139,7 +139,7 @@ START_TEST(a_tie_goes_to_what_the_model_says)
 {
     for (double friction : {0.0, RUB}) {
         const Logs logs = logs_of(Truth::either, friction);
-        for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
+        for (enum mk_input said : {MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
             const auto c = compared(logs, said);
             ck_assert_int_eq(c->taken,
                              said == MK_INPUT_COMMANDED ? MK_INPUT_COMMANDED : MK_INPUT_MEASURED);
@@ -169,8 +169,8 @@ END_TEST
 
 START_TEST(two_logs_are_enough_to_compare_them)
 {
-    const auto c = compared(logs_of(Truth::measured, 0.0, 2), MK_INPUT_COMMANDED);
-    ck_assert_int_eq(c->taken, MK_INPUT_MEASURED);
+    const auto c = compared(logs_of(Truth::sent_late, 0.0, 2), MK_INPUT_MEASURED);
+    ck_assert_int_eq(c->taken, MK_INPUT_COMMANDED);
     ck_assert(c->changed);
 }
 END_TEST
@@ -238,12 +238,12 @@ END_TEST
 
 std::unique_ptr<mk_explanation> explained(Truth which)
 {
-    Logs logs = logs_of(which, RUB, LOGS + 1);
+    const Logs logs = logs_of(which, RUB, 3);
     auto e = std::make_unique<mk_explanation>();
     const mk_model m = pendubot(MK_INPUT_UNSAID);
     mk_error err = MK_ERROR_INIT;
-    ck_assert_msg(mk_explain(&m, logs.view.data(), LOGS, &logs.view[LOGS], 1, nullptr, e.get(),
-                             &err) == MK_OK,
+    ck_assert_msg(mk_explain(&m, logs.view.data(), 2, &logs.view[2], 1, nullptr, e.get(), &err) ==
+                      MK_OK,
                   "%s", err.message);
     ck_assert_int_eq(e->verdict, MK_VERDICT_EFFECT);
     ck_assert_int_eq(e->cause_count, 1);

@@ -27,7 +27,8 @@ mk_model pendubot()
     return m;
 }
 
-truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0)
+truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0,
+                       double seconds = 6.0)
 {
     truth::Rig rig;
     truth::Recording how;
@@ -38,7 +39,7 @@ truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0)
         rig.effects.push_back({"encoder-offset", j, {{"offset", zero[j - 1]}}});
     if (friction > 0.0)
         rig.effects.push_back({"coulomb", 2, {{"level", friction}}});
-    how.seconds = 6.0;
+    how.seconds = seconds;
     how.input = seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
     return truth::as_log(truth::record(rig, how), rig, how);
@@ -163,7 +164,7 @@ std::unique_ptr<mk_explanation> explained(const double (*zero)[2], double fricti
     std::vector<truth::OwnedLog> logs;
     std::vector<const mk_log *> view, held;
     for (int i = 0; i < LOGS; i++)
-        logs.push_back(record(zero[i], 41 + (uint64_t)i, friction));
+        logs.push_back(record(zero[i], 41 + (uint64_t)i, friction, 4.0));
     for (int i = 0; i + 1 < LOGS; i++)
         view.push_back(logs[(size_t)i].get());
     held.push_back(logs.back().get());

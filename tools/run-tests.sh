@@ -19,13 +19,15 @@ by_clock="clock log_writer console console_pty tui safety rig loop loop_faults b
 # What takes longest comes first, so that the two end together.
 heavy="inputs own_values hidden linear foreign explain data_check investigate ratios contact slides \
     compensate trajectory residual excite robustness"
+# Tags of test cases: "long" is not run under sanitizers, "threads" only where threads are looked at, and
+# "one-thread" not there.
 # What takes more than a minute by itself has its turn with `make check-all` only.
 patient=${MK_CHECK_ALL:+none}
 export CK_EXCLUDE_TAGS=${patient:-patient}
 chosen=""
 case $variant in
 asan)
-    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long"
+    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long threads"
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
     export CK_TIMEOUT_MULTIPLIER=6 ;;
 tsan)
