@@ -44,7 +44,7 @@ std::vector<double> filtered(const mk_log *log)
     return out;
 }
 
-truth::OwnedLog record(Truth which, uint64_t seed, double friction)
+truth::OwnedLog record(Truth which, uint64_t seed, double friction, double seconds)
 {
     truth::Rig rig;
     truth::Recording how;
@@ -56,7 +56,7 @@ truth::OwnedLog record(Truth which, uint64_t seed, double friction)
         rig.effects.push_back({"input-delay", 0, {{"delay", LATE}}});
     if (friction > 0.0)
         rig.effects.push_back({"coulomb", 2, {{"level", friction}}});
-    how.seconds = 4.0;
+    how.seconds = seconds;
     how.input = seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
     truth::OwnedLog log = truth::as_log(truth::record(rig, how), rig, how);
@@ -81,11 +81,11 @@ struct Logs {
     std::vector<const mk_log *> view;
 };
 
-Logs logs_of(Truth which, double friction, int count = LOGS)
+Logs logs_of(Truth which, double friction, int count = LOGS, double seconds = 4.0)
 {
     Logs logs;
     for (int i = 0; i < count; i++) {
-        logs.all.push_back(record(which, 71 + (uint64_t)i, friction));
+        logs.all.push_back(record(which, 71 + (uint64_t)i, friction, seconds));
         logs.view.push_back(logs.all.back().get());
     }
     return logs;
@@ -169,7 +169,7 @@ END_TEST
 
 START_TEST(two_logs_are_enough_to_compare_them)
 {
-    const auto c = compared(logs_of(Truth::sent_late, 0.0, 2), MK_INPUT_MEASURED);
+    const auto c = compared(logs_of(Truth::sent_late, 0.0, 2, 2.0), MK_INPUT_MEASURED);
     ck_assert_int_eq(c->taken, MK_INPUT_COMMANDED);
     ck_assert(c->changed);
 }

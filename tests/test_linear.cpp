@@ -680,22 +680,22 @@ Suite *suite_linear(void)
     tcase_add_test(c, different_runs_are_not_averaged);
     tcase_add_test(c, a_log_without_motion_is_refused);
     tcase_add_test(c, a_stuck_joint_is_named);
-    tcase_add_test(c, a_constant_command_is_refused_or_its_errors_say_so);
     tcase_add_test(c, rows_without_readings_are_bridged_or_left_out);
     tcase_add_test(c, columns_of_nothing_and_infinite_values_are_named);
     tcase_add_test(c, ten_rows_are_refused_and_forty_do_not_crash);
     tcase_add_test(c, time_in_milliseconds_is_refused);
-    tcase_add_test(c, output_error_warns_of_a_stuck_joint);
-    tcase_add_test(c, output_error_refuses_a_command_of_the_wrong_sign);
     tcase_add_test(c, output_error_does_not_take_a_wrong_zero_for_noise);
     tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
     tcase_add_test(c, a_motor_that_warms_does_not_start_cold_again_after_a_hole);
-    tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
     tcase_add_test(c, the_program_writes_what_the_fit_knows);
 
     c = tcase_create("many fits");
     tcase_set_timeout(c, 30);
     tcase_set_tags(c, "long");
+    tcase_add_test(c, a_constant_command_is_refused_or_its_errors_say_so);
+    tcase_add_test(c, output_error_warns_of_a_stuck_joint);
+    tcase_add_test(c, output_error_refuses_a_command_of_the_wrong_sign);
+    tcase_add_test(c, output_error_refuses_what_neither_follows_nor_tells);
     tcase_add_test(c, a_free_swing_takes_its_scale_from_a_held_parameter);
     tcase_add_test(c, repeats_are_averaged_and_the_errors_shrink_with_their_number);
     tcase_add_test(c, a_wider_window_is_taken_when_asked_for);

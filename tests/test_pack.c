@@ -311,10 +311,10 @@ Suite *suite_pack(void)
     tcase_add_test(installed, an_installed_program_has_10_mb_at_most);
     tcase_add_test(installed, the_example_builds_and_runs_with_what_is_installed);
     suite_add_tcase(s, installed);
+    /* A sanitizer sees nothing of them that another test does not show. */
     TCase *pages = tcase_create("pages");
     tcase_set_timeout(pages, 120);
-    tcase_set_tags(pages,
-                   "long"); /* a sanitizer sees nothing of them that another test does not show */
+    tcase_set_tags(pages, "long");
     tcase_add_test(pages, the_demo_ends_in_a_page_of_what_was_run);
     tcase_add_test(pages, the_pages_are_complete_and_every_link_leads_somewhere);
     suite_add_tcase(s, pages);
