@@ -1,4 +1,4 @@
-/* Runs the suites: all, those named on the command line, or with --but first all others. */
+/* Runs the suites: all, or those named on the command line. With --list it names them. */
 #include <check.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,20 +17,23 @@ static const struct {
 
 static int wanted(const char *name, int argc, char **argv)
 {
-    if (argc < 2)
-        return 1;
-    const int others = strcmp(argv[1], "--but") == 0;
-    for (int i = 1 + others; i < argc; i++)
+    for (int i = 1; i < argc; i++)
         if (strcmp(argv[i], name) == 0)
-            return !others;
-    return others;
+            return 1;
+    return argc < 2;
 }
 
 int main(int argc, char **argv)
 {
+    const size_t all = sizeof suites / sizeof suites[0];
+    if (argc == 2 && strcmp(argv[1], "--list") == 0) {
+        for (size_t i = 0; i < all; i++)
+            puts(suites[i].name);
+        return EXIT_SUCCESS;
+    }
     SRunner *runner = srunner_create(NULL);
     int count = 0;
-    for (size_t i = 0; i < sizeof suites / sizeof suites[0]; i++) {
+    for (size_t i = 0; i < all; i++) {
         if (!wanted(suites[i].name, argc, argv))
             continue;
         srunner_add_suite(runner, suites[i].make());

@@ -741,14 +741,16 @@ Suite *suite_compensate(void)
     t = tcase_create("step");
     tcase_set_timeout(t, 60);
     tcase_add_loop_test(t, without_effects_no_bit_of_the_command_changes, 0, (int)SETUP_COUNT);
-    tcase_add_loop_test(t, a_step_is_bounded_whatever_is_read, 0, (int)SETUP_COUNT);
-    tcase_add_loop_test(t, a_step_remembers_nothing_after_a_reset, 0, (int)SETUP_COUNT);
+    tcase_add_loop_test(t, a_step_is_bounded_whatever_is_read, 0, 3);
+    tcase_add_loop_test(t, a_step_remembers_nothing_after_a_reset, 0, 1);
     tcase_add_test(t, open_loop_stays_open);
     suite_add_tcase(s, t);
 
     t = tcase_create("gain");
     tcase_set_tags(t, "long");
     tcase_set_timeout(t, 120);
+    tcase_add_loop_test(t, a_step_is_bounded_whatever_is_read, 3, (int)SETUP_COUNT);
+    tcase_add_loop_test(t, a_step_remembers_nothing_after_a_reset, 1, (int)SETUP_COUNT);
     tcase_add_loop_test(t, who_knows_the_effect_balances_better, 0, IMPROVED_COUNT);
     tcase_add_loop_test(t, who_believes_the_true_model_catches_no_later, 0, PULLED_COUNT);
     tcase_add_test(t, the_gain_in_control_is_measured_the_same_each_time);

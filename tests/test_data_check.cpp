@@ -295,10 +295,14 @@ extern "C" Suite *suite_data_check(void)
     tcase_add_loop_test(t, a_good_log_has_no_findings, 0, MK_PLANT_COUNT);
     tcase_add_loop_test(t, a_flipped_command_and_swapped_joints_are_fatal_on_every_plant, 0,
                         MK_PLANT_COUNT);
-    tcase_add_test(t, a_fatal_finding_ends_a_fit_and_forced_it_goes_with_the_result);
     tcase_add_test(t, a_still_log_among_several_is_left_out);
     tcase_add_test(t, two_tenths_of_a_second_explain_nothing);
     tcase_add_test(t, thinned_logs_and_rounded_times_are_named);
+    suite_add_tcase(s, t);
+    t = tcase_create("searches");
+    tcase_set_timeout(t, 240);
+    tcase_set_tags(t, "long");
+    tcase_add_test(t, a_fatal_finding_ends_a_fit_and_forced_it_goes_with_the_result);
     tcase_add_test(t, what_is_doubted_heads_everything);
     tcase_add_loop_test(t, what_would_have_been_seen_is_seen_from_there_on, 0, 5);
     suite_add_tcase(s, t);

@@ -441,17 +441,23 @@ Suite *suite_excite(void)
     tcase_add_test(c, a_multisine_s_text_is_the_multisine);
     tcase_add_test(c, foreseen_errors_are_the_cramer_rao_bound);
     tcase_add_test(c, a_rig_further_from_its_model_tells_less);
-    tcase_add_test(c, the_pendulum_s_condition_number_is_below_the_report_s);
     tcase_add_test(c, the_rig_follows_the_planned_trajectory);
     tcase_add_test(c, a_rig_with_a_free_joint_is_not_led_along_a_trajectory);
-    tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 0, 3);
+    tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 1, 2);
     tcase_add_loop_test(c, the_inputs_that_ship_tell_three_times_as_much_as_the_report_s_sine, 0,
                         3);
     tcase_add_test(c, the_answer_does_not_depend_on_the_threads);
-    tcase_add_test(c, an_uncertain_model_promises_less);
     tcase_add_test(c, what_is_out_of_range_is_refused_by_name);
     tcase_add_test(c, an_input_that_leaves_the_limits_is_not_offered);
     tcase_add_test(c, a_wrong_signal_to_compare_with_is_found_before_the_search);
     tcase_add_test(c, the_command_files_run_and_log_what_was_planned);
+    c = tcase_create("more searches");
+    tcase_set_timeout(c, 120);
+    tcase_set_tags(c, "long");
+    suite_add_tcase(s, c);
+    tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 0, 1);
+    tcase_add_loop_test(c, a_searched_input_tells_more_than_a_sine_within_the_limits, 2, 3);
+    tcase_add_test(c, the_pendulum_s_condition_number_is_below_the_report_s);
+    tcase_add_test(c, an_uncertain_model_promises_less);
     return s;
 }

@@ -81,6 +81,7 @@ Suite *suite_floors(void)
     Suite *s = suite_create("floors");
     TCase *t = tcase_create("tree");
     tcase_set_timeout(t, 60);
+    tcase_set_tags(t, "long"); /* a sanitizer sees nothing of a script */
     tcase_add_test(t, whatever_is_forbidden_is_found);
     tcase_add_test(t, what_is_allowed_passes);
     suite_add_tcase(s, t);

@@ -404,18 +404,19 @@ extern "C" Suite *suite_hidden(void)
     Suite *s = suite_create("hidden");
     TCase *laws = tcase_create("laws");
     tcase_set_timeout(laws, 120);
-    tcase_set_tags(laws, "one-thread");
+    tcase_set_tags(laws, "long");
     tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0,
                         (int)truth::rig_kinds.size());
     suite_add_tcase(s, laws);
     TCase *one = tcase_create("one search");
     tcase_set_timeout(one, 300);
+    tcase_set_tags(one, "threads");
     tcase_add_loop_test(one, what_was_hidden_is_named_and_the_gain_is_there, 0, 1);
-    tcase_add_test(one, the_answer_does_not_depend_on_the_number_of_threads);
     suite_add_tcase(s, one);
     TCase *t = tcase_create("many searches");
     tcase_set_timeout(t, 300);
     tcase_set_tags(t, "long");
+    tcase_add_test(t, the_answer_does_not_depend_on_the_number_of_threads);
     tcase_add_loop_test(t, what_was_hidden_is_named_and_the_gain_is_there, 1,
                         (int)(sizeof hidden / sizeof hidden[0]));
     tcase_add_loop_test(t, clean_data_raise_no_alarm, 0, 2);

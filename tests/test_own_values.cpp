@@ -27,7 +27,8 @@ mk_model pendubot()
     return m;
 }
 
-truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0)
+truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0,
+                       double seconds = 6.0)
 {
     truth::Rig rig;
     truth::Recording how;
@@ -38,7 +39,7 @@ truth::OwnedLog record(const double *zero, uint64_t seed, double friction = 0.0)
         rig.effects.push_back({"encoder-offset", j, {{"offset", zero[j - 1]}}});
     if (friction > 0.0)
         rig.effects.push_back({"coulomb", 2, {{"level", friction}}});
-    how.seconds = 6.0;
+    how.seconds = seconds;
     how.input = seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
     return truth::as_log(truth::record(rig, how), rig, how);
@@ -163,7 +164,7 @@ std::unique_ptr<mk_explanation> explained(const double (*zero)[2], double fricti
     std::vector<truth::OwnedLog> logs;
     std::vector<const mk_log *> view, held;
     for (int i = 0; i < LOGS; i++)
-        logs.push_back(record(zero[i], 41 + (uint64_t)i, friction));
+        logs.push_back(record(zero[i], 41 + (uint64_t)i, friction, 4.0));
     for (int i = 0; i + 1 < LOGS; i++)
         view.push_back(logs[(size_t)i].get());
     held.push_back(logs.back().get());
@@ -216,13 +217,13 @@ Suite *suite_own_values(void)
     Suite *s = suite_create("own_values");
     TCase *t = tcase_create("logs");
     tcase_set_timeout(t, 120);
-    tcase_add_test(t, a_fit_finds_the_zero_of_every_log_and_how_they_spread);
-    tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, a_new_logs_own_values_come_from_its_first_half);
     suite_add_tcase(s, t);
-    t = tcase_create("searches");
+    t = tcase_create("fits and searches");
     tcase_set_tags(t, "long");
     tcase_set_timeout(t, 120);
+    tcase_add_test(t, a_fit_finds_the_zero_of_every_log_and_how_they_spread);
+    tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, explain_tells_zeros_of_every_log_from_a_cause);
     tcase_add_test(t, explain_claims_no_zeros_where_logs_do_not_differ);
     suite_add_tcase(s, t);

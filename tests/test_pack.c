@@ -52,30 +52,62 @@ START_TEST(make_without_the_libraries_says_what_to_do)
 }
 END_TEST
 
-START_TEST(skipped_tests_are_totalled_and_a_failure_stays_one)
+/* A program in the place of the tests, with the suites log and tui, which goes by the clock. */
+static const char *two_suites(const char *each)
 {
-    char out[1024], script[300];
-    snprintf(
-        script, sizeof script, "%s",
-        scratch_text("tests.sh", "#!/bin/sh\necho a: skipped, no b >&2\necho 3 checks\nexit 7\n"));
-    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s asan", script,
-                           MK_SOURCE_DIR, script);
-    ck_assert_msg(code == 7 && strstr(out, "3 checks") && strstr(out, "1 skipped:\n  a: skipped"),
+    static char script[300];
+    char text[500];
+    snprintf(text, sizeof text, "#!/bin/sh\n[ $1 != --list ] || { echo log; echo tui; exit; }\n%s",
+             each);
+    snprintf(script, sizeof script, "%s", scratch_text("tests.sh", text));
+    run_command(NULL, 0, "chmod +x %s", script);
+    return script;
+}
+
+START_TEST(suites_are_totalled_with_what_they_skipped_and_a_failure_stays_one)
+{
+    static const char *const fails[] = {"none", "log", "tui"};
+    char out[4096], each[300];
+    for (int i = 0; i < 3; i++) {
+        snprintf(each, sizeof each,
+                 "echo $1: skipped, no $1 >&2\n[ $1 = log ] && n=3 || n=4\n"
+                 "echo \"33%%: Checks: $n, Failures: 1, Errors: 2\"\n[ $1 != %s ] || exit 7\n",
+                 fails[i]);
+        int code = run_command(out, sizeof out, "%s/tools/run-tests.sh %s %s", MK_SOURCE_DIR,
+                               two_suites(each), i == 2 ? "asan" : "release");
+        ck_assert_msg(code == (i == 0 ? 0 : 7), "%d %s", code, out);
+        ck_assert_msg(strstr(out, "7 checks, 2 failures, 4 errors"), "%s", out);
+        ck_assert_msg(strstr(out, "2 skipped:\n  log: skipped, no log\n  tui: skipped"), "%s", out);
+        const char *failed = strstr(out, "failed: ");
+        ck_assert_msg(i == 0 ? !failed : failed && strncmp(failed + 8, fails[i], 3) == 0, "%s",
+                      out);
+    }
+}
+END_TEST
+
+START_TEST(what_a_suite_prints_stays_in_one_piece)
+{
+    char out[4096];
+    int code = run_command(out, sizeof out, "%s/tools/run-tests.sh %s release", MK_SOURCE_DIR,
+                           two_suites("for i in 1 2 3; do echo $1 $i; sleep 0.1; done\n"));
+    ck_assert_msg(code == 0 && strstr(out, "log 1\nlog 2\nlog 3\n") &&
+                      strstr(out, "tui 1\ntui 2\ntui 3\n"),
                   "%d %s", code, out);
 }
 END_TEST
 
-START_TEST(a_failure_beside_those_that_go_by_the_clock_is_one_too)
+START_TEST(who_ends_the_run_ends_its_suites)
 {
-    char out[1024], script[300];
-    snprintf(script, sizeof script, "%s",
-             scratch_text("parts.sh", "#!/bin/sh\n"
-                                      "[ \"$1\" = --but ] || { echo 3 by the clock; exit 0; }\n"
-                                      "echo 5 beside\necho c: skipped >&2\nexit 9\n"));
-    int code = run_command(out, sizeof out, "chmod +x %s; %s/tools/run-tests.sh %s release", script,
-                           MK_SOURCE_DIR, script);
-    ck_assert_msg(code == 9 && strstr(out, "3 by the clock") && strstr(out, "5 beside") &&
-                      strstr(out, "1 skipped:\n  c: skipped"),
+    char out[4096];
+    const char *script = two_suites("echo $$ >$0.$1\nexec sleep 100\n");
+    int code = run_command(out, sizeof out,
+                           "sh -c '%s/tools/run-tests.sh %s release & run=$!; i=0; "
+                           "until [ -s %s.log -a -s %s.tui ] || [ $((i += 1)) = 100 ]; do "
+                           "sleep 0.1; done; kill $run; wait $run; echo ended with $?; "
+                           "for pid in $(cat %s.log %s.tui); do kill -0 $pid && echo alive; done'",
+                           MK_SOURCE_DIR, script, script, script, script, script);
+    ck_assert_msg(code != 0 && strstr(out, "ended with 130") && strstr(out, "No such process") &&
+                      !strstr(out, "alive"),
                   "%d %s", code, out);
 }
 END_TEST
@@ -267,8 +299,9 @@ Suite *suite_pack(void)
     tcase_set_timeout(made, 60);
     tcase_add_test(made, the_program_is_hardened_as_packages_are);
     tcase_add_test(made, make_without_the_libraries_says_what_to_do);
-    tcase_add_test(made, skipped_tests_are_totalled_and_a_failure_stays_one);
-    tcase_add_test(made, a_failure_beside_those_that_go_by_the_clock_is_one_too);
+    tcase_add_test(made, suites_are_totalled_with_what_they_skipped_and_a_failure_stays_one);
+    tcase_add_test(made, what_a_suite_prints_stays_in_one_piece);
+    tcase_add_test(made, who_ends_the_run_ends_its_suites);
     suite_add_tcase(s, made);
     suite_add_tcase(s, symbols);
     TCase *installed = tcase_create("installed");
@@ -276,11 +309,13 @@ Suite *suite_pack(void)
     tcase_add_test(installed, the_package_ships_the_limits_of_real_time);
     tcase_add_test(installed, a_run_that_ends_late_without_real_time_says_what_to_do);
     tcase_add_test(installed, an_installed_program_has_10_mb_at_most);
-    tcase_add_test(installed, the_demo_ends_in_a_page_of_what_was_run);
     tcase_add_test(installed, the_example_builds_and_runs_with_what_is_installed);
     suite_add_tcase(s, installed);
+    /* A sanitizer sees nothing of them that another test does not show. */
     TCase *pages = tcase_create("pages");
     tcase_set_timeout(pages, 120);
+    tcase_set_tags(pages, "long");
+    tcase_add_test(pages, the_demo_ends_in_a_page_of_what_was_run);
     tcase_add_test(pages, the_pages_are_complete_and_every_link_leads_somewhere);
     suite_add_tcase(s, pages);
     return s;

@@ -474,9 +474,15 @@ Suite *suite_ratios(void)
     suite_add_tcase(s, c);
     c = tcase_create("unknown values");
     tcase_set_timeout(c, 120);
-    tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 0, 15);
+    tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 7, 8);
     tcase_add_test(c, a_model_file_may_leave_values_open);
     tcase_add_test(c, the_program_fits_what_is_open_and_says_where_it_cannot);
+    suite_add_tcase(s, c);
+    c = tcase_create("many unknown values");
+    tcase_set_timeout(c, 120);
+    tcase_set_tags(c, "long");
+    tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 0, 7);
+    tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 8, 15);
     tcase_add_test(c, a_cause_is_the_same_whatever_was_given);
     suite_add_tcase(s, c);
     return s;

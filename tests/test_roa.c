@@ -185,13 +185,20 @@ Suite *suite_roa(void)
     Suite *s = suite_create("roa");
     TCase *t = tcase_create("region");
     tcase_set_timeout(t, 240);
-    tcase_add_loop_test(t, states_inside_the_level_set_are_held, 0, BALANCING_COUNT);
+    tcase_add_loop_test(t, states_inside_the_level_set_are_held, 0, 1);
     tcase_add_loop_test(t, the_level_is_not_timid, 0, BALANCING_COUNT);
     tcase_add_loop_test(t, looking_ahead_tells_states_that_are_held_from_states_that_are_lost, 0,
-                        BALANCING_COUNT);
+                        1);
     tcase_add_loop_test(t, the_level_is_the_same_each_time, 0, BALANCING_COUNT);
     tcase_add_loop_test(t, a_setup_is_created_in_less_than_a_third_of_a_second, 0, BALANCING_COUNT);
     tcase_add_test(t, what_cannot_be_estimated_is_refused);
+    suite_add_tcase(s, t);
+    t = tcase_create("many states");
+    tcase_set_timeout(t, 240);
+    tcase_set_tags(t, "long");
+    tcase_add_loop_test(t, states_inside_the_level_set_are_held, 1, BALANCING_COUNT);
+    tcase_add_loop_test(t, looking_ahead_tells_states_that_are_held_from_states_that_are_lost, 1,
+                        BALANCING_COUNT);
     suite_add_tcase(s, t);
     return s;
 }

@@ -484,9 +484,11 @@ Suite *suite_sweep(void)
     tcase_add_test(t, one_thread_and_two_write_the_same_file);
     tcase_add_loop_test(t, a_column_with_nothing_in_it_keeps_its_place, 0,
                         (int)(sizeof uncaught / sizeof uncaught[0]));
-    tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
+    suite_add_tcase(s, t);
+    t = tcase_create("journals and specs");
+    tcase_set_timeout(t, 120);
+    tcase_set_tags(t, "one-thread"); /* whose runs are those of the sweeps above */
     tcase_add_test(t, a_full_disk_keeps_what_was_done);
-    tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, two_processes_do_not_write_one_journal);
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);
     tcase_add_test(t, a_file_that_is_no_journal_is_left_alone);
@@ -499,6 +501,12 @@ Suite *suite_sweep(void)
     tcase_add_test(t, bad_files_and_usage_have_their_exit_codes);
     tcase_add_test(t, a_start_at_the_equilibrium_is_held_and_one_far_off_is_not);
     tcase_add_test(t, gains_of_the_spec_are_what_the_controller_has);
+    suite_add_tcase(s, t);
+    t = tcase_create("long sweeps");
+    tcase_set_timeout(t, 120);
+    tcase_set_tags(t, "long");
+    tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
+    tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, a_hidden_delay_is_named_and_nothing_where_there_is_none);
     tcase_add_test(t, a_picture_is_drawn);
     suite_add_tcase(s, t);

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Runs the Check suites of one build variant. Sanitizers get their settings here, so that a developer
-# and CI see the same.
+# Runs the Check suites of one build variant, each in a process of its own, two at a time. Sanitizers get
+# their settings here, so that a developer and CI see the same.
+# shellcheck disable=SC2046,SC2086 # suites and lanes are words
 set -eu
 tests=$1
 variant=$2
@@ -11,46 +12,110 @@ export CK_MAX_MSG_SIZE=65536
 threaded="ring clock log_writer console console_pty tui safety rig loop loop_faults board standalone \
     doctor usb parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script robustness \
     hidden sweep"
-# What goes by the clock waits most of the time. What computes runs beside it, behind it.
+# What goes by the clock waits most of the time. One suite at a time of these runs, and one that computes
+# beside it, behind it.
 by_clock="clock log_writer console console_pty tui safety rig loop loop_faults board standalone doctor usb \
     parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script"
+# What takes longest comes first, so that the two end together.
+heavy="inputs own_values hidden linear foreign explain data_check investigate ratios contact slides \
+    compensate trajectory residual excite robustness"
+# Tags of test cases: "long" is not run under sanitizers, "threads" only where threads are looked at, and
+# "one-thread" not there.
 # What takes more than a minute by itself has its turn with `make check-all` only.
 patient=${MK_CHECK_ALL:+none}
 export CK_EXCLUDE_TAGS=${patient:-patient}
-suites=""
-beside=""
+chosen=""
 case $variant in
-release) suites=$by_clock beside=yes ;;
 asan)
-    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long"
+    export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long threads"
     export ASAN_OPTIONS=detect_leaks=1:abort_on_error=0 UBSAN_OPTIONS=print_stacktrace=1
     export CK_TIMEOUT_MULTIPLIER=6 ;;
 tsan)
     export CK_EXCLUDE_TAGS="$CK_EXCLUDE_TAGS long one-thread"
-    suites=$threaded
+    chosen=$threaded
     export TSAN_OPTIONS=halt_on_error=1
     export CK_TIMEOUT_MULTIPLIER=12 ;;
 esac
+# A suite by itself says what it does as it goes.
+[ -z "${CK_RUN_SUITE:-}" ] || exec "$tests" "$CK_RUN_SUITE"
+
+all=$("$tests" --list)
+# Words of $1 that are, or with "but" are not, among those of $2.
+among() {
+    for word in $1; do
+        case " $(echo $2) " in
+        *" $word "*) [ "${3:-}" = but ] || printf '%s ' "$word" ;;
+        *) [ "${3:-}" != but ] || printf '%s ' "$word" ;;
+        esac
+    done
+}
+chosen=$(among "$all" "${chosen:-$all}")
+waiting=$(among "$by_clock" "$chosen")
+computing=$(among "$heavy" "$chosen")
+computing="$computing$(among "$chosen" "$by_clock $heavy" but)"
+
+work=$(mktemp -d)
+said=$work/said
+mkfifo "$said"
+# Opened for both, it never ends: each lane says when it is done.
+exec 3<>"$said"
+lanes=""
+trap '[ -z "$lanes" ] || { kill $lanes; wait $lanes; } 2>/dev/null || true; rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM HUP
+
+# Takes one suite after the other that the other lane has not taken: making its directory is taking it.
+lane() {
+    number=$1
+    shift
+    child=""
+    trap - EXIT
+    trap '{ kill "$child"; wait "$child"; } 2>/dev/null; exit 130' INT TERM HUP
+    for suite in "$@"; do
+        mkdir "$work/$suite" 2>/dev/null || continue
+        echo "starts $number $suite" >&3
+        # Check writes one file, and there are as many as suites.
+        [ -z "${CK_XML_LOG_FILE_NAME:-}" ] ||
+            export CK_XML_LOG_FILE_NAME="${xml:=${CK_XML_LOG_FILE_NAME%.xml}}.$suite.xml"
+        behind=""
+        [ -z "$(among "$suite" "$computing")" ] || behind="nice -n 10"
+        begun=$(date +%s)
+        code=0
+        $behind "$tests" "$suite" >"$work/$suite/out" 2>&1 3>&- &
+        child=$!
+        wait "$child" || code=$?
+        echo "ends $number $suite $code $(($(date +%s) - begun))" >&3
+    done
+    echo "done $number" >&3
+}
+lane 1 $waiting $computing &
+lanes=$!
+lane 2 $computing &
+lanes="$lanes $!"
+while sleep 30 >/dev/null 2>&1 3>&-; do echo tick >&3; done >/dev/null 2>&1 &
+lanes="$lanes $!"
+
+# What a suite prints comes in one piece when it is done.
+at_1="" at_2="" busy=2 result=0 failed=""
+while [ "$busy" != 0 ] && read -r what number suite code seconds <&3; do
+    case $what in
+    starts) eval "at_$number=\$suite" ;;
+    ends)
+        cat "$work/$suite/out"
+        echo "$seconds $suite" >>"$work/times"
+        [ "$code" = 0 ] || failed="$failed $suite" result=$code
+        eval "at_$number=" ;;
+    done) busy=$((busy - 1)) ;;
+    tick) echo "... at $at_1${at_1:+${at_2:+ and }}$at_2, $(wc -l <"$work/times" 2>/dev/null || echo 0)" \
+        "of $(echo $chosen | wc -w) suites are done" ;;
+    esac
+done
+cat "$work"/*/out >"$work/all"
+sed -n 's/^[0-9]*%: Checks: \([0-9]*\), Failures: \([0-9]*\), Errors: \([0-9]*\)$/\1 \2 \3/p' "$work/all" |
+    awk '{c += $1; f += $2; e += $3} END {printf "%d checks, %d failures, %d errors\n", c, f, e}'
+echo "longest:$(sort -rn "$work/times" | head -n 5 | awk '{printf "%s %s %d s", s, $2, $1; s = ","}')"
+[ -z "$failed" ] || echo "failed:$failed"
 # What was skipped is said again at the end, where it is seen.
-notes=$(mktemp)
-trap 'rm -f "$notes" "$notes.code" "$notes.beside"; [ -z "$pid" ] || kill "$pid" 2>/dev/null || true' EXIT
-trap 'exit 130' INT TERM
-pid=""
-if [ -n "$beside" ]; then
-    echo "The suites that compute run beside those that go by the clock; what they print comes after."
-    # shellcheck disable=SC2086 # suites are words
-    nice -n 10 "$tests" --but $suites >"$notes.beside" 2>&1 &
-    pid=$!
-fi
-# shellcheck disable=SC2086 # suites are words
-{ { "$tests" $suites 3>&- || echo $? >"$notes.code"; } 2>&1 >&3 | tee "$notes" >&2; } 3>&1
-if [ -n "$beside" ]; then
-    echo "Those that compute are still at it ..."
-    wait "$pid" || echo $? >"$notes.code"
-    cat "$notes.beside"
-    cat "$notes.beside" >>"$notes"
-fi
-skipped=$(grep -c skipped "$notes" || true)
+skipped=$(grep -c skipped "$work/all" || true)
 echo "$skipped skipped$([ "$skipped" = 0 ] || echo ':')"
-grep skipped "$notes" | sed 's/^/  /' || true
-[ ! -s "$notes.code" ] || exit "$(cat "$notes.code")"
+grep skipped "$work/all" | sed 's/^/  /' || true
+exit "$result"
