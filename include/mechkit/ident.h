@@ -190,11 +190,11 @@ struct mk_input_comparison {
 /* Whether a log has both columns of the command of such a rig. */
 bool mk_log_has_both_inputs(const struct mk_log *log, const struct mk_model *model);
 
-/* Fits the model by output error with either column to all logs but one, and judges it by free runs
- * over that one, every log once (of many logs, eight groups of them). `options`: fixed, unknown,
- * threads, progress. MK_ERR_RANGE where there are not two logs at least that have both columns and
- * in which something moves, MK_ERR_NUMERIC (cannot be fitted), MK_ERR_INTR, MK_ERR_NOMEM. Pure, as
- * mk_identify. */
+/* Fits free runs of the model with either column to all logs, and judges them by what fits to all
+ * but one would leave in that one, every log once (of long logs the middles). `options`: fixed,
+ * unknown, threads, progress. MK_ERR_RANGE where there are not two logs at least that have both
+ * columns and in which something moves, MK_ERR_NUMERIC (cannot be fitted), MK_ERR_INTR,
+ * MK_ERR_NOMEM. Pure, as mk_identify. */
 MK_NODISCARD enum mk_status mk_compare_inputs(const struct mk_model *model,
                                               const struct mk_log *const *logs, size_t log_count,
                                               const struct mk_ident_options *options,

@@ -18,6 +18,7 @@ constexpr double CATALOGUE = 10.0;    // by how much a library term must beat th
 constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
 constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
 constexpr double SLIGHT = 1.0e-2;     // drift at which what is missing may be too rare to show
+constexpr double FAR = 0.1;           // drift from which a refit leads to none that is slight
 constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
 constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
 
@@ -69,7 +70,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
 {
     const RunFit &all = found.extended();
     Hypothesis there;
-    if (!search.follow(all.point.model, nullptr, LOST, there) ||
+    if (!search.follow(all.point.model, nullptr, LOST, there) || there.drift > FAR ||
         !search.refit(all.point.model, &there, best))
         return false;
     search.polish(best, true);

@@ -31,7 +31,6 @@ namespace
 {
 
 constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
-constexpr double FAR = 5.0;        // times the noise: a model that far off does not follow its data
 
 using LogList = std::vector<const mk_log *>;
 
@@ -289,7 +288,9 @@ class Explainer
         if (!data.whole.empty())
             prediction = search_predictions(refit);
         clock.enter("missed counts");
-        // Of long logs no single law explains all where several together are still that far off.
+        // Times the noise: of long logs no single law explains all where several together are still
+        // that far off.
+        constexpr double FAR = 5.0;
         const bool far = prediction && prediction->times_noise() > FAR;
         if (!far)
             put_back_lost_counts(so, refit);
@@ -327,10 +328,8 @@ class Explainer
     // Where what improves predictions brings the model near to its data, likelihood says the rest.
     bool go_on_from(const PredictionSearch &found, const Hypothesis &refit)
     {
-        if (found.causes.empty() || found.times_noise() > FAR)
-            return false;
         auto more = std::make_unique<CauseSearch>(values.model, *search, refit);
-        if (!more->go_on(found))
+        if (found.causes.empty() || !more->go_on(found))
             return false;
         causes = std::move(more);
         return true;
@@ -454,7 +453,7 @@ class Explainer
     {
         if (causes->rounds.size() != 1 || search->cancelled)
             return;
-        const HeldOut held(data.held, out.window_s, data.second_half);
+        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         std::vector<Hypothesis> &field = causes->rounds[0].field;
         HeldOutFigures best;
         if (is_library(field[0].added.effect) ||
@@ -483,7 +482,7 @@ class Explainer
     // data what the others gain.
     void shed_what_misleads()
     {
-        const HeldOut held(data.held, out.window_s, data.second_half);
+        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         HeldOutFigures refitted;
         if (search->cancelled || causes->explained() ||
             held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)

@@ -27,16 +27,19 @@ struct Gain {
     {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
-        // What is left is less than any cause is named for.
-        constexpr double ALL_BUT = 0.99, LITTLE = 5.0; // of what refitting leaves, of the noise
+        constexpr double ALL_BUT = 0.99; // the rest is less than any cause is named for
         const bool named = !causes.rounds.empty() && causes.all_named();
         bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
-        const double near = out.closed > ALL_BUT ? LITTLE : NEARLY;
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            as_read = as_read && after.nrmse(j) < near * noise_share(held, j);
+            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
         if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
-            !(out.closed > CONFIRMED) || !(touches || as_read))
+            !(out.closed > CONFIRMED))
+            return;
+        const auto nothing_left = [&] {
+            return out.closed > ALL_BUT && leaves_white_noise(last.logs(), last.best);
+        };
+        if (!touches && !as_read && !nothing_left())
             return;
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
@@ -47,7 +50,7 @@ struct Gain {
         // Where no model can say anything so far ahead, as of an unstable rig, less far.
         constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
         for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
-            const HeldOut held(data.held, out.window_s, data.second_half);
+            const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
             before = refitted = after = {};
             enum mk_status st = held.figures(out.refit, refitted, err);
             // An extension that runs away everywhere is a bad one, not an error.
@@ -135,7 +138,7 @@ struct Gain {
         enum mk_status st = predict_held_out(before, refitted, after, err);
         if (st != MK_OK)
             return st;
-        const HeldOut held(data.held, out.window_s, data.second_half);
+        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
         // A formula is worth having for what it predicts only, and where much is left without a
@@ -193,7 +196,7 @@ struct Gain {
             far = far || out.after[j] > FAR_FROM_READ * out.floor[j];
         if (!far)
             return MK_OK;
-        const HeldOut training(data.rows, out.window_s, data.second_half);
+        const HeldOut training(data.rows, out.window_s, data.second_half, options.threads);
         HeldOutFigures figures;
         enum mk_status st = training.figures(out.extended, figures, err);
         for (int j = 0; st == MK_OK && j < mk_model_joints(&model); j++) {

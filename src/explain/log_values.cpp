@@ -141,7 +141,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
     LogValues out = {given, refit, {}};
     if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.drift))
         return out;
-    const HeldOut halves(logs, window_s, true);
+    const HeldOut halves(logs, window_s, true, search.settings().threads);
     for (const Group &group : groups) {
         std::vector<Candidate> added = members(group, out.model);
         while (!added.empty() && !search.cancelled) {

@@ -31,8 +31,8 @@ class HeldOut
   public:
     // The logs must outlive it. Windows of `window_s` seconds; `second_half`: those of the logs'
     // second halves, so that models with values of their own in every log can be compared.
-    HeldOut(const std::vector<const mk_log *> &held, double window, bool second_half = false,
-            int threads_in = 1)
+    HeldOut(const std::vector<const mk_log *> &held, double window, bool second_half,
+            int threads_in)
         : logs(held), window_s(window), half(second_half), threads(threads_in)
     {
     }
