@@ -27,7 +27,7 @@ struct Gain {
     {
         constexpr double CONFIRMED = 0.9; // of what refitting leaves
         constexpr double NEARLY = 1.5;    // of the noise
-        constexpr double ALL_BUT = 0.99; // the rest is less than any cause is named for
+        constexpr double ALL_BUT = 0.99;  // the rest is less than any cause is named for
         const bool named = !causes.rounds.empty() && causes.all_named();
         bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
