@@ -339,10 +339,17 @@ START_TEST(a_client_that_falls_silent_loses_the_motor_to_the_watchdog)
     char options[300];
     double now = 1.0, was = 1.0;
     snprintf(options, sizeof options, "--model %s", wheel());
-    serve(lines[_i], options);
-    push();
-    kill(client, SIGSTOP);
-    ck_assert_ptr_nonnull(server_says("motor off: the watchdog saw no exchange in time"));
+    /* Again where the machine was too busy for the client before it was stopped. */
+    for (int tries = 0; tries < 5; tries++) {
+        if (tries > 0)
+            teardown();
+        serve(lines[_i], options);
+        push();
+        kill(client, SIGSTOP);
+        ck_assert_ptr_nonnull(server_says("motor off: the watchdog saw no exchange in time"));
+        if (!strstr(server_said(), "left after"))
+            break;
+    }
     ck_assert_ptr_null(strstr(server_said(), "left after"));
     kill(client, SIGKILL);
     ck_assert_ptr_nonnull(server_says("left after"));

@@ -24,8 +24,7 @@ constexpr size_t TOGETHER = 16;         // windows that are shot side by side
 constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
 constexpr double MOST_LOST = 0.1;       // of the windows
 constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
-constexpr double SPARSE = 0.004;        // s between the rows that are looked at, at least,
-constexpr double LONGEST_STEP = 0.005;  // and of an integration step, so that it spans them
+constexpr double LONGEST_STEP = 0.005;  // of the integration, s
 
 using Finder = std::unique_ptr<mk_start_finder>;
 
@@ -45,57 +44,7 @@ void by_chunks(size_t count, F &&body)
         body(first, std::min(first + TOGETHER, count));
 }
 
-// The row behind the first one of [first, record.rows) that is kept for itself and those after it:
-// as far on as keeps rows SPARSE apart, and none of it left out where `first` is not.
-size_t next_kept(const mk_record &record, size_t first)
-{
-    constexpr double NEARLY = 0.95; // times are not read to the last digit
-    const auto out = [&record](size_t k) { return record.left_out && record.left_out[k] != 0.0; };
-    size_t next = first + 1;
-    while (next < record.rows && out(next) == out(first) &&
-           record.t[next] - record.t[first] < NEARLY * SPARSE)
-        next++;
-    return next;
-}
-
-// Mean over time of what is held from each of the rows [first, last) to the next one.
-double mean_held(const double *u, const mk_record &record, size_t first, size_t last)
-{
-    if (last - first < 2 || last == record.rows)
-        return u[first];
-    double sum = 0.0;
-    for (size_t k = first; k < last; k++)
-        sum += u[k] * (record.t[k + 1] - record.t[k]);
-    return sum / (record.t[last] - record.t[first]);
-}
-
 } // namespace
-
-// An error hardly changes from one row of a fast log to the next: rows some milliseconds apart,
-// with the command's mean between them, say the same for less work.
-FreeRuns::Log::Log(const mk_record &given, int fold_in) : record(given), fold(fold_in)
-{
-    for (size_t first = 0, next; first < given.rows; first = next) {
-        next = next_kept(given, first);
-        t.push_back(given.t[first]);
-        for (int j = 0; j < MK_MAX_JOINTS; j++)
-            if (given.q[j])
-                q[j].push_back(given.q[j][first]);
-        for (int i = 0; i < MK_MAX_INPUTS; i++)
-            if (given.u[i])
-                u[i].push_back(mean_held(given.u[i], given, first, next));
-        if (given.left_out)
-            left_out.push_back(given.left_out[first]);
-    }
-    record.rows = t.size();
-    record.t = t.data();
-    for (int j = 0; j < MK_MAX_JOINTS; j++)
-        record.q[j] = given.q[j] ? q[j].data() : nullptr;
-    for (int i = 0; i < MK_MAX_INPUTS; i++)
-        record.u[i] = given.u[i] ? u[i].data() : nullptr;
-    record.left_out = given.left_out ? left_out.data() : nullptr;
-    record.late_us = record.flags = nullptr; // no run asks for them
-}
 
 // p'Ap/2 - a'p of a fold in the wanted parameters, and what own values b make of it:
 // b = M (beta - K'p) once they are eliminated.
@@ -117,9 +66,9 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 {
     for (size_t f = 0; f < given.size(); f++)
         for (const mk_log *log : given[f]) {
-            mk_record record;
-            if (mk_record_from_log(log, &near, &record, nullptr) == MK_OK)
-                logs.emplace_back(record, (int)f);
+            Log l = {{}, (int)f, {}};
+            if (mk_record_from_log(log, &near, &l.record, nullptr) == MK_OK)
+                logs.push_back(l);
         }
     double seconds = 0.0, rows = 0.0;
     for (size_t i = 0; i < logs.size(); i++) {
@@ -613,7 +562,7 @@ RunPoint FreeRuns::moved(const RunPoint &from, const RunPicture &picture, const 
 bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int iterations,
                         int threads_now, RunPicture &picture) const
 {
-    constexpr double SETTLED = 0.3; // log likelihood
+    constexpr double SETTLED = 0.05; // log likelihood
     constexpr double HARDER = 30.0, EASIER = 0.1, MOST_DAMPING = 10.0;
     if (!linearise(point, free, true, threads_now, picture))
         return false;

@@ -76,11 +76,7 @@ class FreeRuns
     double independent_errors() const;
 
   private:
-    // Rows of a log, and what they are made of.
     struct Log {
-        Log(const mk_record &given, int fold);
-        Log(Log &&) = default;
-        std::vector<double> t, q[MK_MAX_JOINTS], u[MK_MAX_INPUTS], left_out;
         mk_record record;
         int fold;
         std::shared_ptr<const Way> way;
