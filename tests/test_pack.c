@@ -71,7 +71,8 @@ START_TEST(suites_are_totalled_with_what_they_skipped_and_a_failure_stays_one)
     for (int i = 0; i < 3; i++) {
         snprintf(each, sizeof each,
                  "echo $1: skipped, no $1 >&2\n[ $1 = log ] && n=3 || n=4\n"
-                 "echo \"33%%: Checks: $n, Failures: 1, Errors: 2\"\n[ $1 != %s ] || exit 7\n",
+                 "echo \"33%%: Checks: $n, Failures: 1, Errors: 2\"\n"
+                 "[ $1 != %s ] || { echo test_x.c:7:F:case:$1_is_wrong:0: no; exit 7; }\n",
                  fails[i]);
         int code = run_command(out, sizeof out, "%s/tools/run-tests.sh %s %s", MK_SOURCE_DIR,
                                two_suites(each), i == 2 ? "asan" : "release");
@@ -81,6 +82,29 @@ START_TEST(suites_are_totalled_with_what_they_skipped_and_a_failure_stays_one)
         const char *failed = strstr(out, "failed: ");
         ck_assert_msg(i == 0 ? !failed : failed && strncmp(failed + 8, fails[i], 3) == 0, "%s",
                       out);
+        ck_assert_msg(i == 0 || strstr(failed, "\n  test_x.c:7:F:case:"), "%s", out);
+    }
+}
+END_TEST
+
+/* The suite "tui" goes by the clock and "log" does not. */
+START_TEST(what_goes_by_the_clock_and_fails_beside_others_is_tried_once_more_by_itself)
+{
+    static const char fails_once[] = "n=1; [ $1 = %s ] && [ ! -e $0.once ] && n=0 && : >$0.once\n"
+                                     "[ $1 = log ] && sleep 0.3; echo $1 ends\n"
+                                     "echo \"Checks done: $n\"\n[ $n = 1 ] || exit 7\n";
+    char out[4096], each[400];
+    for (int i = 0; i < 2; i++) {
+        snprintf(each, sizeof each, fails_once, i == 0 ? "tui" : "log");
+        const char *suites = two_suites(each);
+        int code = run_command(out, sizeof out, "rm -f %s.once; %s/tools/run-tests.sh %s release",
+                               suites, MK_SOURCE_DIR, suites);
+        const char *again = strstr(out, "tui failed beside other suites");
+        ck_assert_msg(code == (i == 0 ? 0 : 7), "%d %s", code, out);
+        ck_assert_msg(i == 0 ? again && strstr(again, "tui ends") && !strstr(again, "log ends") &&
+                                   !strstr(out, "failed: ")
+                             : !again && strstr(out, "failed: log"),
+                      "%s", out);
     }
 }
 END_TEST
@@ -300,6 +324,8 @@ Suite *suite_pack(void)
     tcase_add_test(made, the_program_is_hardened_as_packages_are);
     tcase_add_test(made, make_without_the_libraries_says_what_to_do);
     tcase_add_test(made, suites_are_totalled_with_what_they_skipped_and_a_failure_stays_one);
+    tcase_add_test(made,
+                   what_goes_by_the_clock_and_fails_beside_others_is_tried_once_more_by_itself);
     tcase_add_test(made, what_a_suite_prints_stays_in_one_piece);
     tcase_add_test(made, who_ends_the_run_ends_its_suites);
     suite_add_tcase(s, made);
