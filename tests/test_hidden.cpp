@@ -357,11 +357,9 @@ END_TEST
 START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
 {
     // Of the drive: a fit without it has the wheel's inertia wrong by much. Of an encoder's shaft:
-    // over whole logs there are optima a hair's breadth apart. Of a wheel whose logs
-    // begin with little motion: strokes across the play are few, and widths within a third
-    // predict held-out readings to their noise.
-    const uint64_t seeds[] = {810005, 800037, 2970045};
-    const double tolerance[] = {0.1, 0.1, 0.33};
+    // over whole logs there are optima a hair's breadth apart.
+    const uint64_t seeds[] = {810005, 800037};
+    constexpr double TOLERANCE = 0.1;
     truth::Wish wish;
     wish.seed = seeds[_i];
     if (_i == 0)
@@ -373,7 +371,7 @@ START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
     ck_assert_str_eq(e.cause[0].effect->name, "backlash");
     ck_assert_double_gt(e.closed, 0.97);
     const double width = c.rig.effects[0].value.at("width");
-    ck_assert_double_eq_tol(e.cause[0].value[0], width, tolerance[_i] * width);
+    ck_assert_double_eq_tol(e.cause[0].value[0], width, TOLERANCE * width);
 }
 END_TEST
 
@@ -436,7 +434,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
-    tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 3);
+    tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 2);
     suite_add_tcase(s, t);
     return s;
 }

@@ -126,7 +126,7 @@ END_TEST
 START_TEST(what_was_measured_is_taken_where_the_command_is_wrong)
 {
     const Logs logs = logs_of(Truth::measured, RUB);
-    for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_COMMANDED}) {
+    for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
         const auto c = compared(logs, said);
         ck_assert_int_eq(c->taken, MK_INPUT_MEASURED);
         ck_assert_int_eq(c->changed, said == MK_INPUT_COMMANDED);
@@ -139,7 +139,7 @@ START_TEST(a_tie_goes_to_what_the_model_says)
 {
     for (double friction : {0.0, RUB}) {
         const Logs logs = logs_of(Truth::either, friction);
-        for (enum mk_input said : {MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
+        for (enum mk_input said : {MK_INPUT_UNSAID, MK_INPUT_MEASURED, MK_INPUT_COMMANDED}) {
             const auto c = compared(logs, said);
             ck_assert_int_eq(c->taken,
                              said == MK_INPUT_COMMANDED ? MK_INPUT_COMMANDED : MK_INPUT_MEASURED);

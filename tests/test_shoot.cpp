@@ -538,11 +538,35 @@ START_TEST(a_log_that_says_nothing_is_refused)
 }
 END_TEST
 
+// Logged every millisecond, a command that changes every four is the one that is logged so.
+START_TEST(a_command_that_says_the_same_again_takes_no_step_and_changes_nothing)
+{
+    constexpr int HELD = 4;
+    Bench slow(MK_PLANT_PENDUBOT, 0.004, 126);
+    Bench fast(MK_PLANT_PENDUBOT, 0.001, 125 * HELD + 1);
+    for (size_t k = 0; k < fast.t.size(); k++)
+        fast.u[k] = slow.u[k / HELD];
+    const std::vector<double> x = {0.3, -0.2, 0.0, 0.0};
+    mk::ShootTask a = slow.task(x, false);
+    a.step = 5e-3;
+    mk::shoot(a);
+    mk::ShootTask b = fast.task(x, false);
+    b.step = 5e-3;
+    b.edges_differ = true;
+    mk::shoot(b);
+    ck_assert(a.finite && b.finite);
+    ck_assert_int_eq((int)b.steps, (int)a.steps);
+    for (size_t i = 0; i < x.size(); i++)
+        ck_assert_double_eq_tol(fast.x_end[i], slow.x_end[i], 1e-12);
+}
+END_TEST
+
 Suite *suite_shoot(void)
 {
     Suite *s = suite_create("shoot");
     TCase *t = tcase_create("derivatives");
     tcase_add_loop_test(t, derivatives_are_those_of_the_trajectory, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, a_command_that_says_the_same_again_takes_no_step_and_changes_nothing);
     tcase_add_test(t, derivatives_by_delays_lags_and_bristles_are_exact);
     tcase_add_test(t, derivatives_through_contact_include_its_instant);
     tcase_add_loop_test(t, trajectories_agree_with_sundials, 0, MK_PLANT_COUNT);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -253,7 +254,9 @@ bool PredictionSearch::was_hopeless(const Candidate &cause) const
 
 // Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
 // where the search for it starts. A law whose shape has is another one: a cable that never yields a
-// spring, a friction that changes over hours a constant.
+// spring, a friction that changes over hours a constant. A shape that scales with torque as the
+// size does counts by the size: bristles that bend by half a turn before they slide are a cable,
+// however strong.
 bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) const
 {
     constexpr double FAR = 3.0, AWAY = 12.0;
@@ -263,15 +266,21 @@ bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) 
     h.point.model = model;
     if (Search::discredited(h))
         return false;
+    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
+    const bool size_scales = scales_with_torque(model, first + cause.size);
     for (int k = 0; k < cause.effect->parameter_count; k++) {
         const mk_parameter_info &info = cause.effect->parameter[k];
+        const bool by_size = size_scales && scales_with_torque(model, first + k);
+        const auto shape_of = [&](const double *value) {
+            return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
+        };
         double low = HUGE_VAL, high = 0.0;
         for (const Candidate &c : all)
             if (same_cause(c, cause))
-                low = std::min(low, c.value[k]), high = std::max(high, c.value[k]);
+                low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
         const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
-        if (shape && low > 0.0 && low < HUGE_VAL &&
-            (use.value[k] < low / FAR || use.value[k] > high * FAR))
+        const double now = shape_of(use.value);
+        if (shape && low > 0.0 && low < HUGE_VAL && (now < low / FAR || now > high * FAR))
             return false;
         // Turns of the joint: a spring that rests that far away is a constant torque.
         if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
@@ -362,9 +371,13 @@ bool PredictionSearch::add_one()
         finalists.end());
     std::sort(finalists.begin(), finalists.end(),
               [](const RunFit &a, const RunFit &b) { return a.carried.mean < b.carried.mean; });
-    const auto chosen = std::find_if(finalists.begin(), finalists.end(), [](const RunFit &f) {
-        return carry_over::promising(f.carried);
-    });
+    auto chosen = std::find_if(finalists.begin(), finalists.end(),
+                               [](const RunFit &f) { return carry_over::promising(f.carried); });
+    // Of two that are as likely the one with fewer parameters: it says the same with less.
+    for (auto f = chosen; f != finalists.end(); ++f)
+        if (f->picture.free.size() < chosen->picture.free.size() &&
+            carry_over::promising(f->carried) && score(*f) < score(*chosen) + BETTER)
+            chosen = f;
     suspects.clear();
     for (const RunFit &f : finalists)
         if (f.carried.mean < 0.0 && f.carried.share > 0.0)

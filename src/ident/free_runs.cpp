@@ -24,6 +24,7 @@ constexpr size_t TOGETHER = 16;         // windows that are shot side by side
 constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
 constexpr double MOST_LOST = 0.1;       // of the windows
 constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
+constexpr double HELD = 0.004;          // s for which a command is held at least
 constexpr double LONGEST_STEP = 0.005;  // of the integration, s
 
 using Finder = std::unique_ptr<mk_start_finder>;
@@ -42,6 +43,25 @@ void by_chunks(size_t count, F &&body)
 {
     for (size_t first = 0; first < count; first += TOGETHER)
         body(first, std::min(first + TOGETHER, count));
+}
+
+// A command held from each row to the next one, as its means over stretches of HELD: what a rig
+// makes of the edges between does not show in a free run, and each costs a step.
+std::vector<double> smoothed(const double *u, const mk_record &record)
+{
+    constexpr double NEARLY = 0.95; // times are not read to the last digit
+    std::vector<double> out(u, u + record.rows);
+    for (size_t first = 0, last; first + 1 < record.rows; first = last) {
+        double sum = 0.0;
+        for (last = first;
+             last + 1 < record.rows && record.t[last] - record.t[first] < NEARLY * HELD; last++)
+            sum += u[last] * (record.t[last + 1] - record.t[last]);
+        const double mean = sum / (record.t[last] - record.t[first]);
+        if (std::isfinite(mean))
+            std::fill(out.begin() + (std::ptrdiff_t)first, out.begin() + (std::ptrdiff_t)last,
+                      mean);
+    }
+    return out;
 }
 
 } // namespace
@@ -66,9 +86,16 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 {
     for (size_t f = 0; f < given.size(); f++)
         for (const mk_log *log : given[f]) {
-            Log l = {{}, (int)f, {}};
-            if (mk_record_from_log(log, &near, &l.record, nullptr) == MK_OK)
-                logs.push_back(l);
+            Log l = {{}, {}, (int)f, {}};
+            if (mk_record_from_log(log, &near, &l.record, nullptr) != MK_OK)
+                continue;
+            logs.push_back(std::move(l));
+            Log &made = logs.back();
+            for (int i = 0; i < MK_MAX_INPUTS; i++)
+                if (made.record.u[i]) {
+                    made.u[i] = smoothed(made.record.u[i], made.record);
+                    made.record.u[i] = made.u[i].data();
+                }
         }
     double seconds = 0.0, rows = 0.0;
     for (size_t i = 0; i < logs.size(); i++) {
@@ -136,6 +163,7 @@ std::unique_ptr<mk_start_finder> FreeRuns::finder_of(const RunPoint &point, cons
 {
     std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
     finder->step = LONGEST_STEP;
+    finder->edges_differ = true;
     if (remembers(model))
         finder->way = logs[log].way;
     if (log < point.usual.size())

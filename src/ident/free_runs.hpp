@@ -77,6 +77,7 @@ class FreeRuns
 
   private:
     struct Log {
+        std::vector<double> u[MK_MAX_INPUTS]; // the record's commands
         mk_record record;
         int fold;
         std::shared_ptr<const Way> way;

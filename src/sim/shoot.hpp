@@ -32,9 +32,10 @@ struct ShootTask {
     const ShootData *data;
     double begin, end; // s; readings taken in [begin, end), at `end` too if last
     bool last;
-    const double *x; // start state, mk_model_state_count values
-    double step;     // longest step, s
-    int free_count;  // parameters to differentiate by: numbers as in mechkit/ident.h
+    const double *x;   // start state, mk_model_state_count values
+    double step;       // longest step, s
+    bool edges_differ; // a command that says the same again takes no step of its own
+    int free_count;    // parameters to differentiate by: numbers as in mechkit/ident.h
     const int *free;
     const double *scale; // derivatives are per scale[i] of the parameter
 

@@ -357,10 +357,24 @@ class Shooter
         put(u[0], i, row >= 0 ? d.u[0][row] : 0.0);
         put(u[1], i, row >= 0 && d.u[1] ? d.u[1][row] : 0.0);
     }
+    // Row of the next command; where the task says so, of one that differs, as far as a step
+    // reaches.
+    long next_command(const Lane &l) const
+    {
+        const ShootData &d = *l.task->data;
+        const long now_row = l.command;
+        long row = now_row + 1;
+        while (l.task->edges_differ && now_row >= 0 && row < (long)d.rows &&
+               d.t[row] - d.t[now_row] < k.step && d.u[0][row] == d.u[0][now_row] &&
+               (!d.u[1] || d.u[1][row] == d.u[1][now_row]))
+            row++;
+        return row;
+    }
     double next_edge(const Lane &l) const
     {
         const ShootData &d = *l.task->data;
-        return l.command + 1 < (long)d.rows ? d.t[l.command + 1] + late : NONE;
+        const long row = next_command(l);
+        return row < (long)d.rows ? d.t[row] + late : NONE;
     }
     // Commands whose time has come take over.
     void turn()
@@ -376,7 +390,7 @@ class Shooter
         for (int i = 0; i < W; i++) {
             Lane &l = lane[i];
             while (due(l)) {
-                set_command(i, l.command + 1);
+                set_command(i, next_command(l));
                 l.edge = true;
             }
         }

@@ -362,6 +362,7 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     task.last = true;
     task.x = x.data();
     task.step = f.step;
+    task.edges_differ = f.edges_differ;
     task.columns = columns;
     task.free_count = std::max(columns - ns, 0);
     task.free = task.free_count ? free->data() : nullptr;
