@@ -8,7 +8,7 @@
 #include <memory>
 #include <numeric>
 
-#include "base/random.h"
+#include "explain/resamples.hpp"
 #include "ident/held_out.hpp"
 
 namespace mk
@@ -16,9 +16,6 @@ namespace mk
 
 namespace
 {
-
-constexpr int RESAMPLES = 400;
-constexpr double LOW = 0.05, HIGH = 0.95;
 
 using Set = unsigned; // of items, one bit each
 
@@ -57,12 +54,13 @@ class Shares
     Set everything() const { return (1u << items.size()) - 1u; }
 
     // Of the gap closed, mean over the joints that have one; of windows counted so many times.
-    double closed(Set set, const std::vector<double> *times = nullptr)
+    double closed(Set set, const Times *times = nullptr)
     {
         double sum = 0.0;
         int judged = 0;
         for (int j = 0; j < joints; j++) {
-            const double before = square(of(0), j, times), now = square(of(set), j, times);
+            const double before = mean_square(of(0), j, times),
+                         now = mean_square(of(set), j, times);
             const double floor = out.floor[j] * out.floor[j];
             if (!(before - floor > CLOSE * floor))
                 continue;
@@ -78,7 +76,7 @@ class Shares
             find_orders();
         return weights[item];
     }
-    double share(size_t item, const std::vector<double> *times = nullptr)
+    double share(size_t item, const Times *times = nullptr)
     {
         double sum = 0.0;
         for (const auto &[without, weight] : orders(item))
@@ -217,58 +215,19 @@ class Shares
         }
     }
     static constexpr size_t ALL_ORDERS = 3;
-    static double square(const HeldOutFigures &f, int j, const std::vector<double> *times)
-    {
-        if (!times)
-            return f.nrmse(j) * f.nrmse(j);
-        double sum = 0.0, count = 0.0;
-        for (size_t w = 0; w < std::min(times->size(), f.part[j].size()); w++) {
-            sum += (*times)[w] * f.part[j][w];
-            count += (*times)[w];
-        }
-        const double mean_rows = f.rows[j] / (double)std::max<size_t>(f.part[j].size(), 1);
-        return count > 0.0 ? sum / (count * mean_rows) : 0.0;
-    }
 };
-
-// How often each window counts in a resample: of logs, where there are several, and of the windows
-// in each.
-std::vector<double> resample(const HeldOutFigures &f, mk_random &random)
-{
-    std::vector<std::vector<size_t>> by_log;
-    for (size_t w = 0; w < f.window.size(); w++) {
-        if (!(f.window[w] > 0.0))
-            continue;
-        if ((size_t)f.log[w] >= by_log.size())
-            by_log.resize((size_t)f.log[w] + 1);
-        by_log[(size_t)f.log[w]].push_back(w);
-    }
-    by_log.erase(std::remove_if(by_log.begin(), by_log.end(),
-                                [](const std::vector<size_t> &l) { return l.empty(); }),
-                 by_log.end());
-    auto any = [&](size_t count) { return (size_t)(mk_random_next(&random) % count); };
-    std::vector<double> times(f.window.size(), 0.0);
-    for (size_t l = 0; l < by_log.size(); l++) {
-        const std::vector<size_t> &log = by_log[any(by_log.size())];
-        for (size_t w = 0; w < log.size(); w++)
-            times[log[any(log.size())]] += 1.0;
-    }
-    return times;
-}
 
 void find_intervals(Shares &shares)
 {
-    mk_random random = {1};
-    std::vector<std::vector<double>> drawn(shares.items.size());
-    for (int i = 0; i < RESAMPLES; i++) {
-        const std::vector<double> times = resample(shares.of(0), random);
-        for (size_t k = 0; k < drawn.size(); k++)
-            drawn[k].push_back(shares.share(k, &times));
-    }
-    for (size_t k = 0; k < drawn.size(); k++) {
-        std::sort(drawn[k].begin(), drawn[k].end());
-        shares.items[k].entry.low = drawn[k][(size_t)(LOW * RESAMPLES)];
-        shares.items[k].entry.high = drawn[k][(size_t)(HIGH * RESAMPLES)];
+    const std::vector<Interval> found = intervals_of(shares.of(0), [&](const Times &times) {
+        std::vector<double> share(shares.items.size());
+        for (size_t k = 0; k < share.size(); k++)
+            share[k] = shares.share(k, &times);
+        return share;
+    });
+    for (size_t k = 0; k < found.size(); k++) {
+        shares.items[k].entry.low = found[k].low;
+        shares.items[k].entry.high = found[k].high;
     }
 }
 

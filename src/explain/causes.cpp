@@ -164,6 +164,11 @@ void CauseSearch::add_causes()
     }
 }
 
+bool CauseSearch::gives_up() const
+{
+    return best.drift >= LOST && refit.score - best.score < gives_up_below * search.readings();
+}
+
 double CauseSearch::noise(int joint) const
 {
     const double fitted = best.point.noise[joint];

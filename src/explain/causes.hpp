@@ -65,8 +65,10 @@ class CauseSearch
     std::vector<Carried> carried;
     // Causes that were asked beside those of `best` and do not carry over surely.
     std::vector<Asked> suspects;
-    bool give_up_early = false; // where even with a cause the model is far from its data
-    bool gives_up() const { return give_up_early && best.drift >= LOST; }
+    // Where even with a cause the model is far from its data, and that cause gains less than this
+    // (log likelihood a reading), no others are looked for; 0: they always are.
+    double gives_up_below = 0.0;
+    bool gives_up() const;
     Hypothesis refit;          // the given model, without a cause
     Hypothesis best;           // with all of them
     std::vector<Round> rounds; // one a cause of `best`, in its order

@@ -302,14 +302,12 @@ class Explainer
             if (!prediction)
                 prediction = search_predictions(refit);
             clock.enter("predictions");
-            by_predictions = prediction && !go_on_from(*prediction, refit) &&
-                             take_predictions(prediction, refit);
-        }
-        // Nothing that predicts, where likelihood was not asked to the end.
-        if (!by_predictions && causes->gives_up() && data.whole.empty()) {
-            clock.enter("search");
-            causes->give_up_early = false;
-            causes->run();
+            if (prediction && !go_on_from(*prediction, refit)) {
+                prediction->decide();
+                if (prediction->causes.empty())
+                    go_on_without_predictions();
+                by_predictions = !speaks_for_itself() && take_predictions(prediction, refit);
+            }
         }
         data.second_half = !own_parameters(causes->best.point.model).empty();
         if (by_predictions)
@@ -334,13 +332,22 @@ class Explainer
         causes = std::move(more);
         return true;
     }
+    // Where nothing predicts, likelihood is asked to the end: of long logs that would take long.
+    void go_on_without_predictions()
+    {
+        if (!causes->gives_up() || !data.whole.empty())
+            return;
+        clock.enter("search");
+        causes->gives_up_below = 0.0;
+        causes->run();
+    }
     bool take_predictions(std::unique_ptr<PredictionSearch> &found, const Hypothesis &refit)
     {
         auto carried = std::make_unique<CauseSearch>(values.model, *search, refit);
-        found->decide();
-        if (found->causes.empty() && data.whole.empty() && causes->gives_up())
+        if (!confirm(found))
             return false;
-        if (!confirm(found) || !carried->take_over(*found))
+        found->claim(HeldOut(data.held, out.window_s, data.second_half, options.threads));
+        if (!carried->take_over(*found))
             return false;
         causes = std::move(carried);
         return true;
@@ -402,8 +409,10 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        causes->give_up_early =
-            lost.joint == 0 && folds->enough() && !data.whole.empty(); // predictions are asked then
+        // Predictions are asked then; of long logs in any case.
+        constexpr double LITTLE = 0.5;
+        if (lost.joint == 0 && folds->enough())
+            causes->gives_up_below = data.whole.empty() ? LITTLE : HUGE_VAL;
         if (!far)
             causes->run();
     }

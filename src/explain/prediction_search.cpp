@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "explain/resamples.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -139,12 +140,6 @@ bool PredictionSearch::run()
            add_one())
         continue;
     return exchange();
-}
-
-void PredictionSearch::decide()
-{
-    eliminate();
-    face_rivals();
 }
 
 std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
@@ -457,42 +452,94 @@ mk_model PredictionSearch::without(size_t cause) const
     return m;
 }
 
+// What is left without each cause, all others fitted again, and what the cause says of data left
+// out against that.
+void PredictionSearch::leave_out_each()
+{
+    parallel_for(threads, causes.size(), [&](size_t i) {
+        RunFit &less = causes[i].without;
+        less = {};
+        const mk_model m = without(i);
+        const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
+        if (fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
+                less))
+            causes[i].carried = compare(best, less);
+    });
+}
+
 // Causes that no longer carry over beside those found after them: the weakest goes, and the others
 // are asked again.
-void PredictionSearch::eliminate()
+void PredictionSearch::decide()
 {
     while (!causes.empty() && !search.cancelled) {
-        std::vector<RunFit> less(causes.size());
-        parallel_for(threads, causes.size(), [&](size_t i) {
-            const mk_model m = without(i);
-            const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
-            fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
-                less[i]);
-        });
+        leave_out_each();
         size_t weakest = causes.size();
         double least = HUGE_VAL;
         for (size_t i = 0; i < causes.size(); i++) {
-            if (!less[i].fine)
+            if (!causes[i].without.fine)
                 continue;
-            causes[i].carried = compare(best, less[i]);
             const Carried &c = causes[i].carried;
-            const double gain = score(less[i]) - score(best);
+            const double gain = score(causes[i].without) - score(best);
             if ((gain < HONEST || !carry_over::enough(c, (int)causes.size())) &&
                 -c.mean / c.error < least) {
                 least = -c.mean / c.error;
                 weakest = i;
             }
         }
-        if (weakest == causes.size()) {
-            for (size_t i = 0; i < causes.size(); i++)
-                causes[i].without = std::move(less[i]);
+        if (weakest == causes.size())
             return;
-        }
-        suspects.push_back({causes[weakest].cause, causes[weakest].carried});
-        best = std::move(less[weakest]);
-        causes.erase(causes.begin() + (std::ptrdiff_t)weakest);
-        runners_up.erase(runners_up.begin() + (std::ptrdiff_t)weakest);
+        drop(weakest);
     }
+}
+
+void PredictionSearch::drop(size_t cause)
+{
+    suspects.push_back({causes[cause].cause, causes[cause].carried});
+    best = std::move(causes[cause].without);
+    causes.erase(causes.begin() + (std::ptrdiff_t)cause);
+    runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
+}
+
+// The cause without which held-out data are predicted as well within what chance would do, if any:
+// of several the least sure one, which others that are surer may make up for.
+size_t PredictionSearch::least_confirmed(const HeldOut &held) const
+{
+    const int joints = mk_model_joints(&base);
+    HeldOutFigures before, with;
+    size_t weakest = causes.size();
+    if (held.figures(refit.point.model, before, nullptr) != MK_OK ||
+        held.figures(best.point.model, with, nullptr) != MK_OK)
+        return weakest;
+    double least = HUGE_VAL;
+    for (size_t i = 0; i < causes.size(); i++) {
+        HeldOutFigures less;
+        if (!causes[i].without.fine ||
+            held.figures(causes[i].without.point.model, less, nullptr) != MK_OK)
+            continue;
+        const auto gain = [&](const Times *times) {
+            double sum = 0.0;
+            for (int j = 0; j < joints; j++)
+                if (before.square[j] > 0.0)
+                    sum += (mean_square(less, j, times) - mean_square(with, j, times)) /
+                           mean_square(before, j, nullptr);
+            return sum;
+        };
+        const Interval sure = intervals_of(
+            with, [&](const Times &times) { return std::vector<double>{gain(&times)}; })[0];
+        const Carried &c = causes[i].carried;
+        if (!(sure.low > 0.0) && -c.mean / c.error < least)
+            least = -c.mean / c.error, weakest = i;
+    }
+    return weakest;
+}
+
+void PredictionSearch::claim(const HeldOut &held)
+{
+    for (size_t i; !search.cancelled && (i = least_confirmed(held)) < causes.size();) {
+        drop(i);
+        leave_out_each();
+    }
+    face_rivals();
 }
 
 // The runners-up of each cause in its place, beside all others.

@@ -46,8 +46,11 @@ class PredictionSearch
     PredictionSearch(Search &search, FreeRuns &runs, const mk_model &base);
     // Adds causes as long as one carries over. False where the model cannot be run over the data.
     bool run();
-    // Keeps those that carry over beside all others, and has their rivals in their place.
+    // Keeps those that carry over beside all others.
     void decide();
+    // Keeps those of them that data which did not choose them confirm, and has their rivals in
+    // their place.
+    void claim(const HeldOut &held);
     // Asks causes that were found on other data, and no others.
     bool confirm(const PredictionSearch &found);
     // The base, and with all causes in their order.
@@ -94,7 +97,9 @@ class PredictionSearch
     mk_model without(size_t cause) const;
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause
-    void eliminate();
+    void leave_out_each();
+    void drop(size_t cause);
+    size_t least_confirmed(const HeldOut &held) const;
 };
 
 // Score and information of a hypothesis as free runs over `runs` have them.
