@@ -22,6 +22,7 @@ struct Result {
     bool failed = false, weak = false, first = false, rival = false, all = false, alarm = false,
          exact = false, unknown = false, claims = false;
     double closed = 0.0, error = NAN, seconds = 0.0;
+    int there = 0, found = 0, named = 0, right = 0; // of several effects; of the causes named
     std::vector<std::pair<double, bool>> stated; // confidence of a named cause, and whether right
     std::vector<double> base, effect;            // parameters' errors, in their standard errors
 };
@@ -65,6 +66,29 @@ void check_stated(const truth::Case &c, const mk_explanation &e, Result &r)
                              e.std_error[i]);
 }
 
+// Of several effects those that are named, and of the causes named those that are there.
+void judge_several(const truth::Case &c, const mk_explanation &e, Result &r)
+{
+    r.there = (int)c.right.size();
+    r.claims = e.verdict == MK_VERDICT_EFFECT || e.verdict == MK_VERDICT_PARTIAL;
+    r.named = r.claims ? e.cause_count - e.piece_count : 0;
+    const auto is_cause = [&](const std::vector<truth::Name> &names, int i) {
+        return among(names, e.cause[i].effect->name, e.cause[i].joint);
+    };
+    for (const auto &names : c.right)
+        for (int i = 0; i < r.named; i++)
+            if (is_cause(names, i)) {
+                r.found++;
+                break;
+            }
+    for (int i = 0; i < r.named; i++) {
+        const bool right = std::any_of(c.right.begin(), c.right.end(),
+                                       [&](const auto &names) { return is_cause(names, i); });
+        r.right += right;
+        r.first = r.first || (i == 0 && right);
+    }
+}
+
 void judge(const truth::Case &c, const mk_explanation &e, Result &r)
 {
     for (int i = 0; i < e.cause_count; i++)
@@ -105,7 +129,10 @@ void judge(const truth::Case &c, const mk_explanation &e, Result &r)
         if (t.name == m.effect->name && it != t.value.end())
             r.error = std::fabs(m.value[0] / it->second - 1.0);
     }
-    check_stated(c, e, r);
+    if (c.kind == "several")
+        judge_several(c, e, r);
+    else
+        check_stated(c, e, r);
     r.seconds = e.seconds;
 }
 
@@ -152,6 +179,11 @@ const char *mark(const Result &r)
         return r.alarm ? "ALARM" : r.exact ? "ok" : "ok (lesser)";
     if (r.kind == "off")
         return r.unknown ? "ok" : r.alarm ? "WRONG" : "missed";
+    if (r.kind == "several")
+        return !r.claims                       ? "missed"
+               : r.first && r.right == r.named ? "ok"
+               : r.first                       ? "in part"
+                                               : "WRONG";
     if (r.first)
         return r.kind == "pair" && !r.all ? "ok (one)" : "ok";
     return r.rival ? "rival" : r.weak && !r.alarm ? "missed (weak)" : r.alarm ? "WRONG" : "missed";
@@ -196,12 +228,15 @@ void summarise(const std::vector<Result> &results)
     count_by(results, "by rig", true);
     int singles = 0, first = 0, rival = 0, pairs = 0, both = 0, pair_first = 0, off = 0,
         unknown = 0, clean = 0, alarms = 0, wrong = 0;
+    int several = 0, several_first = 0, there = 0, found = 0, named = 0, right = 0;
     std::vector<double> closed, seconds, errors;
     for (const Result &r : results) {
         bool single = r.kind == "single", pair = r.kind == "pair";
         seconds.push_back(r.seconds);
         clean += r.kind == "none" || r.kind == "parameters";
         alarms += (r.kind == "none" || r.kind == "parameters") && r.alarm;
+        several += r.kind == "several", several_first += r.kind == "several" && r.first;
+        there += r.there, found += r.found, named += r.named, right += r.right;
         off += r.kind == "off" && !r.weak;
         unknown += r.kind == "off" && !r.weak && r.unknown;
         wrong += (single || pair) && r.weak && r.alarm && !r.rival;
@@ -219,6 +254,9 @@ void summarise(const std::vector<Result> &results)
            rival);
     printf("pairs: first right %d, both named %d of %d\n", pair_first, both, pairs);
     printf("off the catalogue: unknown %d of %d\n", unknown, off);
+    if (several > 0)
+        printf("several: first right %d of %d, %d of %d effects named, %d of %d named are there\n",
+               several_first, several, found, there, right, named);
     printf("clean: %d false alarms of %d\n", alarms, clean);
     printf("too weak to matter, but misnamed: %d\n", wrong);
     printf("closed: median %.3f, worst tenth %.3f, least %.3f\n", quantile(closed, 0.5),

@@ -110,6 +110,7 @@ const Hidden hidden[] = {{"inertia-wheel", "single", "stribeck", 1, 11},
                          {"reaction-wheel", "single", "encoder-offset", 1, 13},
                          {"furuta", "single", "sensor-delay", 2, 14},
                          {"pendubot", "single", "viscous", 2, 15},
+                         {"inertia-wheel", "single", "encoder-eccentricity", 1, 17},
                          // on the rig that its seed draws; once taken for stiction
                          {"", "single", "cable-hysteresis", 1, 310036}};
 

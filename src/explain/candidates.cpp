@@ -218,7 +218,7 @@ Starts encoder_scale(const Setting &)
 }
 Starts encoder_eccentricity(const Setting &s)
 {
-    return s.wheel() || s.slides() ? Starts{} : Starts{{0.002, 0.3}};
+    return s.slides() ? Starts{} : Starts{{0.002, 0.3}};
 }
 Starts encoder_offset(const Setting &s)
 {

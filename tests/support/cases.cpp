@@ -227,7 +227,7 @@ const Row rows[] = {
      [](const Rig &, int, Draw &d, double k) -> Values {
          return {{"offset", d.sign() * k * about(d, 0.006, 0.04)}};
      }},
-    {"encoder-eccentricity", link,
+    {"encoder-eccentricity", any_joint,
      [](const Rig &, int, Draw &d, double k) -> Values {
          return {{"amplitude", k * about(d, 0.006, 0.03)}, {"phase", d.between(-PI, PI)}};
      }},
@@ -473,14 +473,24 @@ Case make_case(const Wish &wish)
             c.given.parameter[i] = c.rig.p.back() * (1.0 + off);
         }
     } while (mk_model_check(&real, nullptr) != MK_OK || mk_model_check(&c.given, nullptr) != MK_OK);
-    size_t effects = c.kind == "single" ? 1 : c.kind == "pair" ? 2 : 0;
+    const bool several = c.kind == "several";
+    size_t effects = c.kind == "single" ? 1
+                     : c.kind == "pair" ? 2
+                     : several          ? 3 + draw.below(3)
+                                        : 0;
     std::vector<std::string> possible = hideable(c.rig.kind);
     for (size_t i = 0; i < effects; i++) {
         std::string name =
             i == 0 && !wish.effect.empty() ? wish.effect : possible[draw.below(possible.size())];
         bool again = i == 1 && (name == c.rig.effects[0].name || name == "missed-counts" ||
                                 name == "backlash" || c.rig.effects[0].name == "backlash");
-        if (again && wish.effect.empty()) {
+        if (several && (name == "missed-counts" || name == "backlash" ||
+                        std::any_of(c.rig.effects.begin(), c.rig.effects.end(),
+                                    [&](const Effect &e) { return e.name == name; }))) {
+            i--;
+            continue;
+        }
+        if (!several && again && wish.effect.empty()) {
             i--;
             if (c.rig.effects[0].name == "backlash" || c.rig.effects[0].name == "missed-counts")
                 c.rig.effects.clear(), i = (size_t)-1, c.right.clear();
@@ -489,7 +499,9 @@ Case make_case(const Wish &wish)
         const Row *row = row_of(name);
         if (!row)
             throw std::invalid_argument("no effect is called " + name);
-        c.rig.effects.push_back(hidden_effect(*row, c.rig, wish.joint, draw, wish.size));
+        // Of several one is as large as is usual, and the others are smaller.
+        const double size = several && i > 0 ? wish.size * about(draw, 0.08, 0.6) : wish.size;
+        c.rig.effects.push_back(hidden_effect(*row, c.rig, wish.joint, draw, size));
         c.right.push_back(right_names(c.rig, c.rig.effects.back()));
     }
     if (c.kind == "off") {

@@ -20,7 +20,7 @@ struct Name {
 };
 
 struct Case {
-    std::string kind; // none, parameters, single, pair, off
+    std::string kind; // none, parameters, single, pair, several, off
     Rig rig;          // the truth
     mk_model given;
     std::vector<std::vector<Name>> right; // by hidden effect: its name, and what is the same thing
