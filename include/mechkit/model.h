@@ -70,11 +70,14 @@ enum mk_parameter_fit {
                    */
 };
 
+/* Far beyond what any rig has in any unit; arithmetic with more than that ends in nonsense. */
+#define MK_PARAMETER_MOST 1e9
+
 struct mk_parameter_info {
     const char *name; /* "p1", or an effect's "width" */
     const char *unit; /* SI text; "" for none. Command units divide torques by u_to_torque. */
     const char *help; /* one line: what it is physically */
-    double min, max;  /* physical range, inclusive; +-INFINITY where open */
+    double min, max;  /* physical range, inclusive; effects: at most MK_PARAMETER_MOST */
     double initial;   /* a usual value (effects: where a search starts; plants: Meesters') */
 #ifdef __cplusplus
     enum mk_parameter_fit fit = MK_FIT_FREE;

@@ -231,6 +231,37 @@ void find_intervals(Shares &shares)
     }
 }
 
+// Causes by what their absence leaves of the gap, all else fitted again; pieces of what has no name
+// stay last.
+void sort_causes(Shares &shares, mk_explanation &out)
+{
+    if (out.cause_count < 2)
+        return;
+    double worth[MK_MAX_CAUSES] = {};
+    const Set all = shares.everything();
+    for (size_t k = 0; k < shares.items.size(); k++)
+        if (shares.items[k].entry.cause >= 0)
+            worth[shares.items[k].entry.cause] =
+                shares.closed(all) - shares.closed(all & ~(1u << k));
+    std::vector<int> order((size_t)out.cause_count);
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int x, int y) {
+        return out.cause[x].piece != out.cause[y].piece ? out.cause[y].piece : worth[x] > worth[y];
+    });
+    int place[MK_MAX_CAUSES];
+    mk_cause sorted[MK_MAX_CAUSES];
+    for (int i = 0; i < out.cause_count; i++) {
+        sorted[i] = out.cause[order[(size_t)i]];
+        place[order[(size_t)i]] = i;
+    }
+    std::copy_n(sorted, out.cause_count, out.cause);
+    for (int i = 0; i < out.rival_count; i++)
+        out.rival[i].instead_of = place[out.rival[i].instead_of];
+    for (Shares::Item &item : shares.items)
+        if (item.entry.cause >= 0)
+            item.entry.cause = place[item.entry.cause];
+}
+
 void tell_rest(const mk_explanation &e, mk_budget &b)
 {
     constexpr double LEVEL = 0.01; // over all tests
@@ -286,6 +317,7 @@ void make_budget(const TrainingData &data, const CauseSearch &causes, const Fina
                 item.entry.inclusion = causes.carried[(size_t)round].inclusion;
         }
         find_intervals(shares);
+        sort_causes(shares, out);
         std::vector<size_t> order(shares.items.size());
         std::iota(order.begin(), order.end(), 0u);
         std::stable_sort(order.begin(), order.end(), [&](size_t x, size_t y) {

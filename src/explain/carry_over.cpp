@@ -17,7 +17,6 @@ constexpr size_t USUAL_FOLDS = 4;
 constexpr double SURE = 2.0;          // standard errors, of one model asked
 constexpr double LEAST_SHARE = 0.05;  // of the gap, or
 constexpr double LEAST_OF_REST = 0.1; // of what is left of it
-constexpr double LARGE = 0.5;         // of what is left of it
 
 } // namespace
 
@@ -109,6 +108,7 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     // Of few folds the scatter among them can be small by chance: never less than that of windows.
     const double centre = all / windows;
     const double by_window = (squares / windows - centre * centre) / windows;
+    c.window_error = std::sqrt(by_window);
     c.error = std::sqrt(std::max(spread / (c.folds * (c.folds - 1.0)), by_window));
     int judged = 0;
     for (int j = 0; j < joints; j++) {
@@ -144,10 +144,10 @@ bool carry_over::enough(const Carried &c, int tried)
     const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
     // The same quantile of Student's distribution, the error being one of few folds.
     const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
-    // Where half of what was left is gone, and in every fold, the scatter among folds is that of
-    // how much is gained, not of whether: it says nothing of what chance would do.
-    const bool large = c.rest_share > LARGE && c.better == c.folds && c.folds >= (int)Folds::FEWEST;
-    return promising(c) && c.mean < -(large ? SURE : t) * c.error;
+    // Where every fold is better the scatter among folds is that of how much is gained, not of
+    // whether: windows say what chance would do.
+    const bool every = c.better == c.folds && c.folds >= (int)Folds::FEWEST;
+    return promising(c) && c.mean < -(every ? z * c.window_error : t * c.error);
 }
 
 } // namespace mk

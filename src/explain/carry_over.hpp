@@ -16,6 +16,7 @@ namespace mk
 struct Carried {
     double mean = 0.0;       // over the folds, of the mean log ratio of squared errors of windows
     double error = HUGE_VAL; // its standard error
+    double window_error = HUGE_VAL; // as if all windows were of one fold
     double share = 0.0; // of the gap between refitted model and noise, closed; mean over joints
     double rest_share = 0.0; // of what the model with less leaves of it
     int folds = 0, better = 0;

@@ -64,6 +64,7 @@ void CauseSearch::run()
     add_causes();
     try_runners_up();
     drop_idle();
+    simplify();
 }
 
 bool CauseSearch::go_on(const PredictionSearch &found)
@@ -92,6 +93,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     }
     add_causes();
     drop_idle();
+    simplify();
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++)
         face_rivals(i);
     return true;
@@ -314,6 +316,61 @@ void CauseSearch::drop_idle()
         search.polish(without, true);
         shed(i, std::move(without));
         i--;
+    }
+}
+
+// Whether the data leave a parameter of the law open beside its size.
+bool CauseSearch::has_open_shape(size_t cause) const
+{
+    const mk_model &m = best.point.model;
+    const int at = model.effect_count + (int)cause;
+    int begins = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < at; e++)
+        begins += mk_effect(m.effect[e].index)->parameter_count;
+    const mk_effect_info &info = *mk_effect(m.effect[at].index);
+    const std::vector<int> free = fitted_parameters(m);
+    const Eigen::MatrixXd covariance = Fit::covariance(m, best.picture, free);
+    for (long i = 0; i < (long)free.size(); i++) {
+        const int k = free[(size_t)i] - begins;
+        if (k >= 0 && k < info.parameter_count && k != rounds[cause].field[0].added.size &&
+            info.parameter[k].fit == MK_FIT_FREE &&
+            !(covariance(i, i) < m.effect[at].value[k] * m.effect[at].value[k]))
+            return true;
+    }
+    return false;
+}
+
+// A law with a parameter that the data leave open, now that all other causes are there, says what a
+// simpler one of the same joint says: a Stribeck friction whose speed is beyond all others is a
+// Coulomb friction.
+void CauseSearch::simplify()
+{
+    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
+        if (mk_model_hides_joint(&best.point.model) || !has_open_shape(i))
+            continue;
+        const Candidate law = rounds[i].field[0].added;
+        for (const Candidate &start : search.candidates_of(removed(i))) {
+            if (start.joint != law.joint || is_library(start.effect) || is_play(start.effect) ||
+                start.effect->state_count > law.effect->state_count ||
+                start.effect->parameter_count >= law.effect->parameter_count || has_cause(start))
+                continue;
+            mk_model m = best.point.model, simpler;
+            mk_effect_use &use = m.effect[model.effect_count + (int)i];
+            Candidate as_large = start;
+            if (std::strcmp(start.effect->parameter[start.size].unit,
+                            law.effect->parameter[law.size].unit) == 0)
+                as_large.value[start.size] = use.value[law.size];
+            if (!with_candidate(removed(i), as_large, simpler))
+                continue;
+            use = simpler.effect[simpler.effect_count - 1];
+            Hypothesis h;
+            if (!search.refit_at(m, best, best.drift, h) || h.score > best.score)
+                continue;
+            h.added = start;
+            best = h;
+            rounds[i].field = led_by(start, std::move(rounds[i].field));
+            forget_lacks();
+        }
     }
 }
 

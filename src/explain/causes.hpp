@@ -86,6 +86,8 @@ class CauseSearch
 
     bool idle_without_last();
     void drop_idle();
+    bool has_open_shape(size_t cause) const;
+    void simplify();
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
     bool choose(std::vector<Hypothesis> &field, double needed);

@@ -115,7 +115,7 @@ constexpr EffectOps<S> effect_ops_of()
 
 // Short-hands for the rows. A plant that an effect makes no sense on says so in its own row.
 constexpr unsigned ALL_PLANTS = (1u << MK_PLANT_COUNT) - 1u;
-constexpr double INF = HUGE_VAL;
+constexpr double INF = MK_PARAMETER_MOST;
 // The sharpness of a friction law's sign. A model gives it the joint's own when the effect is
 // added.
 constexpr mk_parameter_info SHARPNESS = {"sharpness",  "s/rad", "k of S_k(v) = tanh(k v)",

@@ -37,14 +37,11 @@ static enum mk_status get_number(struct reader *r, struct mk_ini_entry *e, doubl
 /* Ends the key of a parameter's spread from log to log. */
 #define SPREAD "_spread"
 
-/* Far beyond what any rig has in any unit; arithmetic with more than that ends in nonsense. */
-#define MOST 1e9
-
 static enum mk_status too_large(struct reader *r, const struct mk_ini_entry *e, const char *help)
 {
     return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
-                       "%s = %s: no rig has more than %g%s%s%s", e->key, e->value, MOST,
-                       help[0] ? " (" : "", help, help[0] ? ")" : "");
+                       "%s = %s: no rig has more than %g%s%s%s", e->key, e->value,
+                       MK_PARAMETER_MOST, help[0] ? " (" : "", help, help[0] ? ")" : "");
 }
 
 /* `?`: a value that is not known. *out keeps the usual one. */
@@ -72,9 +69,11 @@ static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
     enum mk_status st = get_number(r, e, out);
     if (st != MK_OK)
         return st;
+    if (fabs(*out) > MK_PARAMETER_MOST)
+        return too_large(r, e, p->help);
     if (*out >= p->min && *out <= p->max)
-        return fabs(*out) > MOST ? too_large(r, e, p->help) : MK_OK;
-    if (p->max > 1e300)
+        return MK_OK;
+    if (p->max >= MK_PARAMETER_MOST)
         return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
                            "%s = %s: must be at least %g (%s)", e->key, e->value, p->min, p->help);
     return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
@@ -232,13 +231,14 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
     mk_model_default(plant->kind, m);
     enum mk_status st = get_joint_units(r, m);
     if (st == MK_OK)
-        st = get_positive(r, "rig", "g", MOST, &m->g);
+        st = get_positive(r, "rig", "g", MK_PARAMETER_MOST, &m->g);
     if (st == MK_OK)
         st = get_positive(r, "rig", "u_max", HUGE_VAL, &m->u_max);
     if (st == MK_OK)
-        st = get_positive(r, "rig", "u_to_torque", MOST, &m->u_to_torque);
+        st = get_positive(r, "rig", "u_to_torque", MK_PARAMETER_MOST, &m->u_to_torque);
     if (st == MK_OK)
-        st = get_positive(r, "rig", "friction_sharpness", MOST, &m->friction_sharpness);
+        st =
+            get_positive(r, "rig", "friction_sharpness", MK_PARAMETER_MOST, &m->friction_sharpness);
     if (st == MK_OK)
         st = get_counts(r, m);
     if (st == MK_OK)
@@ -322,7 +322,7 @@ static enum mk_status get_spread(struct reader *r, const char *section,
         return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
                            "%s = %s: a standard deviation from log to log is at least 0", e->key,
                            e->value);
-    return st == MK_OK && *out > MOST ? too_large(r, e, "") : st;
+    return st == MK_OK && *out > MK_PARAMETER_MOST ? too_large(r, e, "") : st;
 }
 
 /* A parameter of an effect that the file does not have, unless under a name that is near to it. */
