@@ -69,6 +69,15 @@ class Shares
         }
         return judged ? sum / judged : 0.0;
     }
+    // Mean squared error over that of the readings, summed over the joints.
+    double in_noise(Set set)
+    {
+        double sum = 0.0;
+        for (int j = 0; j < joints; j++)
+            if (out.floor[j] > 0.0)
+                sum += mean_square(of(set), j, nullptr) / (out.floor[j] * out.floor[j]);
+        return sum;
+    }
     // Gains of an item over the orders of adding.
     std::vector<std::pair<Set, double>> &orders(size_t item)
     {
@@ -231,8 +240,8 @@ void find_intervals(Shares &shares)
     }
 }
 
-// Causes by what their absence leaves of the gap, all else fitted again; pieces of what has no name
-// stay last.
+// Causes by the squared error, in the readings' noise, that their absence leaves, all else fitted
+// again; pieces of what has no name stay last.
 void sort_causes(Shares &shares, mk_explanation &out)
 {
     if (out.cause_count < 2)
@@ -241,8 +250,7 @@ void sort_causes(Shares &shares, mk_explanation &out)
     const Set all = shares.everything();
     for (size_t k = 0; k < shares.items.size(); k++)
         if (shares.items[k].entry.cause >= 0)
-            worth[shares.items[k].entry.cause] =
-                shares.closed(all) - shares.closed(all & ~(1u << k));
+            worth[shares.items[k].entry.cause] = shares.in_noise(all & ~(1u << k));
     std::vector<int> order((size_t)out.cause_count);
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](int x, int y) {

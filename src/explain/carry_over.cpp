@@ -17,6 +17,8 @@ constexpr size_t USUAL_FOLDS = 4;
 constexpr double SURE = 2.0;          // standard errors, of one model asked
 constexpr double LEAST_SHARE = 0.05;  // of the gap, or
 constexpr double LEAST_OF_REST = 0.1; // of what is left of it
+constexpr double LITTLE = 0.1;        // of the usual squared error of a window
+constexpr double WORSE = 0.02;        // mean log ratio of a fold that is not as good
 
 } // namespace
 
@@ -79,13 +81,19 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     Carried c;
     double all = 0.0, squares = 0.0, windows = 0.0;
     const size_t count = std::min(with.window.size(), without.window.size());
+    // A window in which next to nothing is missed, of what is usual, says next to nothing.
+    double usual = 0.0;
+    for (size_t w = 0; w < count; w++)
+        usual += without.window[w] / (double)count;
+    const double little = LITTLE * usual;
     std::vector<std::vector<double>> ratios; // by fold and window
     for (size_t first = 0; first < count;) {
         const int fold = with.log[first];
         std::vector<double> ratio;
         for (; first < count && with.log[first] == fold; first++)
             if (with.window[first] > 0.0 && without.window[first] > 0.0)
-                ratio.push_back(std::log(with.window[first] / without.window[first]));
+                ratio.push_back(
+                    std::log((with.window[first] + little) / (without.window[first] + little)));
         for (double r : ratio)
             all += r, squares += r * r, windows += 1.0;
         if (!ratio.empty()) {
@@ -102,6 +110,7 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     for (double mean : c.by_fold) {
         c.mean += mean / c.folds;
         c.better += mean < 0.0;
+        c.worse += mean > WORSE;
     }
     for (double mean : c.by_fold)
         spread += (mean - c.mean) * (mean - c.mean);
@@ -134,7 +143,7 @@ static bool closes(const Carried &c)
 
 bool carry_over::promising(const Carried &c)
 {
-    return c.folds >= 2 && c.mean < -c.error && 2 * c.better > c.folds && closes(c);
+    return c.folds >= 2 && c.mean < -c.error && c.better > c.worse && closes(c);
 }
 
 bool carry_over::enough(const Carried &c, int tried)
@@ -144,10 +153,10 @@ bool carry_over::enough(const Carried &c, int tried)
     const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
     // The same quantile of Student's distribution, the error being one of few folds.
     const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
-    // Where every fold is better the scatter among folds is that of how much is gained, not of
+    // Where no fold is worse the scatter among folds is that of how much is gained, not of
     // whether: windows say what chance would do.
-    const bool every = c.better == c.folds && c.folds >= (int)Folds::FEWEST;
-    return promising(c) && c.mean < -(every ? z * c.window_error : t * c.error);
+    const bool none_worse = c.worse == 0 && c.folds >= (int)Folds::FEWEST;
+    return promising(c) && c.mean < -(none_worse ? z * c.window_error : t * c.error);
 }
 
 } // namespace mk

@@ -18,8 +18,8 @@ struct Carried {
     double error = HUGE_VAL; // its standard error
     double window_error = HUGE_VAL; // as if all windows were of one fold
     double share = 0.0; // of the gap between refitted model and noise, closed; mean over joints
-    double rest_share = 0.0; // of what the model with less leaves of it
-    int folds = 0, better = 0;
+    double rest_share = 0.0;              // of what the model with less leaves of it
+    int folds = 0, better = 0, worse = 0; // of the folds; some are neither
     double inclusion = 0.0;      // share of resamples of folds and windows that would choose it
     bool judged = false;         // there is something to close beyond the noise
     std::vector<double> by_fold; // mean log ratio of each

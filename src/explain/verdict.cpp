@@ -158,7 +158,7 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size) c
     long at = -1;
     // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
     // matter: something of it is there.
-    const bool wave = causes.rounds.size() == 1 &&
+    const bool wave =
                       std::any_of(info.parameter, info.parameter + info.parameter_count,
                                   [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
     for (size_t i = 0; i < free.size(); i++) {
