@@ -335,6 +335,13 @@ bool write_case(const truth::Wish &wish, const std::string &folder)
     return true;
 }
 
+// Seed of a case of a run. Neighbouring seeds draw the same numbers, one place on.
+uint64_t seed_of(uint64_t first, size_t number)
+{
+    constexpr uint64_t APART = 1009;
+    return first + APART * number;
+}
+
 const char usage[] =
     "usage: mechkit-challenge [--cases N] [--seed S] [--rig R] [--kind K] [--effect E] [--joint "
     "J]\n"
@@ -385,9 +392,12 @@ int main(int argc, char **argv)
     }
     if (!folder.empty()) {
         try {
-            for (size_t i = 0; i < cases; i++, wish.seed++)
-                if (!write_case(wish, folder))
+            for (size_t i = 0; i < cases; i++) {
+                truth::Wish mine = wish;
+                mine.seed = seed_of(wish.seed, i);
+                if (!write_case(mine, folder))
                     return 1;
+            }
         } catch (const std::invalid_argument &e) {
             fprintf(stderr, "mechkit-challenge: %s\n", e.what());
             return 2;
@@ -398,7 +408,7 @@ int main(int argc, char **argv)
     std::mutex talk;
     mk::parallel_for(jobs, cases, [&](size_t i) {
         truth::Wish mine = wish;
-        mine.seed = wish.seed + i;
+        mine.seed = seed_of(wish.seed, i);
         results[i] = play(mine, threads);
         std::lock_guard<std::mutex> lock(talk);
         print(mine.seed, results[i]);

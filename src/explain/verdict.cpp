@@ -55,7 +55,7 @@ void Verdict::decide()
 
 // What has no name. Where several laws of friction add up at one joint and the data are still not
 // followed, they are pieces of one that the catalogue lacks: how each of them would change if that
-// were in their place, nobody knows.
+// were in their place, nobody knows. Unless each predicts data that it was not fitted to.
 void Verdict::find_pieces()
 {
     auto friction = [](const mk_cause &c, int joint) {
@@ -63,7 +63,7 @@ void Verdict::find_pieces()
     };
     for (int i = 0; i < out.cause_count; i++)
         out.cause[i].piece = is_library(out.cause[i].effect);
-    if (out.verdict == MK_VERDICT_PARTIAL)
+    if (out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty())
         for (int j = 1; j <= mk_model_joints(&model); j++) {
             const auto several = std::count_if(out.cause, out.cause + out.cause_count,
                                                [&](const mk_cause &c) { return friction(c, j); });
