@@ -139,7 +139,10 @@ bool Verdict::established() const
         const int cause = e - model.effect_count;
         if (cause >= 0 && cause < (int)causes.rounds.size()) {
             const int size = causes.rounds[(size_t)cause].field[0].added.size;
-            const double error = error_of_size(first, info, size);
+            const auto here = std::count_if(
+                m.effect + model.effect_count, m.effect + m.effect_count,
+                [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
+            const double error = error_of_size(first, info, size, here == 1);
             if (std::fabs(m.effect[e].value[size]) < SURE * error)
                 return false;
         }
@@ -149,8 +152,8 @@ bool Verdict::established() const
 }
 
 // Standard error of an effect's size, other parameters of it as they are unless the law is
-// linear in them and the size. NaN where it was not fitted.
-double Verdict::error_of_size(int first, const mk_effect_info &info, int size) const
+// linear in them and the size; `alone`: at its joint. NaN where it was not fitted.
+double Verdict::error_of_size(int first, const mk_effect_info &info, int size, bool alone) const
 {
     const Hypothesis &h = last.best;
     const std::vector<int> free = fitted_parameters(h.point.model);
@@ -159,8 +162,8 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size) c
     // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
     // matter: something of it is there.
     const bool wave =
-                      std::any_of(info.parameter, info.parameter + info.parameter_count,
-                                  [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
+        alone && std::any_of(info.parameter, info.parameter + info.parameter_count,
+                             [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
     for (size_t i = 0; i < free.size(); i++) {
         const int own = free[i] - first;
         if (own == size)

@@ -53,7 +53,7 @@ class Verdict
 
     double distance_of_given() const;
     static std::vector<double> standard_errors(const Hypothesis &h);
-    double error_of_size(int first, const mk_effect_info &info, int size) const;
+    double error_of_size(int first, const mk_effect_info &info, int size, bool alone) const;
     void set_structure();
     void describe_causes();
     void sort_causes();
