@@ -23,6 +23,7 @@
     X(sim)                                                                                         \
     X(predict)                                                                                     \
     X(free_runs)                                                                                   \
+    X(predictions)                                                                                 \
     X(inputs)                                                                                      \
     X(own_values)                                                                                  \
     X(slides)                                                                                      \

@@ -1,0 +1,131 @@
+// Causes by what predicts: chosen by logs left out, claimed by data that chose nothing. Data are
+// those of an independent simulator.
+#include "explain/prediction_search.hpp"
+
+#include "suites.h"
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "support/cases.hpp"
+
+namespace
+{
+
+constexpr size_t LOGS = 4;
+constexpr double WINDOW = 0.5; // s
+
+// Friction of the base model does not make up for it, as it would for a drag.
+const truth::Effect COGGING = {
+    "cogging", 1, {{"amplitude", 0.05}, {"cycles", 4.0}, {"phase", 0.7}}};
+
+truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
+{
+    truth::Rig rig;
+    truth::Recording how;
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    rig.kind = "pendulum";
+    rig.p.assign(m.parameter, m.parameter + mk_plant(MK_PLANT_PENDULUM)->parameter_count);
+    rig.effects = effects;
+    how.rate = 250.0;
+    how.seconds = 4.0;
+    how.input = seed % 2 ? "multisine" : "chirp";
+    how.seed = seed;
+    return truth::as_log(truth::record(rig, how), rig, how);
+}
+
+// Logs to learn from, with all that a search over them needs.
+struct Learning {
+    mk_model model;
+    std::vector<truth::OwnedLog> logs;
+    std::vector<std::vector<const mk_log *>> folds;
+    std::vector<mk::FitLog> fit_logs;
+    std::unique_ptr<mk::Search> search;
+    std::unique_ptr<mk::FreeRuns> runs;
+    std::unique_ptr<mk::PredictionSearch> found;
+
+    explicit Learning(const std::vector<truth::Effect> &effects)
+    {
+        mk_model_default(MK_PLANT_PENDULUM, &model);
+        for (size_t i = 0; i < LOGS; i++) {
+            mk_record rows;
+            logs.push_back(record(effects, 61 + i));
+            folds.push_back({logs.back().get()});
+            ck_assert_int_eq(mk_record_from_log(logs.back().get(), &model, &rows, nullptr), MK_OK);
+            fit_logs.push_back(mk::fit_log(rows, model, 0, rows.rows, (int)i));
+        }
+        std::vector<const mk::FitLog *> views;
+        for (const mk::FitLog &log : fit_logs)
+            views.push_back(&log);
+        mk::SearchOptions options;
+        options.given = &model;
+        search = std::make_unique<mk::Search>(views, options);
+        mk::Hypothesis refit;
+        ck_assert(search->refit(model, nullptr, refit));
+        runs = std::make_unique<mk::FreeRuns>(folds, model, WINDOW, options.threads);
+        found = std::make_unique<mk::PredictionSearch>(*search, *runs, refit.point.model);
+        ck_assert(found->run());
+        found->decide();
+    }
+    bool names(const char *effect) const
+    {
+        return std::any_of(found->causes.begin(), found->causes.end(), [&](const mk::Carrier &c) {
+            return c.cause.effect->name == std::string(effect);
+        });
+    }
+    bool suspects(const char *effect) const
+    {
+        return std::any_of(found->suspects.begin(), found->suspects.end(), [&](const mk::Asked &a) {
+            return a.cause.effect->name == std::string(effect);
+        });
+    }
+    void claim(const std::vector<truth::Effect> &effects)
+    {
+        const truth::OwnedLog one = record(effects, 71), other = record(effects, 72);
+        const std::vector<const mk_log *> held = {one.get(), other.get()};
+        found->claim(mk::HeldOut(held, WINDOW, false, 2));
+    }
+};
+
+} // namespace
+
+START_TEST(what_held_out_data_confirm_is_claimed)
+{
+    Learning learning({COGGING});
+    ck_assert(learning.names("cogging"));
+    learning.claim({COGGING});
+    ck_assert(learning.names("cogging"));
+}
+END_TEST
+
+START_TEST(what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim)
+{
+    Learning learning({COGGING});
+    ck_assert(learning.names("cogging"));
+    learning.claim({});
+    ck_assert(!learning.names("cogging"));
+    ck_assert(learning.suspects("cogging"));
+}
+END_TEST
+
+START_TEST(where_the_model_predicts_to_its_noise_nothing_is_chosen)
+{
+    const Learning learning({});
+    ck_assert(learning.found->causes.empty());
+}
+END_TEST
+
+Suite *suite_predictions(void)
+{
+    Suite *s = suite_create("predictions");
+    TCase *t = tcase_create("claims");
+    tcase_set_timeout(t, 120);
+    tcase_add_test(t, what_held_out_data_confirm_is_claimed);
+    tcase_add_test(t, what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim);
+    tcase_add_test(t, where_the_model_predicts_to_its_noise_nothing_is_chosen);
+    suite_add_tcase(s, t);
+    return s;
+}
