@@ -1,6 +1,6 @@
-// Causes by what predicts: chosen by logs left out, claimed by data that chose nothing. Data are
-// those of an independent simulator.
-#include "explain/prediction_search.hpp"
+// Causes by what predicts: chosen by logs left out, claimed by data that chose nothing, and no law
+// more than the data tell. Data are those of an independent simulator.
+#include "explain/causes.hpp"
 
 #include "suites.h"
 
@@ -21,14 +21,15 @@ constexpr double WINDOW = 0.5; // s
 const truth::Effect COGGING = {
     "cogging", 1, {{"amplitude", 0.05}, {"cycles", 4.0}, {"phase", 0.7}}};
 
-truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
+truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed,
+                       enum mk_plant_kind kind = MK_PLANT_PENDULUM)
 {
     truth::Rig rig;
     truth::Recording how;
     mk_model m;
-    mk_model_default(MK_PLANT_PENDULUM, &m);
-    rig.kind = "pendulum";
-    rig.p.assign(m.parameter, m.parameter + mk_plant(MK_PLANT_PENDULUM)->parameter_count);
+    mk_model_default(kind, &m);
+    rig.kind = mk_plant(kind)->name;
+    rig.p.assign(m.parameter, m.parameter + mk_plant(kind)->parameter_count);
     rig.effects = effects;
     how.rate = 250.0;
     how.seconds = 4.0;
@@ -118,6 +119,36 @@ START_TEST(where_the_model_predicts_to_its_noise_nothing_is_chosen)
 }
 END_TEST
 
+START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
+{
+    // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
+    // friction.
+    const truth::OwnedLog log = record({{"coulomb", 2, {{"level", 0.003}}}}, 81, MK_PLANT_PENDUBOT);
+    mk_model m;
+    mk_record rows;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &rows, nullptr), MK_OK);
+    const mk::FitLog fit_log = mk::fit_log(rows, m, 0, rows.rows);
+    mk::SearchOptions options;
+    options.given = &m;
+    mk::Search search({&fit_log}, options);
+    mk::Hypothesis refit, with;
+    ck_assert(search.refit(m, nullptr, refit));
+    with.added = search.starts(m, "stribeck", 2).front();
+    with.added.value[mk_effect_parameter_index(with.added.effect, "velocity")] = 1e6;
+    mk_model more;
+    ck_assert(mk::with_candidate(m, with.added, more));
+    ck_assert(search.refit(more, nullptr, with));
+    mk::CauseSearch causes(m, search, refit);
+    causes.best = with;
+    causes.rounds.push_back({{with}, {}});
+    causes.simplify();
+    ck_assert_str_eq(causes.rounds[0].field[0].added.effect->name, "coulomb");
+    ck_assert_double_lt(causes.best.score, with.score);
+    ck_assert_double_eq_tol(causes.best.point.model.effect[0].value[0], 0.003, 3e-4);
+}
+END_TEST
+
 Suite *suite_predictions(void)
 {
     Suite *s = suite_create("predictions");
@@ -126,6 +157,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, what_held_out_data_confirm_is_claimed);
     tcase_add_test(t, what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim);
     tcase_add_test(t, where_the_model_predicts_to_its_noise_nothing_is_chosen);
+    tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
     suite_add_tcase(s, t);
     return s;
 }

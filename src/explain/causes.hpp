@@ -59,6 +59,8 @@ class CauseSearch
     // Goes on from there by likelihood. False where all those causes together do not bring the
     // model so near to its data that likelihood counts.
     bool go_on(const PredictionSearch &found);
+    // Puts simpler laws in the place of those with a parameter that the data leave open.
+    void simplify();
     int tried() const { return most_tried; }
 
     // What leaving data out says of each cause of `best`; empty where it was not asked.
@@ -87,7 +89,6 @@ class CauseSearch
     bool idle_without_last();
     void drop_idle();
     bool has_open_shape(size_t cause) const;
-    void simplify();
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
     bool choose(std::vector<Hypothesis> &field, double needed);
