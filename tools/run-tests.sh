@@ -61,8 +61,22 @@ mkfifo "$said"
 # Opened for both, it never ends: each lane says when it is done.
 exec 3<>"$said"
 lanes=""
-trap '[ -z "$lanes" ] || { kill $lanes; wait $lanes; } 2>/dev/null || true; rm -rf "$work"' EXIT
+child=""
+trap '[ -z "$lanes" ] || { kill $lanes $child; wait $lanes $child; } 2>/dev/null || true; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM HUP
+
+# Runs a suite; its exit code is in $code.
+run_suite() {
+    # Check writes one file, and there are as many as suites.
+    [ -z "${CK_XML_LOG_FILE_NAME:-}" ] ||
+        export CK_XML_LOG_FILE_NAME="${xml:=${CK_XML_LOG_FILE_NAME%.xml}}.$1.xml"
+    behind=""
+    [ -z "$(among "$1" "$computing")" ] || behind="nice -n 10"
+    code=0
+    $behind "$tests" "$1" >"$work/$1/out" 2>&1 3>&- &
+    child=$!
+    wait "$child" || code=$?
+}
 
 # Takes one suite after the other that the other lane has not taken: making its directory is taking it.
 lane() {
@@ -74,16 +88,8 @@ lane() {
     for suite in "$@"; do
         mkdir "$work/$suite" 2>/dev/null || continue
         echo "starts $number $suite" >&3
-        # Check writes one file, and there are as many as suites.
-        [ -z "${CK_XML_LOG_FILE_NAME:-}" ] ||
-            export CK_XML_LOG_FILE_NAME="${xml:=${CK_XML_LOG_FILE_NAME%.xml}}.$suite.xml"
-        behind=""
-        [ -z "$(among "$suite" "$computing")" ] || behind="nice -n 10"
         begun=$(date +%s)
-        code=0
-        $behind "$tests" "$suite" >"$work/$suite/out" 2>&1 3>&- &
-        child=$!
-        wait "$child" || code=$?
+        run_suite "$suite"
         echo "ends $number $suite $code $(($(date +%s) - begun))" >&3
     done
     echo "done $number" >&3
@@ -117,10 +123,7 @@ for one in $beside_others; do
         # What the first try said stays said, and counts no more.
         sed -n '/:[FE]:/s/^/  /p' "$work/$suite/out"
         echo "... $suite failed beside other suites: once more by itself"
-        code=0
-        "$tests" "$suite" >"$work/$suite/out" 2>&1 3>&- &
-        lanes="$lanes $!"
-        wait "$!" || code=$?
+        run_suite "$suite"
         cat "$work/$suite/out"
     fi
     [ "$code" = 0 ] || failed="$failed $suite" result=$code
