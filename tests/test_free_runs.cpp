@@ -18,18 +18,7 @@ constexpr double WINDOW = 0.5; // s
 
 truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
 {
-    truth::Rig rig;
-    truth::Recording how;
-    mk_model m;
-    mk_model_default(MK_PLANT_PENDULUM, &m);
-    rig.kind = "pendulum";
-    rig.p.assign(m.parameter, m.parameter + mk_plant(MK_PLANT_PENDULUM)->parameter_count);
-    rig.effects = effects;
-    how.rate = 250.0;
-    how.seconds = 4.0;
-    how.input = seed % 2 ? "multisine" : "chirp";
-    how.seed = seed;
-    return truth::as_log(truth::record(rig, how), rig, how);
+    return truth::usual_log(MK_PLANT_PENDULUM, effects, seed);
 }
 
 struct Runs {

@@ -21,21 +21,9 @@ constexpr double WINDOW = 0.5; // s
 const truth::Effect COGGING = {
     "cogging", 1, {{"amplitude", 0.05}, {"cycles", 4.0}, {"phase", 0.7}}};
 
-truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed,
-                       enum mk_plant_kind kind = MK_PLANT_PENDULUM)
+truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
 {
-    truth::Rig rig;
-    truth::Recording how;
-    mk_model m;
-    mk_model_default(kind, &m);
-    rig.kind = mk_plant(kind)->name;
-    rig.p.assign(m.parameter, m.parameter + mk_plant(kind)->parameter_count);
-    rig.effects = effects;
-    how.rate = 250.0;
-    how.seconds = 4.0;
-    how.input = seed % 2 ? "multisine" : "chirp";
-    how.seed = seed;
-    return truth::as_log(truth::record(rig, how), rig, how);
+    return truth::usual_log(MK_PLANT_PENDULUM, effects, seed);
 }
 
 // Logs to learn from, with all that a search over them needs.
@@ -123,7 +111,8 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
     // friction.
-    const truth::OwnedLog log = record({{"coulomb", 2, {{"level", 0.003}}}}, 81, MK_PLANT_PENDUBOT);
+    const truth::OwnedLog log =
+        truth::usual_log(MK_PLANT_PENDUBOT, {{"coulomb", 2, {{"level", 0.003}}}}, 81);
     mk_model m;
     mk_record rows;
     mk_model_default(MK_PLANT_PENDUBOT, &m);

@@ -441,6 +441,22 @@ OwnedLog as_log(const Log &made, const Rig &rig, const Recording &how)
     return owned;
 }
 
+OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, uint64_t seed)
+{
+    Rig rig;
+    Recording how;
+    mk_model m;
+    mk_model_default(kind, &m);
+    rig.kind = mk_plant(kind)->name;
+    rig.p.assign(m.parameter, m.parameter + mk_plant(kind)->parameter_count);
+    rig.effects = effects;
+    how.rate = 250.0;
+    how.seconds = 4.0;
+    how.input = seed % 2 ? "multisine" : "chirp";
+    how.seed = seed;
+    return as_log(record(rig, how), rig, how);
+}
+
 Case make_case(const Wish &wish)
 {
     Draw draw(wish.seed);
