@@ -77,7 +77,7 @@ struct mk_parameter_info {
     const char *name; /* "p1", or an effect's "width" */
     const char *unit; /* SI text; "" for none. Command units divide torques by u_to_torque. */
     const char *help; /* one line: what it is physically */
-    double min, max;  /* physical range, inclusive; effects: at most MK_PARAMETER_MOST */
+    double min, max;  /* physical range, inclusive; +-MK_PARAMETER_MOST where open */
     double initial;   /* a usual value (effects: where a search starts; plants: Meesters') */
 #ifdef __cplusplus
     enum mk_parameter_fit fit = MK_FIT_FREE;

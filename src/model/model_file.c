@@ -69,10 +69,10 @@ static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
     enum mk_status st = get_number(r, e, out);
     if (st != MK_OK)
         return st;
-    if (fabs(*out) > MK_PARAMETER_MOST)
-        return too_large(r, e, p->help);
     if (*out >= p->min && *out <= p->max)
         return MK_OK;
+    if (p->max >= MK_PARAMETER_MOST && fabs(*out) > MK_PARAMETER_MOST)
+        return too_large(r, e, p->help);
     if (p->max >= MK_PARAMETER_MOST)
         return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
                            "%s = %s: must be at least %g (%s)", e->key, e->value, p->min, p->help);

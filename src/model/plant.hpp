@@ -111,7 +111,7 @@ struct Plant {
 
 // A constant of the rows.
 constexpr double PLANT_PI = 3.14159265358979323846;
-constexpr double PLANT_INF = HUGE_VAL;
+constexpr double PLANT_INF = MK_PARAMETER_MOST;
 constexpr double PLANT_TINY = 1e-12; // "positive": an inertia of zero makes no mass matrix
 // Safety limits of a joint. A driven link carries the cable of the encoder behind it; a free link
 // has a slip ring or no cable at all. A wheel at full command ends where friction or voltage holds

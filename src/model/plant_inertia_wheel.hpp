@@ -20,7 +20,7 @@ struct InertiaWheel : Plant {
         i.joints = 1;
         i.joint_is_wheel[0] = true;
         i.joint_motion[0] = MK_JOINT_EITHER;
-        i.joint_travel[0] = PLANT_INF;
+        i.joint_travel[0] = HUGE_VAL;
         i.joint_speed[0] = PLANT_WHEEL_SPEED;
         i.parameter_count = 3;
         i.parameter[0] = {"p1",       "kg m^2",  "inertia J of wheel and shaft",

@@ -23,7 +23,7 @@ struct ReactionWheel : Plant {
         i.joint_is_wheel[1] = true;
         i.joints_parallel = true;
         i.joint_travel[0] = PLANT_FREE_TRAVEL;
-        i.joint_travel[1] = PLANT_INF;
+        i.joint_travel[1] = HUGE_VAL;
         i.joint_speed[0] = PLANT_LINK_SPEED;
         i.joint_speed[1] = PLANT_WHEEL_SPEED;
         i.lean[0] = 1.0;
