@@ -199,9 +199,10 @@ struct mk_origin {
 struct mk_explanation {
     enum mk_verdict verdict;
     int cause_count;
-    struct mk_cause cause[MK_MAX_CAUSES]; /* most important first, pieces last; for "unknown": what
-                                             the structure consists of */
-    int piece_count;                      /* of the causes */
+    /* First the one without which held-out data are predicted worst, pieces last; for "unknown":
+     * what the structure consists of. */
+    struct mk_cause cause[MK_MAX_CAUSES];
+    int piece_count; /* of the causes */
     /* What differs from log to log, found before any cause: causes too, each with a spread. The
      * refitted model has one value for all logs, that is none; `extended` has them. */
     int log_value_count;
