@@ -82,10 +82,10 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     double all = 0.0, squares = 0.0, windows = 0.0;
     const size_t count = std::min(with.window.size(), without.window.size());
     // A window in which next to nothing is missed, of what is usual, says next to nothing.
-    double usual = 0.0;
+    double missed = 0.0, judged_windows = 0.0;
     for (size_t w = 0; w < count; w++)
-        usual += without.window[w] / (double)count;
-    const double little = LITTLE * usual;
+        missed += without.window[w], judged_windows += without.window[w] > 0.0;
+    const double little = LITTLE * missed / std::max(judged_windows, 1.0);
     std::vector<std::vector<double>> ratios; // by fold and window
     for (size_t first = 0; first < count;) {
         const int fold = with.log[first];
