@@ -392,6 +392,20 @@ START_TEST(columns_of_nothing_and_infinite_values_are_named)
 }
 END_TEST
 
+// A first look takes 8000 rows: of the last log those that are left of them, however few.
+START_TEST(logs_of_any_length_together_are_enough)
+{
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    const Log first = record(m, {1.5, 7.996, 1000}), second = record(m, {1.2, 4, 1000});
+    ck_assert_uint_eq(first->rows, 7997);
+    const mk_log *logs[] = {first.get(), second.get()};
+    const Result r = std::make_unique<mk_ident_result>();
+    mk_error err = {};
+    ck_assert_msg(mk_identify(&m, logs, 2, nullptr, r.get(), &err) == MK_OK, "%s", err.message);
+}
+END_TEST
+
 START_TEST(ten_rows_are_refused_and_forty_do_not_crash)
 {
     mk_model m = rig(MK_PLANT_PENDUBOT);
@@ -682,6 +696,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, a_stuck_joint_is_named);
     tcase_add_test(c, rows_without_readings_are_bridged_or_left_out);
     tcase_add_test(c, columns_of_nothing_and_infinite_values_are_named);
+    tcase_add_test(c, logs_of_any_length_together_are_enough);
     tcase_add_test(c, ten_rows_are_refused_and_forty_do_not_crash);
     tcase_add_test(c, time_in_milliseconds_is_refused);
     tcase_add_test(c, output_error_does_not_take_a_wrong_zero_for_noise);

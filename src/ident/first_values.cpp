@@ -87,6 +87,19 @@ bool mend(mk_model &model)
     return mk_model_check(&model, nullptr) == MK_OK;
 }
 
+// Whether a record has readings of every joint, and not just a few.
+bool says_something(const mk_record &record, int joints)
+{
+    for (int j = 0; j < joints; j++) {
+        const double *q = record.q[j];
+        const auto readings =
+            std::count_if(q, q + record.rows, [](double angle) { return !std::isnan(angle); });
+        if ((size_t)readings < Piece::FEWEST_ROWS)
+            return false;
+    }
+    return true;
+}
+
 // What a linear method finds on the beginning of the data. Effects keep their values.
 bool linear(const IdentProblem &whole, const IdentMethod &method, double cutoff_hz, mk_model &out)
 {
@@ -99,6 +112,8 @@ bool linear(const IdentProblem &whole, const IdentMethod &method, double cutoff_
         mk_record record = whole.records[i];
         record.rows = std::min(record.rows, MOST_ROWS - rows);
         rows += record.rows;
+        if (!says_something(record, mk_model_joints(&whole.model)))
+            continue; // the few rows of it that are left
         problem.records.push_back(record);
         problem.logs.push_back(whole.logs[i]);
     }
