@@ -32,6 +32,9 @@ mk::HeldOutFigures figures(const std::vector<double> &error, double unrest = 0.0
     return f;
 }
 
+// Log likelihood that a cause gains: more than by chance; and more than can be doubted.
+constexpr double LIKELY = 10.0, WITHOUT_DOUBT = 100.0;
+
 mk::Carried compared(const std::vector<double> &with, const std::vector<double> &without)
 {
     const mk::HeldOutFigures less = figures(without);
@@ -47,7 +50,7 @@ START_TEST(a_cause_that_helps_in_every_fold_carries_over)
     ck_assert_int_eq(c.better, 4);
     ck_assert_double_eq_tol(c.share, 1.0 - (0.5 + 0.6 + 0.55 + 0.5) / 4.0, 1e-9);
     ck_assert(mk::carry_over::promising(c));
-    ck_assert(mk::carry_over::enough(c, 1));
+    ck_assert(mk::carry_over::enough(c, 1, LIKELY));
     ck_assert_double_gt(c.inclusion, 0.99);
 }
 END_TEST
@@ -57,7 +60,7 @@ START_TEST(what_helps_one_fold_and_hurts_the_others_does_not)
     const mk::Carried c = compared({0.01, 1.2, 1.3, 1.2}, {1.0, 1.0, 1.0, 1.0});
     ck_assert_double_lt(c.mean, 0.0); // in the mean it looks well
     ck_assert(!mk::carry_over::promising(c));
-    ck_assert(!mk::carry_over::enough(c, 1));
+    ck_assert(!mk::carry_over::enough(c, 1, LIKELY));
 }
 END_TEST
 
@@ -67,7 +70,7 @@ START_TEST(a_cause_that_does_not_show_in_some_folds_is_not_worse_there)
     const mk::Carried c = compared({0.01, 2e-3, 0.02, 2e-3}, {1.0, 1e-3, 1.0, 1e-3});
     ck_assert_int_eq(c.better, 2);
     ck_assert_int_eq(c.worse, 0);
-    ck_assert(mk::carry_over::enough(c, 4));
+    ck_assert(mk::carry_over::enough(c, 4, LIKELY));
 }
 END_TEST
 
@@ -83,8 +86,8 @@ START_TEST(the_more_models_were_asked_the_surer_one_must_be)
 {
     const mk::Carried c = compared({0.5, 0.7, 0.5, 0.65, 0.5, 0.6, 1.1, 0.55},
                                    {1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0});
-    ck_assert(mk::carry_over::enough(c, 1));
-    ck_assert(!mk::carry_over::enough(c, 1000));
+    ck_assert(mk::carry_over::enough(c, 1, LIKELY));
+    ck_assert(!mk::carry_over::enough(c, 1000, LIKELY));
 }
 END_TEST
 
@@ -93,9 +96,27 @@ START_TEST(what_is_better_in_every_fold_is_sure_though_folds_differ_in_how_much)
 {
     const mk::Carried c = compared({0.1, 0.4, 0.02, 0.5}, {1.0, 1.0, 1.0, 1.0});
     ck_assert_double_gt(c.mean, -4.0 * c.error);
-    ck_assert(mk::carry_over::enough(c, 4));
+    ck_assert(mk::carry_over::enough(c, 4, LIKELY));
     const mk::Carried one_worse = compared({0.1, 1.1, 0.02, 0.5}, {1.0, 1.0, 1.0, 1.0});
-    ck_assert(!mk::carry_over::enough(one_worse, 4));
+    ck_assert(!mk::carry_over::enough(one_worse, 4, LIKELY));
+}
+END_TEST
+
+// A log that is not of one kind with the others may be as it was without the cause.
+START_TEST(one_fold_of_four_has_no_veto_where_the_likelihood_leaves_no_doubt)
+{
+    const mk::Carried c = compared({0.6, 0.25, 1.1, 0.7}, {1.0, 1.0, 1.0, 1.0});
+    ck_assert(!mk::carry_over::enough(c, 2, LIKELY));
+    ck_assert(mk::carry_over::enough(c, 2, WITHOUT_DOUBT));
+    const mk::Carried two = compared({0.3, 0.25, 1.1, 1.1}, {1.0, 1.0, 1.0, 1.0});
+    ck_assert(!mk::carry_over::enough(two, 2, WITHOUT_DOUBT));
+}
+END_TEST
+
+START_TEST(what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts)
+{
+    const mk::Carried c = compared({0.5, 0.6, 0.55, 0.5}, {1.0, 1.0, 1.0, 1.0});
+    ck_assert(!mk::carry_over::enough(c, 1, 1.0));
 }
 END_TEST
 
@@ -165,6 +186,8 @@ extern "C" Suite *suite_carry_over(void)
     tcase_add_test(t, a_gain_of_no_size_is_no_cause_however_sure);
     tcase_add_test(t, what_is_better_in_every_fold_is_sure_though_folds_differ_in_how_much);
     tcase_add_test(t, the_more_models_were_asked_the_surer_one_must_be);
+    tcase_add_test(t, one_fold_of_four_has_no_veto_where_the_likelihood_leaves_no_doubt);
+    tcase_add_test(t, what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts);
     tcase_add_test(t, nothing_is_to_be_closed_where_the_refitted_model_is_at_the_noise);
     tcase_add_test(t, better_in_all_logs_or_by_two_standard_errors_is_surely_better);
     tcase_add_test(t, a_part_of_a_log_knows_when_the_run_began);

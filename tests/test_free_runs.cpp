@@ -5,6 +5,7 @@
 #include "suites.h"
 
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include "mechkit/ident.h"
@@ -40,7 +41,8 @@ const truth::Effect DRAG = {"quadratic-drag", 1, {{"coefficient", 1e-3}}};
 
 } // namespace
 
-// The model lacks an air brake, so that folds differ in what they want of its parameters.
+// The model lacks an air brake, so that folds differ in what they want of its parameters. What a
+// window counts is as in the fit to all logs, so it is known to within a fifth.
 START_TEST(what_a_fit_to_the_other_logs_leaves_is_known_without_making_it)
 {
     const Runs runs({DRAG});
@@ -69,7 +71,7 @@ START_TEST(what_a_fit_to_the_other_logs_leaves_is_known_without_making_it)
             said += left_out.log[w] == (int)f ? left_out.part[0][w] : 0.0;
         double counts = all.relative(0, mk_model_count(&runs.model, 0));
         made *= counts * counts;
-        ck_assert_msg(std::fabs(said - made) < 0.05 * made, "fold %zu: %g said, %g made", f, said,
+        ck_assert_msg(std::fabs(said - made) < 0.2 * made, "fold %zu: %g said, %g made", f, said,
                       made);
     }
 }
@@ -118,6 +120,55 @@ START_TEST(what_errors_say_of_a_model_does_not_depend_on_what_was_usual)
     const mk::FitPicture after = all.information(near, picture);
     ck_assert_double_eq_tol(before.evidence, after.evidence, 1e-9 * std::fabs(before.evidence));
     ck_assert_double_lt(all.cost(near, picture), 0.9 * near.cost); // while the cost does
+}
+END_TEST
+
+// Somebody touches the rig: free runs from there are far off, whatever the model.
+START_TEST(a_window_that_nobody_predicts_does_not_decide)
+{
+    constexpr double KICK = 0.5; // rad, for a tenth of a second
+    Runs runs({});
+    double inertia[2];
+    for (const bool kicked : {false, true}) {
+        mk_log &log = *runs.logs[1];
+        for (size_t c = 0; c < log.column_count && kicked; c++)
+            for (size_t k = log.rows / 2; k < log.rows / 2 + log.rows / 40; k++)
+                if (std::strcmp(log.columns[c].name, "q1") == 0)
+                    log.columns[c].data[k] += KICK;
+        const mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
+        mk::RunPoint point = all.start(runs.model);
+        mk::RunPicture picture;
+        ck_assert(all.settle(point, mk::fitted_parameters(runs.model), 1, picture));
+        inertia[kicked] = point.model.parameter[0];
+    }
+    ck_assert_msg(std::fabs(inertia[1] / inertia[0] - 1.0) < 0.01, "inertia %g, with a kick %g",
+                  inertia[0], inertia[1]);
+}
+END_TEST
+
+// Parameters are far off at first, and with them the states that runs start from.
+START_TEST(a_settled_fit_gains_nothing_from_states_that_are_found_anew)
+{
+    std::vector<truth::OwnedLog> logs;
+    std::vector<std::vector<const mk_log *>> folds;
+    for (size_t i = 0; i < LOGS; i++) {
+        logs.push_back(
+            truth::usual_log(MK_PLANT_PENDUBOT, {{"coulomb", 2, {{"level", 0.003}}}}, 61 + i));
+        folds.push_back({logs.back().get()});
+    }
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    const std::vector<int> free = mk::fitted_parameters(m);
+    mk::FreeRuns all(folds, m, WINDOW, 1);
+    for (int i = 0; i < mk_plant(MK_PLANT_PENDUBOT)->parameter_count; i++)
+        m.parameter[i] *= i % 2 ? 1.3 : 0.7;
+    mk::RunPoint point = all.start(m);
+    all.take_scale(point);
+    mk::RunPicture picture, there;
+    ck_assert(all.settle(point, free, 1, picture));
+    mk::RunPoint anew = all.start(point.model);
+    ck_assert(all.minimise(anew, free, 20, 1, there));
+    ck_assert_double_gt(anew.cost, point.cost - 1.0);
 }
 END_TEST
 
@@ -200,6 +251,8 @@ extern "C" Suite *suite_free_runs(void)
     tcase_add_test(t, what_a_fit_to_the_other_logs_leaves_is_known_without_making_it);
     tcase_add_test(t, the_law_that_is_missing_is_what_the_left_out_logs_ask_for);
     tcase_add_test(t, what_errors_say_of_a_model_does_not_depend_on_what_was_usual);
+    tcase_add_test(t, a_window_that_nobody_predicts_does_not_decide);
+    tcase_add_test(t, a_settled_fit_gains_nothing_from_states_that_are_found_anew);
     tcase_add_test(t, a_value_of_a_logs_own_comes_from_its_first_half);
     tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
     suite_add_tcase(s, t);

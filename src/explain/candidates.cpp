@@ -122,7 +122,7 @@ Starts cable_stiffness(const Setting &s)
 Starts cable_hysteresis(const Setting &s)
 {
     Starts all;
-    for (double turn : {0.03, 0.1, 0.4}) {
+    for (double turn : {0.03, 0.1, 0.3, 1.0}) {
         const double yield = turn * s.size();
         if (!s.wheel() && s.speed() / yield < TOO_FAST)
             all.push_back({2.0 * small(s) / yield, yield});

@@ -19,6 +19,8 @@ constexpr double LEAST_SHARE = 0.05;  // of the gap, or
 constexpr double LEAST_OF_REST = 0.1; // of what is left of it
 constexpr double LITTLE = 0.1;        // of the usual squared error of a window
 constexpr double WORSE = 0.02;        // mean log ratio of a fold that is not as good
+constexpr double HONEST = 5.0;        // log likelihood of independent errors, at least
+constexpr double STRONG = 50.0;       // that leaves no doubt
 
 } // namespace
 
@@ -30,6 +32,7 @@ Folds::Folds(const TrainingData &data, double window_s)
     std::set<int> sources;
     for (const FitLog &log : data.logs)
         sources.insert(log.source);
+    of_logs = sources.size();
     const bool by_log = sources.size() >= FEWEST;
     const size_t wanted = by_log ? 1 : (USUAL_FOLDS + data.rows.size() - 1) / data.rows.size();
     for (size_t i = 0; i < data.rows.size(); i++) {
@@ -75,25 +78,34 @@ static double inclusion_of(const std::vector<std::vector<double>> &ratios)
     return (double)chosen / RESAMPLES;
 }
 
+std::vector<double> carry_over::log_ratios(const HeldOutFigures &with,
+                                           const HeldOutFigures &without)
+{
+    const size_t count = std::min(with.window.size(), without.window.size());
+    double missed = 0.0, judged = 0.0;
+    for (size_t w = 0; w < count; w++)
+        missed += without.window[w], judged += without.window[w] > 0.0;
+    const double little = LITTLE * missed / std::max(judged, 1.0);
+    std::vector<double> ratios(count, std::nan(""));
+    for (size_t w = 0; w < count; w++)
+        if (with.window[w] > 0.0 && without.window[w] > 0.0)
+            ratios[w] = std::log((with.window[w] + little) / (without.window[w] + little));
+    return ratios;
+}
+
 Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &without,
                             const HeldOutFigures &refit, const double *floor, int joints)
 {
     Carried c;
     double all = 0.0, squares = 0.0, windows = 0.0;
-    const size_t count = std::min(with.window.size(), without.window.size());
-    // A window in which next to nothing is missed, of what is usual, says next to nothing.
-    double missed = 0.0, judged_windows = 0.0;
-    for (size_t w = 0; w < count; w++)
-        missed += without.window[w], judged_windows += without.window[w] > 0.0;
-    const double little = LITTLE * missed / std::max(judged_windows, 1.0);
+    const std::vector<double> window_ratios = log_ratios(with, without);
     std::vector<std::vector<double>> ratios; // by fold and window
-    for (size_t first = 0; first < count;) {
+    for (size_t first = 0; first < window_ratios.size();) {
         const int fold = with.log[first];
         std::vector<double> ratio;
-        for (; first < count && with.log[first] == fold; first++)
-            if (with.window[first] > 0.0 && without.window[first] > 0.0)
-                ratio.push_back(
-                    std::log((with.window[first] + little) / (without.window[first] + little)));
+        for (; first < window_ratios.size() && with.log[first] == fold; first++)
+            if (!std::isnan(window_ratios[first]))
+                ratio.push_back(window_ratios[first]);
         for (double r : ratio)
             all += r, squares += r * r, windows += 1.0;
         if (!ratio.empty()) {
@@ -146,17 +158,25 @@ bool carry_over::promising(const Carried &c)
     return c.folds >= 2 && c.mean < -c.error && c.better > c.worse && closes(c);
 }
 
-bool carry_over::enough(const Carried &c, int tried)
+bool carry_over::enough(const Carried &c, int tried, double gain)
 {
+    if (gain < HONEST || !promising(c))
+        return false;
     // Of many models that change nothing one passes by chance: 2 ln(n) is the square of the largest
     // of n normal deviates, about.
     const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
     // The same quantile of Student's distribution, the error being one of few folds.
     const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
-    // Where no fold is worse the scatter among folds is that of how much is gained, not of
-    // whether: windows say what chance would do.
+    // Where no fold is worse the scatter among folds is that of how much is gained, not of whether:
+    // windows say what chance would do. Where moreover the likelihood leaves no doubt it is all in
+    // some of the windows, and the others say nothing: a limit that is seldom met. With such a
+    // likelihood a fold may be worse as well, if most are better and windows say so.
     const bool none_worse = c.worse == 0 && c.folds >= (int)Folds::FEWEST;
-    return promising(c) && c.mean < -(none_worse ? z * c.window_error : t * c.error);
+    const bool most_better = c.better > 2 * c.worse && c.folds >= (int)Folds::FEWEST;
+    if (gain > STRONG && none_worse && 2 * c.better > c.folds)
+        return true;
+    const bool by_windows = none_worse || (gain > STRONG && most_better);
+    return c.mean < -(by_windows ? z * c.window_error : t * c.error);
 }
 
 } // namespace mk

@@ -34,23 +34,30 @@ class Folds
     // `data` must outlive it. Windows of prediction of `window_s` fit into every block.
     Folds(const TrainingData &data, double window_s);
     bool enough() const { return logs.size() >= FEWEST; }
+    // How many logs they are of.
+    size_t sources() const { return of_logs; }
     // The logs of every fold; they live as long as this.
     const std::vector<std::vector<const mk_log *>> &by_fold() const { return logs; }
 
   private:
     std::vector<OwnedLog> made;
     std::vector<std::vector<const mk_log *>> logs;
+    size_t of_logs = 0;
 };
 
 namespace carry_over
 {
 
+// By window the logarithm of the squared error `with` over that `without`; NaN where one of them is
+// not judged. A window in which next to nothing is missed, of what is usual, says next to nothing.
+std::vector<double> log_ratios(const HeldOutFigures &with, const HeldOutFigures &without);
 // `floor`: what noise leaves of each joint's nrmse, `refit`: of the refitted model.
 Carried compare(const HeldOutFigures &with, const HeldOutFigures &without,
                 const HeldOutFigures &refit, const double *floor, int joints);
-// Whether that is enough to go on from, and to be claimed where `tried` models were asked.
+// Whether that is enough to go on from, and to be claimed where `tried` models were asked and the
+// log likelihood of independent errors is better by `gain`.
 bool promising(const Carried &carried);
-bool enough(const Carried &carried, int tried);
+bool enough(const Carried &carried, int tried, double gain);
 
 } // namespace carry_over
 

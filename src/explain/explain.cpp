@@ -145,10 +145,19 @@ class Explainer
             values = values.found.empty()
                          ? find_log_values(model, learn, out.window_s, *search, refit)
                          : with_log_values(model, values.found, *search, refit);
-        const Hypothesis plain = refit;
+        if (!values.found.empty() || out.input.changed)
+            st = ask_causes_first(learn, held, so, given, refit, err);
+        if (st != MK_OK)
+            return st;
+        plain = refit;
         search_beside_values(so);
-        if (drop_log_values(so, plain))
+        begun.reset();
+        if (drop_log_values(so))
             search_beside_values(so);
+        if (causes_first && !search->cancelled)
+            st = ask_input_again(learn, held, so, refit, err);
+        if (st != MK_OK)
+            return st;
         out.tried = causes->tried();
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
@@ -197,6 +206,7 @@ class Explainer
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with lost counts put back
     std::unique_ptr<Search> search;
+    Hypothesis plain; // the refitted model without values per log
     LogValues values;
     LostCounts lost;
     std::unique_ptr<CauseSearch> causes;
@@ -204,6 +214,8 @@ class Explainer
     std::unique_ptr<FreeRuns> free_runs; // over the same data
     std::unique_ptr<FreeRuns> all_runs;  // over all to learn from
     bool by_predictions = false;         // have causes been found
+    bool causes_first = false;           // they say more than what is asked before them
+    std::unique_ptr<PredictionSearch> begun, decided; // over free_runs, over all_runs
 
     // The data as the model's column drives them, and the fit to them that all else starts from.
     enum mk_status load_and_fit(const LogList &logs, const LogList &holdouts, SearchOptions &so,
@@ -219,11 +231,92 @@ class Explainer
             return st;
         for (const FitLog &log : data.logs)
             training.push_back(&log);
+        folds = std::make_unique<Folds>(data, out.window_s);
         refit = {};
         if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training), refit))
             return MK_OK;
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                             "the model cannot follow the data: are rig, units and signs right?");
+    }
+    // Values per log and the column come before all causes, because causes would be sought in the
+    // place of what they miss. Where a single cause says more than both together it is they that
+    // stand in for it: then it comes first, and they are asked beside it.
+    enum mk_status ask_causes_first(const LogList &logs, const LogList &holdouts, SearchOptions &so,
+                                    const mk_model &given, Hypothesis &refit, mk_error *err)
+    {
+        if (!folds->enough() || CauseSearch::likelihood_counts(values.fit) ||
+            mk_model_hides_joint(&given))
+            return MK_OK;
+        clock.enter("predictions");
+        const double with_them = surprise_of(values.fit.point.model);
+        const mk_model taken = model, taken_start = start;
+        const mk_input_comparison input = out.input;
+        const std::vector<LogValue> found = values.found;
+        enum mk_status st = MK_OK;
+        if (input.changed) {
+            model = start = given;
+            out.input = {};
+            st = load_and_fit(logs, holdouts, so, refit, err);
+        }
+        if (st != MK_OK)
+            return st;
+        begun = predictions_of(refit.point.model);
+        if (begun->start() && begun->add_one() && begun->surprise() < with_them) {
+            values = {model, refit, {}};
+            causes_first = true;
+            return MK_OK;
+        }
+        begun.reset();
+        if (!input.changed)
+            return MK_OK;
+        model = taken;
+        start = taken_start;
+        out.input = input;
+        st = load_and_fit(logs, holdouts, so, refit, err);
+        if (st == MK_OK)
+            values = with_log_values(model, found, *search, refit);
+        return st;
+    }
+    // The column once more, beside causes that came before it.
+    enum mk_status ask_input_again(const LogList &logs, const LogList &holdouts, SearchOptions &so,
+                                   Hypothesis &refit, mk_error *err)
+    {
+        if (!by_predictions || causes->rounds.empty())
+            return MK_OK;
+        clock.enter("column of the command");
+        const std::vector<LogValue> found = values.found;
+        const mk_model own = values.model;
+        values.model = causes->best.point.model;
+        enum mk_status st = choose_input(logs, holdouts, err);
+        values.model = own;
+        if (st != MK_OK || !out.input.changed)
+            return st;
+        const std::unique_ptr<PredictionSearch> before = std::move(decided);
+        const std::unique_ptr<Search> their_search = std::move(search);
+        st = load_and_fit(logs, holdouts, so, refit, err);
+        if (st != MK_OK)
+            return st;
+        plain = refit;
+        values = found.empty() ? LogValues{model, refit, {}}
+                               : with_log_values(model, found, *search, refit);
+        clock.enter("predictions");
+        begun = predictions_of(values.fit.point.model);
+        if (!begun->take(*before))
+            begun.reset();
+        search_beside_values(so);
+        begun.reset();
+        return MK_OK;
+    }
+    std::unique_ptr<PredictionSearch> predictions_of(const mk_model &base)
+    {
+        free_runs =
+            std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s, options.threads);
+        return std::make_unique<PredictionSearch>(*search, *free_runs, base);
+    }
+    double surprise_of(const mk_model &base)
+    {
+        const std::unique_ptr<PredictionSearch> fitted = predictions_of(base);
+        return fitted->start() ? fitted->surprise() : HUGE_VAL;
     }
     // The column that drives the model comes before all causes: what the wrong one misses would be
     // sought in the rig. What differs from log to log hides which one is right, so it is in the
@@ -282,10 +375,9 @@ class Explainer
         Hypothesis refit = values.fit;
         clock.enter("missed counts");
         data.second_half = !values.found.empty();
-        folds = std::make_unique<Folds>(data, out.window_s);
         // Of long logs windows are searched: there a search by likelihood takes long to fail.
         std::unique_ptr<PredictionSearch> prediction;
-        if (!data.whole.empty())
+        if (!data.whole.empty() || begun)
             prediction = search_predictions(refit);
         clock.enter("missed counts");
         // Times the noise: of long logs no single law explains all where several together are still
@@ -350,20 +442,52 @@ class Explainer
         if (!carried->take_over(*found))
             return false;
         causes = std::move(carried);
+        decided = std::move(found);
         return true;
     }
     // What improves predictions, where the refitted model is so far from its data that likelihood
     // does not say what is missing. NULL: it does, or the data are too few to leave some out.
-    std::unique_ptr<PredictionSearch> search_predictions(const Hypothesis &refit)
+    std::unique_ptr<PredictionSearch> search_predictions(Hypothesis &refit)
     {
         if (!folds->enough() || CauseSearch::likelihood_counts(refit) ||
             mk_model_hides_joint(&refit.point.model))
             return nullptr;
         clock.enter("predictions");
-        free_runs =
-            std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s, options.threads);
-        auto found = std::make_unique<PredictionSearch>(*search, *free_runs, refit.point.model);
-        return found->run() ? std::move(found) : nullptr;
+        const bool has_begun = begun != nullptr;
+        std::unique_ptr<PredictionSearch> found =
+            has_begun ? std::move(begun) : predictions_of(refit.point.model);
+        if (!(has_begun ? found->go_on() : found->run()))
+            return nullptr;
+        ask_values_again(found, refit);
+        return found;
+    }
+    // Whether logs have values of their own was asked when no cause was known, and what the model
+    // lacked could hide it or stand in for it: again beside the causes.
+    void ask_values_again(std::unique_ptr<PredictionSearch> &found, Hypothesis &refit)
+    {
+        if (found->causes.empty() || folds->sources() < 2)
+            return;
+        const bool had = !values.found.empty();
+        std::vector<LogValue> usual = usual_log_values(model);
+        LogValues other =
+            had ? LogValues{model, plain, {}} : with_log_values(model, usual, *search, plain);
+        if (!had && other.found.empty())
+            return;
+        auto beside =
+            std::make_unique<PredictionSearch>(*search, *free_runs, other.fit.point.model);
+        if (!beside->take(*found))
+            return;
+        const PredictionSearch &with = had ? *found : *beside, &less = had ? *beside : *found;
+        double gain;
+        const Carried carried = with.against(less, gain);
+        if (carry_over::enough(carried, 1, gain) == had)
+            return;
+        for (LogValue &v : other.found)
+            v.gain = gain;
+        values = std::move(other);
+        refit = values.fit;
+        data.second_half = !values.found.empty();
+        found = std::move(beside);
     }
     // Where windows of longer logs were searched: once more over all of them. What remembers the
     // past is known better there.
@@ -389,7 +513,7 @@ class Explainer
     // What differs from log to log is looked for before the causes, and can then stand in for a
     // part of one. With the causes in the model it no longer differs, and the search is to be
     // repeated without it. True if so.
-    bool drop_log_values(SearchOptions &so, const Hypothesis &plain)
+    bool drop_log_values(SearchOptions &so)
     {
         if (values.found.empty() || search->cancelled || !causes->follows(causes->best))
             return false;

@@ -219,6 +219,16 @@ LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &fo
     return out;
 }
 
+std::vector<LogValue> usual_log_values(const mk_model &model)
+{
+    std::vector<LogValue> all;
+    for (const Group &group : groups)
+        if (group.hanging_joints)
+            for (const Candidate &c : members(group, model))
+                all.push_back({c.effect, c.joint, c.size, 0.0, c.spread});
+    return all;
+}
+
 // Where dry friction F holds a joint against gravity's stiffness K about its rest: F / K.
 static double held_off(const mk_model &m, int joint)
 {

@@ -50,6 +50,9 @@ std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesi
 LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &found, Search &search,
                           const Hypothesis &refit);
 
+// What usually differs from log to log in such a rig: the zeros of joints that hang.
+std::vector<LogValue> usual_log_values(const mk_model &model);
+
 // Describes what was found, log by log, and how far friction holds each joint off.
 void describe_log_values(const LogValues &values, const Hypothesis &best,
                          const std::vector<const FitLog *> &training, int threads,

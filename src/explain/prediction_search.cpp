@@ -18,8 +18,7 @@ constexpr size_t FINALISTS = 6; // of a round, fitted in full
 constexpr double DONE = 0.6;    // of a search, as far as anybody can tell
 constexpr const char *ASKING = "asking what predicts";
 constexpr size_t RIVALS = 2;
-constexpr double HONEST = 5.0;     // log likelihood of independent errors that a cause gains,
-constexpr double BETTER = 3.0;     // and another one in its place
+constexpr double BETTER = 3.0;     // log likelihood, of one cause in another's place
 constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
 constexpr int FULL_ITERATIONS = 8, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
 
@@ -90,6 +89,29 @@ Carried PredictionSearch::compare(const RunFit &with, const RunFit &less) const
                                floor, mk_model_joints(&base));
 }
 
+// `model`: the best one and this cause, last. A shape says little before the size is about right:
+// it is held until then.
+bool PredictionSearch::fit_added(const mk_model &model, const Candidate &cause, int iterations,
+                                 RunFit &out) const
+{
+    RunPoint from = best.point;
+    mk_model begun = model;
+    if (cause.shape >= 0) {
+        std::vector<int> free = fitted_parameters(model);
+        const int held =
+            mk_model_parameter_count(&model) - cause.effect->parameter_count + cause.shape;
+        free.erase(std::remove(free.begin(), free.end(), held), free.end());
+        RunPicture picture;
+        picture.stride = out.picture.stride;
+        RunPoint sized = runs.adopt(best.point, model, 1);
+        if (runs.minimise(sized, free, iterations, 1, picture)) {
+            begun = sized.model;
+            from = std::move(sized);
+        }
+    }
+    return fit(from, begun, iterations, 1, out);
+}
+
 double PredictionSearch::times_noise() const
 {
     double sum = 0.0, n = 0.0;
@@ -99,11 +121,11 @@ double PredictionSearch::times_noise() const
     return n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
-bool PredictionSearch::begin()
+bool PredictionSearch::start()
 {
     RunPoint from = runs.start(base);
     runs.take_scale(from);
-    if (!fit(from, base, FULL_ITERATIONS, threads, refit))
+    if (!fit(from, base, FULL_ITERATIONS, threads, refit) || !settle(refit))
         return false;
     for (int j = 0; j < mk_model_joints(&base); j++)
         floor[j] = runs.relative(j, least_scatter(search.training(), j));
@@ -112,34 +134,48 @@ bool PredictionSearch::begin()
     return true;
 }
 
-bool PredictionSearch::confirm(const PredictionSearch &found)
+bool PredictionSearch::take(const PredictionSearch &found)
 {
-    if (!begin())
+    if (!start())
         return false;
     most_tried = found.most_tried;
     suspects = found.suspects;
     if (found.causes.empty())
         return true;
-    const mk_model &m = found.best.point.model;
-    if (!fit(runs.start(m), m, FULL_ITERATIONS, threads, best))
-        return false;
-    for (const Carrier &carrier : found.causes)
-        causes.push_back({carrier.cause, {}, {}, {}});
-    if (!settle())
-        return false;
+    mk_model m = base;
+    const mk_model &theirs = found.best.point.model;
+    std::copy_n(theirs.parameter, MK_MAX_PARAMETERS, m.parameter);
+    for (size_t i = 0; i < found.causes.size(); i++) {
+        if (m.effect_count == MK_MAX_EFFECTS)
+            return false;
+        m.effect[m.effect_count++] = theirs.effect[found.own_effects + i];
+        causes.push_back({found.causes[i].cause, {}, {}, {}});
+    }
     runners_up = found.runners_up;
+    hopeless = found.hopeless;
+    return fit(runs.start(m), m, FULL_ITERATIONS, threads, best) && settle(best);
+}
+
+bool PredictionSearch::confirm(const PredictionSearch &found)
+{
+    if (!take(found))
+        return false;
     decide();
     return true;
 }
 
-bool PredictionSearch::run()
+bool PredictionSearch::go_on()
 {
-    if (!begin())
-        return false;
     while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
            add_one())
         continue;
     return exchange();
+}
+
+Carried PredictionSearch::against(const PredictionSearch &other, double &gain) const
+{
+    gain = other.score(other.best) - score(best);
+    return compare(best, other.best);
 }
 
 std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
@@ -218,6 +254,13 @@ void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
 void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out)
 {
     constexpr size_t EVERY = 3;
+    RunFit less; // knows no more of the windows than they do
+    less.point = best.point;
+    less.picture.stride = EVERY;
+    if (!runs.linearise(less.point, fitted_parameters(less.point.model), true, threads,
+                        less.picture) ||
+        !leave_out(less.picture.free, less))
+        return;
     std::vector<Asked> each(some.size());
     std::vector<char> fine(some.size(), 0);
     parallel_for(threads, some.size(), [&](size_t i) {
@@ -225,9 +268,9 @@ void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::ve
         RunFit with;
         with.picture.stride = EVERY;
         if (!with_candidate(best.point.model, some[i], model) ||
-            !fit(best.point, model, TRIAL_ITERATIONS, 1, with))
+            !fit_added(model, some[i], TRIAL_ITERATIONS, with))
             return;
-        each[i] = {some[i], compare(with, best)};
+        each[i] = {some[i], compare(with, less)};
         const mk_effect_use &use = with.point.model.effect[model.effect_count - 1];
         std::copy_n(use.value, some[i].effect->parameter_count, each[i].cause.value);
         fine[i] = 1;
@@ -284,6 +327,8 @@ bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) 
     return true;
 }
 
+constexpr double FAINT = 0.3; // standard errors that a cause must show to be fitted in full
+
 // The best start of every cause that might carry over, the best first by that order.
 template <class Order>
 static std::vector<Asked> best_starts(std::vector<Asked> asked, Order better)
@@ -291,7 +336,7 @@ static std::vector<Asked> best_starts(std::vector<Asked> asked, Order better)
     std::sort(asked.begin(), asked.end(), better);
     std::vector<Asked> some;
     for (const Asked &a : asked)
-        if (a.carried.mean < 0.0 && a.carried.judged &&
+        if (a.carried.mean < -FAINT * a.carried.error && a.carried.judged &&
             std::none_of(some.begin(), some.end(),
                          [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
             some.push_back(a);
@@ -354,7 +399,7 @@ bool PredictionSearch::add_one()
         mk_model model;
         f.cause = asked[i].cause;
         if (!with_candidate(best.point.model, f.cause, model) ||
-            !fit(best.point, model, FULL_ITERATIONS, 1, f))
+            !fit_added(model, f.cause, FULL_ITERATIONS, f))
             return;
         f.carried = compare(f, best);
         f.fine = plausible(f.point.model, f.cause);
@@ -364,8 +409,10 @@ bool PredictionSearch::add_one()
     finalists.erase(
         std::remove_if(finalists.begin(), finalists.end(), [](const RunFit &f) { return !f.fine; }),
         finalists.end());
+    // Of those that carry over the likeliest: what is left out says whether, and of few logs hardly
+    // which one rather than another.
     std::sort(finalists.begin(), finalists.end(),
-              [](const RunFit &a, const RunFit &b) { return a.carried.mean < b.carried.mean; });
+              [this](const RunFit &a, const RunFit &b) { return score(a) < score(b); });
     auto chosen = std::find_if(finalists.begin(), finalists.end(),
                                [](const RunFit &f) { return carry_over::promising(f.carried); });
     // Of two that are as likely the one with fewer parameters: it says the same with less.
@@ -386,21 +433,25 @@ bool PredictionSearch::add_one()
             runners_up.back().push_back(f.cause);
     best = std::move(*chosen);
     causes.push_back(carrier);
-    return settle();
+    return settle(best);
 }
 
-// Errors that were usual before a cause was found hide what is left: once more, in units of what
-// is usual now.
-bool PredictionSearch::settle()
+// Fits on until nothing is gained any more: a fit that is still under way makes whatever is added
+// to it look good, by the further steps. Errors that were usual before hide what is left, so each
+// round is in units of those that are usual now.
+bool PredictionSearch::settle(RunFit &at) const
 {
-    RunFit again;
-    runs.take_scale(best.point);
-    if (!fit(best.point, best.point.model, REFIT_ITERATIONS, threads, again))
-        return false;
-    again.cause = best.cause;
-    again.carried = best.carried;
-    best = std::move(again);
-    return true;
+    constexpr int MOST_ROUNDS = 3;
+    constexpr double SAME = 0.02; // of a joint's error
+    const std::vector<int> free = fitted_parameters(at.point.model);
+    double change = HUGE_VAL;
+    for (int i = 0; i < MOST_ROUNDS && change > SAME && search.tick(DONE, ASKING); i++) {
+        change = runs.take_scale(at.point);
+        at.point.cost = HUGE_VAL;
+        if (!runs.settle(at.point, free, threads, at.picture))
+            return false;
+    }
+    return leave_out(free, at);
 }
 
 // A cause was chosen while others were missing: one of those that nearly did as well then may be
@@ -437,7 +488,7 @@ bool PredictionSearch::exchange()
         causes.push_back(std::move(carrier));
         runners_up.push_back(std::move(left));
         i--;
-        if (!settle())
+        if (!settle(best))
             return false;
     }
     return true;
@@ -480,8 +531,7 @@ void PredictionSearch::decide()
                 continue;
             const Carried &c = causes[i].carried;
             const double gain = score(causes[i].without) - score(best);
-            if ((gain < HONEST || !carry_over::enough(c, (int)causes.size())) &&
-                -c.mean / c.error < least) {
+            if (!carry_over::enough(c, (int)causes.size(), gain) && -c.mean / c.error < least) {
                 least = -c.mean / c.error;
                 weakest = i;
             }
@@ -524,10 +574,22 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
                            mean_square(before, j, nullptr);
             return sum;
         };
-        const Interval sure = intervals_of(
-            with, [&](const Times &times) { return std::vector<double>{gain(&times)}; })[0];
+        const std::vector<double> ratios = carry_over::log_ratios(with, less);
+        const auto mean_ratio = [&](const Times &times) {
+            double sum = 0.0, n = 0.0;
+            for (size_t w = 0; w < std::min(times.size(), ratios.size()); w++)
+                if (!std::isnan(ratios[w]))
+                    sum += times[w] * ratios[w], n += times[w];
+            return n > 0.0 ? sum / n : 0.0;
+        };
+        const std::vector<Interval> sure = intervals_of(with, [&](const Times &times) {
+            return std::vector<double>{gain(&times), mean_ratio(times)};
+        });
+        // A few windows make up most of the squares: that it is better on the whole, and surely so
+        // in the usual window, confirms it as well.
+        const bool confirmed = sure[0].low > 0.0 || (gain(nullptr) > 0.0 && sure[1].high < 0.0);
         const Carried &c = causes[i].carried;
-        if (!(sure.low > 0.0) && -c.mean / c.error < least)
+        if (!confirmed && -c.mean / c.error < least)
             least = -c.mean / c.error, weakest = i;
     }
     return weakest;

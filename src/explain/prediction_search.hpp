@@ -45,7 +45,20 @@ class PredictionSearch
     // `base`: the refitted model, values per log included. All must outlive the search.
     PredictionSearch(Search &search, FreeRuns &runs, const mk_model &base);
     // Adds causes as long as one carries over. False where the model cannot be run over the data.
-    bool run();
+    bool run() { return start() && go_on(); }
+    // The same step by step: the base fitted, and the first cause if there is one.
+    bool start();
+    bool add_one();
+    // Takes over causes that were found beside another base, or on other data, and fits them.
+    bool take(const PredictionSearch &found);
+    // The same as run() from there.
+    bool go_on();
+    // Minus log likelihood of independent errors, with all causes and a penalty for their
+    // parameters.
+    double surprise() const { return score(best); }
+    // What leaving data out says of all that is in this model against another one's, and by how
+    // much the log likelihood of independent errors is better.
+    Carried against(const PredictionSearch &other, double &gain) const;
     // Keeps those that carry over beside all others.
     void decide();
     // Keeps those of them that data which did not choose them confirm, and has their rivals in
@@ -79,9 +92,10 @@ class PredictionSearch
     std::vector<Candidate> all;      // that could be added to the base
     std::vector<Candidate> hopeless; // starts that made predictions worse
 
-    bool begin();
     bool fit(const RunPoint &from, const mk_model &model, int iterations, int threads,
              RunFit &out) const; // `out.picture.stride` windows apart
+    bool fit_added(const mk_model &model, const Candidate &cause, int iterations,
+                   RunFit &out) const;
     bool leave_out(const std::vector<int> &wanted, RunFit &fit) const;
     Carried compare(const RunFit &with, const RunFit &without) const;
     void screen_linear(const std::vector<Candidate> &some, std::vector<Asked> &out) const;
@@ -91,8 +105,7 @@ class PredictionSearch
     bool plausible(const mk_model &model, const Candidate &cause) const;
     double score(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
-    bool add_one();
-    bool settle();
+    bool settle(RunFit &at) const;
     bool exchange();
     mk_model without(size_t cause) const;
     void face_rivals();

@@ -197,20 +197,22 @@ RunPoint FreeRuns::start(const mk_model &model) const
     RunPoint point;
     point.model = model;
     point.own.assign(folds, VectorXd::Zero((long)own_parameters(model).size()));
-    point.x.assign(windows.size(), VectorXd::Zero(mk_model_state_count(&model)));
-    recall(point, threads);
+    find_states(point, threads);
+    return point;
+}
+
+// Start states fitted to the readings of every window, with the point's own values.
+void FreeRuns::find_states(RunPoint &point, int threads_now) const
+{
+    point.x.assign(windows.size(), VectorXd::Zero(mk_model_state_count(&point.model)));
+    recall(point, threads_now);
     const std::vector<mk_model> models = models_of(point);
-    parallel_for(threads, logs.size(), [&](size_t l) {
+    parallel_for(threads_now, logs.size(), [&](size_t l) {
         const Finder finder = finder_of(point, models[(size_t)logs[l].fold], l);
         std::vector<size_t> mine;
         for (size_t w = 0; w < windows.size(); w++)
-            if (windows[w].log == (int)l &&
-                mk_record_state_at(&logs[l].record, finder->model, 0, windows[w].last,
-                                   windows[w].first, 0, point.x[w].data(), nullptr) == MK_OK)
+            if (windows[w].log == (int)l && first_state(*finder, point, w, point.x[w]))
                 mine.push_back(w);
-        for (size_t w : mine)
-            if (!point.z.empty())
-                point.x[w].tail(point.z[w].size()) = point.z[w];
         by_chunks(mine.size(), [&](size_t first, size_t last) {
             std::vector<WindowFit> fits;
             std::vector<VectorXd> x;
@@ -223,7 +225,6 @@ RunPoint FreeRuns::start(const mk_model &model) const
                 point.x[mine[i]] = x[i - first];
         });
     });
-    return point;
 }
 
 RunPoint FreeRuns::adopt(const RunPoint &from, const mk_model &model, int threads_now) const
@@ -266,11 +267,28 @@ bool FreeRuns::off_its_best(const WindowQuadratic &q) const
     return !q.finite || before > (1.0 + A_LITTLE) * after;
 }
 
-// Windows [first, last) of one log.
+// Where a search for a window's start state begins: what its readings and the past say. False where
+// they say nothing.
+bool FreeRuns::first_state(const mk_start_finder &finder, const RunPoint &point, size_t window,
+                           VectorXd &x) const
+{
+    const Window &w = windows[window];
+    if (mk_record_state_at(&logs[(size_t)w.log].record, finder.model, 0, w.last, w.first, 0,
+                           x.data(), nullptr) != MK_OK)
+        return false;
+    if (!point.z.empty())
+        x.tail(point.z[window].size()) = point.z[window];
+    return true;
+}
+
+// Windows [first, last) of one log: start states as they are, then fitted from there where they are
+// not at their best, and anew where that leads nowhere.
 void FreeRuns::linearise_some(RunPoint &point, const mk_start_finder &finder,
                               const std::vector<double> &unit, size_t first, size_t last,
                               bool settle, RunPicture &out) const
 {
+    enum { AS_THEY_ARE, NEAR, ANEW };
+    constexpr double LOST = 30.0; // times the usual squared error
     const auto fit_of = [&](size_t w) {
         WindowFit fit(finder, windows[w].first, windows[w].last);
         fit.differentiate_by(out.free, unit);
@@ -282,23 +300,32 @@ void FreeRuns::linearise_some(RunPoint &point, const mk_start_finder &finder,
     for (size_t w = first; w < last; w++)
         if (w % out.stride == 0)
             which.push_back(w);
-    for (bool again = false; !which.empty(); again = true) {
+    for (int pass = AS_THEY_ARE; pass <= ANEW && !which.empty(); pass++) {
         std::vector<WindowFit> fits;
         std::vector<VectorXd> x;
         for (size_t w : which) {
             fits.push_back(fit_of(w));
             x.push_back(point.x[w]);
         }
-        if (again)
+        if (pass == NEAR)
             WindowFit::solve_near(fits, x);
+        if (pass == ANEW) {
+            for (size_t i = 0; i < which.size(); i++)
+                first_state(finder, point, which[i], x[i]);
+            WindowFit::solve(fits, x);
+        }
         std::vector<WindowQuadratic> some;
         WindowFit::linearise(fits, x, some);
         std::vector<size_t> left;
         for (size_t i = 0; i < which.size(); i++) {
             const size_t w = which[i];
-            point.x[w] = x[i];
-            out.window[w] = std::move(some[i]);
-            if (settle && !again && off_its_best(out.window[w]))
+            if (pass < ANEW || error_of(some[i], some[i].squares) <
+                                   error_of(out.window[w], out.window[w].squares)) {
+                point.x[w] = x[i];
+                out.window[w] = std::move(some[i]);
+            }
+            const WindowQuadratic &q = out.window[w];
+            if (settle && (pass == AS_THEY_ARE ? off_its_best(q) : error_of(q, q.squares) > LOST))
                 left.push_back(w);
         }
         which = std::move(left);
@@ -335,18 +362,18 @@ bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool set
     return lost <= MOST_LOST * all;
 }
 
-void FreeRuns::take_scale(RunPoint &point)
+double FreeRuns::take_scale(RunPoint &point)
 {
     RunPicture picture;
+    double change = 0.0, usual[MK_MAX_JOINTS];
     if (!linearise(point, {}, true, threads, picture))
-        return;
+        return change;
+    usual_errors(picture, usual);
     for (int j = 0; j < mk_model_joints(&near); j++) {
-        double squares = 0.0, n = 0.0;
-        for (const WindowQuadratic &w : picture.window)
-            if (w.finite)
-                squares += w.squares[j], n += (double)w.readings[j];
-        scale[j] = std::max(squares / std::max(n, 1.0), ROUNDING);
+        change = std::max(change, std::fabs(std::log(usual[j] / scale[j])));
+        scale[j] = usual[j];
     }
+    return change;
 }
 
 double FreeRuns::relative(int joint, double error) const
@@ -391,40 +418,100 @@ double FreeRuns::prior(const RunPoint &point, const std::vector<int> &free) cons
     return sum;
 }
 
+// Errors of windows differ by orders of magnitude: some begin where nobody predicts. A sum of
+// squares would be about those alone. A window of n readings and mean squared error e, in units of
+// what is usual, counts
+//     n/2 k log(1 + e / k) ,
+// which is n/2 e where errors are usual, and their logarithm where they are far from it (Student's
+// distribution with a scale of its own in every window: Lange, Little and Taylor 1989). A slope of
+// it is that of n/2 e by 1 / (1 + e / k).
+constexpr double USUAL_UP_TO = 10.0; // k
+
+static double in_proportion(double e)
+{
+    return USUAL_UP_TO * std::log1p(e / USUAL_UP_TO);
+}
+
+static double weight_of(double e)
+{
+    return 1.0 / (1.0 + e / USUAL_UP_TO);
+}
+
+// Mean squared error of a window in units of what is usual, joints together.
+double FreeRuns::error_of(const WindowQuadratic &q, const double *squares) const
+{
+    constexpr double LOST = 1e3; // a window that cannot be run
+    double sum = 0.0, n = 0.0;
+    for (int j = 0; j < mk_model_joints(&near); j++)
+        if (q.finite)
+            sum += squares[j] / scale[j], n += (double)q.readings[j];
+    return n > 0.0 ? sum / n : LOST;
+}
+
+double FreeRuns::rows_of(size_t window) const
+{
+    return (double)((windows[window].last - windows[window].first) *
+                    (size_t)mk_model_joints(&near));
+}
+
 // Of the readings in units of what is usual, and of what is known beforehand.
 double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
 {
-    constexpr double LOST = 1e3; // of the usual: a window that cannot be run
     double sum = prior(point, picture.free);
-    for (size_t w = 0; w < windows.size(); w += picture.stride)
-        for (int j = 0; j < mk_model_joints(&near); j++) {
-            const WindowQuadratic &q = picture.window[w];
-            sum += 0.5 * independent *
-                   (q.finite ? q.before[j] / scale[j]
-                             : LOST * (double)(windows[w].last - windows[w].first));
-        }
+    for (size_t w = 0; w < windows.size(); w += picture.stride) {
+        const WindowQuadratic &q = picture.window[w];
+        sum += 0.5 * independent * rows_of(w) * in_proportion(error_of(q, q.before));
+    }
     return sum;
 }
 
-// What errors are usual is a parameter by itself, at its best: N independent errors of mean square
-// s^2 make N/2 log s^2. Windows that cannot be run are as bad as the worst.
-double FreeRuns::surprise_of_readings(const RunPicture &picture) const
+// What errors are usual, joint by joint, s^2: at its best it is the mean over all readings of their
+// windows' weights times their squares.
+void FreeRuns::usual_errors(const RunPicture &picture, double *usual) const
 {
-    double sum = 0.0;
-    for (int j = 0; j < mk_model_joints(&near); j++) {
-        double squares = 0.0, n = 0.0, worst = 0.0, all = 0.0;
+    constexpr int ROUNDS = 20;
+    const int joints = mk_model_joints(&near);
+    for (int round = 0; round < ROUNDS; round++) {
+        double squares[MK_MAX_JOINTS] = {0.0, 0.0}, n[MK_MAX_JOINTS] = {0.0, 0.0};
         for (size_t w = 0; w < windows.size(); w += picture.stride) {
             const WindowQuadratic &q = picture.window[w];
-            const double rows = (double)(windows[w].last - windows[w].first);
-            all += rows;
             if (!q.finite)
                 continue;
-            squares += q.before[j], n += (double)q.readings[j];
-            worst = std::max(worst, q.before[j] / std::max((double)q.readings[j], 1.0));
+            double e = 0.0, all = 0.0;
+            for (int j = 0; j < joints; j++)
+                e += round > 0 ? q.before[j] / usual[j] : 0.0, all += (double)q.readings[j];
+            for (int j = 0; j < joints; j++) {
+                squares[j] += weight_of(e / std::max(all, 1.0)) * q.before[j];
+                n[j] += (double)q.readings[j];
+            }
         }
-        squares += worst * (all - n);
-        sum += 0.5 * independent * all * std::log(std::max(squares / std::max(all, 1.0), ROUNDING));
+        for (int j = 0; j < joints; j++)
+            usual[j] = std::max(squares[j] / std::max(n[j], 1.0), ROUNDING);
     }
+}
+
+// What errors are usual is a parameter by itself, at its best: N independent errors make N/2 log
+// s^2 beside what they are in units of it. Windows that cannot be run are as bad as the worst.
+double FreeRuns::surprise_of_readings(const RunPicture &picture) const
+{
+    double usual[MK_MAX_JOINTS], worst = 0.0, sum = 0.0;
+    usual_errors(picture, usual);
+    const int joints = mk_model_joints(&near);
+    for (const bool finite : {true, false})
+        for (size_t w = 0; w < windows.size(); w += picture.stride) {
+            const WindowQuadratic &q = picture.window[w];
+            if (q.finite != finite)
+                continue;
+            double e = 0.0, n = 0.0, log_usual = 0.0;
+            for (int j = 0; j < joints; j++) {
+                e += finite ? q.before[j] / usual[j] : 0.0;
+                n += finite ? (double)q.readings[j] : 0.0;
+                log_usual += std::log(usual[j]);
+            }
+            e = n > 0.0 ? e / n : worst;
+            worst = std::max(worst, e);
+            sum += 0.5 * independent * rows_of(w) * (log_usual / joints + in_proportion(e));
+        }
     return sum;
 }
 
@@ -439,8 +526,9 @@ FreeRuns::Normal FreeRuns::normal_of(const RunPicture &picture, const std::vecto
         const WindowQuadratic &q = picture.window[w];
         if (windows[w].fold != (int)fold || !q.finite || (first_half && windows[w].second_half))
             continue;
+        const double share = weight_of(error_of(q, q.before));
         for (int j = 0; j < mk_model_joints(&near); j++) {
-            const double weight = independent / scale[j];
+            const double weight = share * independent / scale[j];
             for (long i = 0; i < n; i++) {
                 out.a(i) += weight * q.g[j](columns[(size_t)i]);
                 for (long k = 0; k < n; k++)
@@ -591,11 +679,11 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
                         int threads_now, RunPicture &picture) const
 {
     constexpr double SETTLED = 0.05; // log likelihood
-    constexpr double HARDER = 30.0, EASIER = 0.1, MOST_DAMPING = 10.0;
+    constexpr double FIRST = 1e-2, HARDER = 10.0, EASIER = 0.1, MOST_DAMPING = 50.0;
     if (!linearise(point, free, true, threads_now, picture))
         return false;
     point.cost = cost(point, picture);
-    double damping = TRACE, gain = HUGE_VAL;
+    double damping = FIRST, gain = HUGE_VAL;
     for (int i = 0; i < iterations && gain > SETTLED && damping < MOST_DAMPING; i++) {
         RunPoint trial = moved(point, picture, step_of(point, picture, damping));
         RunPicture there;
@@ -608,7 +696,7 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
             linearise(trial, free, true, threads_now, there))
             trial.cost = cost(trial, there);
         if (!(trial.cost < point.cost)) {
-            damping = std::max(1e-3, HARDER * damping);
+            damping = std::max(FIRST, HARDER * damping);
             continue;
         }
         gain = point.cost - trial.cost;
@@ -616,6 +704,26 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
         point = std::move(trial);
         picture = std::move(there);
         update_spreads(point, picture);
+    }
+    return true;
+}
+
+bool FreeRuns::settle(RunPoint &point, const std::vector<int> &free, int threads_now,
+                      RunPicture &picture) const
+{
+    constexpr int MOST_ROUNDS = 4, MOST_ITERATIONS = 30;
+    constexpr double LITTLE = 1.0; // log likelihood
+    double gain = HUGE_VAL;
+    for (int i = 0; i < MOST_ROUNDS && gain > LITTLE; i++) {
+        const double before = point.cost;
+        RunPoint anew = point;
+        find_states(anew, threads_now);
+        RunPicture there;
+        if (linearise(anew, free, true, threads_now, there) && cost(anew, there) < point.cost)
+            point = std::move(anew);
+        if (!minimise(point, free, MOST_ITERATIONS, threads_now, picture))
+            return false;
+        gain = before - point.cost;
     }
     return true;
 }

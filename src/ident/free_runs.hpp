@@ -50,8 +50,9 @@ class FreeRuns
     // The same for effects that are next to nothing: where they remember nothing themselves, what
     // the others remember is as it was.
     RunPoint adopt_traces(const RunPoint &from, const mk_model &model, int threads) const;
-    // What errors are usual, by joint, is from here on what they are at this point.
-    void take_scale(RunPoint &point);
+    // What errors are usual, by joint, is from here on what they are at this point. By how much
+    // that changes at most, as a logarithm of squared errors.
+    double take_scale(RunPoint &point);
     // An error in a joint's unit over the deviation of its readings.
     double relative(int joint, double error) const;
 
@@ -64,6 +65,10 @@ class FreeRuns
     // where it ends.
     bool minimise(RunPoint &point, const std::vector<int> &free, int iterations, int threads,
                   RunPicture &picture) const;
+    // The same until nothing is gained any more, from start states that are found anew where those
+    // of the point are stuck.
+    bool settle(RunPoint &point, const std::vector<int> &free, int threads,
+                RunPicture &picture) const;
     // Errors that fits to all folds but one leave in that one, one step from the point in those of
     // the picture's parameters that are `wanted`. `halves`: in second halves.
     bool left_out(const RunPoint &point, const RunPicture &picture, const std::vector<int> &wanted,
@@ -101,7 +106,11 @@ class FreeRuns
     std::unique_ptr<mk_start_finder> finder_of(const RunPoint &point, const mk_model &model,
                                                size_t log) const;
     void recall(RunPoint &point, int threads) const;
+    void find_states(RunPoint &point, int threads) const;
     double prior(const RunPoint &point, const std::vector<int> &free) const;
+    double error_of(const WindowQuadratic &q, const double *squares) const;
+    double rows_of(size_t window) const;
+    void usual_errors(const RunPicture &picture, double *usual) const;
     double surprise_of_readings(const RunPicture &picture) const;
     void update_spreads(RunPoint &point, const RunPicture &picture) const;
     std::vector<Normal> normals_of(const RunPoint &point, const RunPicture &picture,
@@ -121,6 +130,8 @@ class FreeRuns
                         const std::vector<double> &unit, size_t first, size_t last, bool settle,
                         RunPicture &out) const;
     bool off_its_best(const WindowQuadratic &q) const;
+    bool first_state(const mk_start_finder &finder, const RunPoint &point, size_t window,
+                     Eigen::VectorXd &x) const;
     void add_errors(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
                     bool halves, const Eigen::VectorXd &step, HeldOutFigures &out) const;
 };
