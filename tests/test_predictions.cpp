@@ -21,7 +21,18 @@ constexpr double WINDOW = 0.5; // s
 const truth::Effect COGGING = {
     "cogging", 1, {{"amplitude", 0.05}, {"cycles", 4.0}, {"phase", 0.7}}};
 
-truth::OwnedLog record(const std::vector<truth::Effect> &effects, uint64_t seed)
+using Effects = std::vector<truth::Effect>;
+
+// Zeros of the encoder in the logs, rad.
+constexpr double ZERO[LOGS] = {0.05, -0.04, 0.02, -0.06};
+
+Effects with_zero(Effects effects, size_t log)
+{
+    effects.push_back({"encoder-offset", 1, {{"offset", ZERO[log]}}});
+    return effects;
+}
+
+truth::OwnedLog record(const Effects &effects, uint64_t seed)
 {
     return truth::usual_log(MK_PLANT_PENDULUM, effects, seed);
 }
@@ -36,12 +47,12 @@ struct Learning {
     std::unique_ptr<mk::FreeRuns> runs;
     std::unique_ptr<mk::PredictionSearch> found;
 
-    explicit Learning(const std::vector<truth::Effect> &effects)
+    explicit Learning(const Effects &effects, bool zeros_differ = false)
     {
         mk_model_default(MK_PLANT_PENDULUM, &model);
         for (size_t i = 0; i < LOGS; i++) {
             mk_record rows;
-            logs.push_back(record(effects, 61 + i));
+            logs.push_back(record(zeros_differ ? with_zero(effects, i) : effects, 61 + i));
             folds.push_back({logs.back().get()});
             ck_assert_int_eq(mk_record_from_log(logs.back().get(), &model, &rows, nullptr), MK_OK);
             fit_logs.push_back(mk::fit_log(rows, model, 0, rows.rows, (int)i));
@@ -107,6 +118,38 @@ START_TEST(where_the_model_predicts_to_its_noise_nothing_is_chosen)
 }
 END_TEST
 
+// The same causes beside zeros of the logs' own, and what these say then.
+static mk::Carried zeros_beside_causes(const Learning &learning, double &gain)
+{
+    mk_model own = learning.found->refitted().point.model;
+    ck_assert_int_eq(mk_model_add_effect(&own, "encoder-offset", 1, nullptr), MK_OK);
+    own.effect[own.effect_count - 1].spread[0] = 0.02;
+    mk::PredictionSearch beside(*learning.search, *learning.runs, own);
+    ck_assert(beside.take(*learning.found));
+    ck_assert_uint_eq(beside.causes.size(), learning.found->causes.size());
+    return beside.against(*learning.found, gain);
+}
+
+START_TEST(zeros_that_differ_are_missed_beside_causes_that_were_found_first)
+{
+    const Learning learning({COGGING}, true);
+    ck_assert_uint_ge(learning.found->causes.size(), 1);
+    double gain;
+    const mk::Carried zeros = zeros_beside_causes(learning, gain);
+    ck_assert_msg(mk::carry_over::enough(zeros, 1, gain), "mean %g +- %g, gain %g", zeros.mean,
+                  zeros.error, gain);
+}
+END_TEST
+
+START_TEST(zeros_that_are_the_same_are_not)
+{
+    const Learning learning({COGGING});
+    ck_assert_uint_ge(learning.found->causes.size(), 1);
+    double gain;
+    ck_assert(!mk::carry_over::enough(zeros_beside_causes(learning, gain), 1, gain));
+}
+END_TEST
+
 START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
@@ -146,6 +189,8 @@ Suite *suite_predictions(void)
     tcase_add_test(t, what_held_out_data_confirm_is_claimed);
     tcase_add_test(t, what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim);
     tcase_add_test(t, where_the_model_predicts_to_its_noise_nothing_is_chosen);
+    tcase_add_test(t, zeros_that_differ_are_missed_beside_causes_that_were_found_first);
+    tcase_add_test(t, zeros_that_are_the_same_are_not);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
     suite_add_tcase(s, t);
     return s;

@@ -161,7 +161,9 @@ struct Gain {
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
         if (out.verdict == MK_VERDICT_UNKNOWN && !found && at_noise(held, refitted)) {
-            out.verdict = verdict.values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+            // A model that bends to its data leaves its values open, and what it predicts does not.
+            const bool off = verdict.values_off() || clearly_worse(before, refitted);
+            out.verdict = off ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
             out.structure[0] = 0;
         }
         // Values that differ by more than chance but predict no better are as good as right.
