@@ -23,8 +23,8 @@ static void see(struct mk_balance *b, const struct mk_ctrl *ctrl, bool remaining
     b->lift.free_joint = remaining ? b->equilibria.free_joint : -1;
 }
 
-/* The gains are made for the textbook plant. Where a spring has been wound up they may hold less,
- * or nothing: then nothing is to be caught there. */
+/* The gains are made for the turn that the setup is for. Where a spring has been wound up they may
+ * hold less, or nothing: then nothing is to be caught there. */
 static void estimate_other_turns(struct mk_balance *b)
 {
     const int home = MK_WINDINGS / 2, f = b->equilibria.free_joint;
@@ -40,7 +40,7 @@ static void estimate_other_turns(struct mk_balance *b)
 }
 
 /* False: the believed model has nothing that remains, or the law holds nothing in it. Then the law
- * goes on as if it were the textbook plant, for which it is made. */
+ * goes on as if it were the textbook plant. */
 static bool estimate_in_what_remains(struct mk_balance *b, const struct mk_ctrl *ctrl)
 {
     mk_remaining_model(&ctrl->model, &b->remaining);
@@ -158,15 +158,62 @@ enum mk_phase mk_balance_phase(const struct mk_balance *b, const struct mk_ctrl 
     return !lost(b, x) && may_take_over(b, ctrl, x) ? MK_PHASE_BALANCE : MK_PHASE_SWINGUP;
 }
 
+/* Accelerations at rest. */
+static void rest_acceleration(const struct mk_model *world, const double *q, double u, double *a)
+{
+    static const double still[MK_MAX_JOINTS];
+    double x[MK_MAX_STATES], dx[MK_MAX_STATES], input[MK_MAX_INPUTS] = {u, 0.0};
+    mk_model_initial_state(world, q, still, x);
+    mk_model_rhs(world, 0.0, x, input, dx);
+    memcpy(a, dx + MK_MAX_JOINTS, MK_MAX_JOINTS * sizeof *a);
+}
+
+/* x' = A x + B u of the law's world about where it stands, by differences of what it accelerates by
+ * at rest: dv'/dq and dv'/du. What goes with the speeds is left out, as the plant's friction is.
+ * False when it stands nowhere near. */
+static bool linearise_world(const struct mk_model *world, const double *nominal, double *a,
+                            double *b)
+{
+    const double h = 1e-5, step_u = 1e-3 * world->u_max;
+    double q[MK_MAX_JOINTS], u, above[MK_MAX_JOINTS], below[MK_MAX_JOINTS];
+    if (!mk_nearest_equilibrium(world, nominal, true, q, &u))
+        return false;
+    memset(a, 0, N * N * sizeof *a);
+    for (int k = 0; k < MK_MAX_JOINTS; k++) {
+        double at = q[k];
+        q[k] = at + h;
+        rest_acceleration(world, q, u, above);
+        q[k] = at - h;
+        rest_acceleration(world, q, u, below);
+        q[k] = at;
+        a[N * k + MK_MAX_JOINTS + k] = 1.0;
+        for (int j = 0; j < MK_MAX_JOINTS; j++)
+            a[N * (MK_MAX_JOINTS + j) + k] = (above[j] - below[j]) / (2.0 * h);
+    }
+    rest_acceleration(world, q, u + step_u, above);
+    rest_acceleration(world, q, u - step_u, below);
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        b[j] = 0.0;
+        b[MK_MAX_JOINTS + j] = (above[j] - below[j]) / (2.0 * step_u);
+    }
+    return true;
+}
+
 enum mk_status mk_balance_design(const struct mk_ctrl *ctrl, const double *equilibrium,
                                  const double *weight, double r, double *k, double *p,
                                  struct mk_error *err)
 {
     double a[N * N], b[N], q[N * N] = {0.0};
-    mk_plant_linearise(&ctrl->model, equilibrium, false, a, b);
+    struct mk_model world;
     for (int i = 0; i < N; i++)
         q[N * i + i] = weight[i];
     /* In shares of the command's limit, so that a model in N m gets the same design. */
     double share = USUAL_LIMIT / ctrl->model.u_max;
-    return mk_design_lqrd(N, a, b, q, r * share * share, ctrl->dt, 0, k, p, err);
+    r *= share * share;
+    mk_remaining_model(&ctrl->model, &world);
+    if (world.effect_count > 0 && linearise_world(&world, equilibrium, a, b) &&
+        mk_design_lqrd(N, a, b, q, r, ctrl->dt, 0, k, p, NULL) == MK_OK)
+        return MK_OK;
+    mk_plant_linearise(&ctrl->model, equilibrium, false, a, b);
+    return mk_design_lqrd(N, a, b, q, r, ctrl->dt, 0, k, p, err);
 }
