@@ -14,6 +14,7 @@
 #include "console/robustness.h"
 #include "ctrl/compensate.h"
 #include "ctrl/equilibrium.h"
+#include "ctrl/roa.h"
 #include "support/closed.h"
 
 static void add(struct mk_model *m, const char *name, int joint, const double *value)
@@ -278,6 +279,25 @@ START_TEST(a_cable_at_the_free_joint_holds_elsewhere_after_a_turn)
 }
 END_TEST
 
+/* The gains of the textbook plant do not hold it: link 1 drifts away. */
+START_TEST(a_spring_at_the_free_joint_is_held_by_gains_that_are_made_for_it)
+{
+    static const double spring[] = {0.2114, -0.066};
+    struct mk_model textbook, m;
+    struct closed c;
+    mk_model_default(MK_PLANT_PENDUBOT, &textbook);
+    m = textbook;
+    add(&m, "cable-stiffness", 2, spring);
+    closed_open_rig(&c, "pendubot-top", &m, NULL);
+    ck_assert_ptr_nonnull(c.ctrl->roa->really);
+    closed_put(&c, 0.5 * M_PI, 0.02, 0.0, 0.0);
+    ck_assert_double_lt(closed_until(&c, MK_PHASE_BALANCE, 0.1), 0.1);
+    ck_assert(closed_stays(&c, MK_PHASE_BALANCE, 6.0));
+    ck_assert_double_lt(fabs(closed_state(&c)[0] - 0.5 * M_PI), 0.1);
+    closed_close(&c);
+}
+END_TEST
+
 START_TEST(a_wheel_may_stand_anywhere)
 {
     static const double upright[] = {M_PI, 0.0}, tilt[] = {-0.03};
@@ -532,7 +552,12 @@ static const struct pulled {
      {{"custom", 2, {0.006, 5.0}},
       {"cable-hysteresis", 1, {1.13, 0.24}},
       {"sensor-delay", 0, {0.003}}}},
+    {"pendubot-top",
+     {{"custom", 2, {0.0105, 5.0}},
+      {"cable-hysteresis", 1, {1.43, 0.16}},
+      {"sensor-delay", 0, {0.003}}}},
     {"pendubot-mid", {{"custom", 2, {0.006, 5.0}}, {"cable-hysteresis", 1, {1.2, 0.2}}}},
+    {"pendubot-mid", {{"cable-stiffness", 2, {0.1, 1.0}}}},
     {"furuta", {{"custom", 2, {0.015, 5.0}}, {"sensor-delay", 0, {0.003}}}},
     {"reaction-wheel", {{"custom", 1, {0.0919, 5.0}}}},
     {"reaction-wheel", {{"cable-stiffness", 1, {0.3, 0.1}}}},
@@ -734,6 +759,7 @@ Suite *suite_compensate(void)
     tcase_add_test(t, a_cable_at_the_free_joint_moves_the_equilibrium);
     tcase_add_test(t, a_tilted_pendubot_hangs_along_gravity);
     tcase_add_test(t, a_cable_at_the_free_joint_holds_elsewhere_after_a_turn);
+    tcase_add_test(t, a_spring_at_the_free_joint_is_held_by_gains_that_are_made_for_it);
     tcase_add_test(t, a_wheel_may_stand_anywhere);
     tcase_add_test(t, where_nothing_stands_still_there_is_no_equilibrium);
     suite_add_tcase(s, t);

@@ -56,6 +56,38 @@ START_TEST(feedback_linearisation_gives_the_motor_joint_the_acceleration_asked_f
 }
 END_TEST
 
+/* A cable at the free joint and a cubic spring accelerate the driven one through the link. */
+START_TEST(feedback_linearisation_counts_what_pulls_at_the_free_joint)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    mk_model_default(linearised[_i], &m);
+    int motor = mk_plant(m.plant)->motor_joint;
+    static const char *const pulls[] = {"cable-stiffness", "custom"};
+    static const double value[][2] = {{0.2, 0.5}, {0.01, 5.0}};
+    for (int k = 0; k < 2; k++) {
+        ck_assert_msg(mk_model_add_effect(&m, pulls[k], 2 - motor, &err) == MK_OK, "%s",
+                      err.message);
+        m.effect[k].value[0] = value[k][0];
+        m.effect[k].value[1] = value[k][1];
+    }
+    struct mk_random r = {9};
+    int within = 0; /* its limits */
+    for (int k = 0; k < 2000; k++) {
+        double x[MK_MAX_STATES] = {0.0}, dx[MK_MAX_STATES], u[MK_MAX_INPUTS] = {0.0, 0.0};
+        draw_state(&r, x);
+        double v1 = draw(&r, -200.0, 200.0);
+        u[0] = mk_pfl_command(&m, x, v1);
+        if (fabs(u[0]) > m.u_max)
+            continue;
+        mk_model_rhs(&m, 0.0, x, u, dx);
+        ck_assert_double_eq_tol(dx[2 + motor], v1, 1e-7);
+        within++;
+    }
+    ck_assert_int_gt(within, 100);
+}
+END_TEST
+
 START_TEST(feedback_linearisation_is_the_reports_formula)
 {
     /* (2.15) written out, with the parameters of (3.32) and without friction. */
@@ -405,6 +437,8 @@ Suite *suite_swingup(void)
     TCase *t = tcase_create("links");
     tcase_add_loop_test(t, feedback_linearisation_gives_the_motor_joint_the_acceleration_asked_for,
                         0, 2 * LINEARISED);
+    tcase_add_loop_test(t, feedback_linearisation_counts_what_pulls_at_the_free_joint, 0,
+                        LINEARISED);
     tcase_add_test(t, feedback_linearisation_is_the_reports_formula);
     tcase_add_test(t, link_energy_is_zero_upright_and_minus_two_hanging);
     tcase_add_loop_test(t, the_pump_drives_the_link_energy_towards_upright_from_either_side, 0, 2);

@@ -20,8 +20,8 @@
 #include "ctrl/observer.h"
 #include "mechkit/ctrl.h"
 
-/* Row of a setup's table; a setup without it gets no feed-forward. 0 switches all of it off, but for
- * gains that were designed for what is believed. */
+/* Row of a setup's table; a setup without it gets no feed-forward. 0 switches all of it off, but
+ * for gains that were designed for what is believed. */
 #define MK_COMPENSATE_ROW                                                                          \
     "compensate", "", "share of the believed model's effects made up for by feed-forward", 0.0,    \
         1.0, 1.0, false

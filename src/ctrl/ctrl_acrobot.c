@@ -115,7 +115,7 @@ static double swing_up(const struct mk_ctrl *ctrl, const double *x, double since
         pump = 1.0;
     double v2 = -ctrl->value[PUMP] * strength[turn] * pump - ctrl->value[HOLD_P] * x[1] -
                 ctrl->value[HOLD_D] * x[3];
-    return mk_pfl_command(&ctrl->model, x, v2);
+    return mk_pfl_command(&s->balance.world, x, v2);
 }
 
 static void acrobot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,

@@ -103,7 +103,7 @@ static void furuta_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     } else {
         double v1 = mk_link_pump(&ctrl->model, x, 0.0, in->t - s->swing_from,
                                  mk_lift_share(&s->balance.lift, x), &ctrl->value[PUMP]);
-        out->u = mk_pfl_command(&ctrl->model, x, v1);
+        out->u = mk_pfl_command(&s->balance.world, x, v1);
     }
 }
 

@@ -140,7 +140,7 @@ static double report_command(const struct mk_ctrl *ctrl, const double *x, double
     path(ctrl, t, &q, &v, &a);
     *ref = q;
     double v1 = a + ctrl->value[KD] * (v - x[2]) + ctrl->value[KP] * (q - x[0]);
-    return mk_pfl_command(&ctrl->model, x, v1);
+    return mk_pfl_command(&s->balance.world, x, v1);
 }
 
 static double swing_up(struct mk_ctrl *ctrl, const double *x, double t, double *ref)
@@ -152,9 +152,11 @@ static double swing_up(struct mk_ctrl *ctrl, const double *x, double t, double *
     *ref = s->target;
     if (since < attempt)
         return report_command(ctrl, x, since, ref);
+    /* What joint 2 will be wound by when link 1 is back where it is held. */
+    const double in_place[MK_MAX_JOINTS] = {s->target, x[1] + x[0] - s->target};
     double v1 = mk_link_pump(&ctrl->model, x, s->target, since - attempt,
-                             mk_lift_share(&s->balance.lift, x), &ctrl->value[PUMP]);
-    return mk_pfl_command(&ctrl->model, x, v1);
+                             mk_lift_share(&s->balance.lift, in_place), &ctrl->value[PUMP]);
+    return mk_pfl_command(&s->balance.world, x, v1);
 }
 
 static void pendubot_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,

@@ -5,7 +5,11 @@
  * believed model (mk_remaining_model) puts a torque tau(q) on the free joint; its potential is
  * U(q) = - integral of tau dq. A swing-up aims at the energy of the equilibrium of the turn in
  * which the joint is, so that energy counts from there; in a turn where nothing can be held, of the
- * next one towards the middle: it lets go of what is too much for that one and comes back. */
+ * next one towards the middle: it lets go of what is too much for that one and comes back.
+ *
+ * A joint angle counts from the driven link. Where that swings, too, U is of the angle that there
+ * will be when it is back: what it winds up on its way it unwinds, and the link keeps nothing of
+ * it. */
 #ifndef MECHKIT_CTRL_LIFT_H
 #define MECHKIT_CTRL_LIFT_H
 

@@ -15,8 +15,26 @@ double mk_link_energy(const struct mk_model *model, const double *x)
     return free_link(model, x).energy;
 }
 
+static double driven_acceleration(const struct mk_model *world, const double *x, double u)
+{
+    double dx[MK_MAX_STATES], z[MK_MAX_STATES] = {x[0], x[1], x[2], x[3]};
+    double input[MK_MAX_INPUTS] = {u, 0.0};
+    mk_model_rhs(world, 0.0, z, input, dx);
+    return dx[MK_MAX_JOINTS + mk_plant(world->plant)->motor_joint];
+}
+
+/* a1 = a0 + s u: what pulls at the free joint accelerates the driven one, too. */
+static double command_in_world(const struct mk_model *world, const double *x, double v1)
+{
+    double a0 = driven_acceleration(world, x, 0.0);
+    double s = (driven_acceleration(world, x, world->u_max) - a0) / world->u_max;
+    return (v1 - a0) / s;
+}
+
 double mk_pfl_command(const struct mk_model *model, const double *x, double v1)
 {
+    if (model->effect_count > 0)
+        return command_in_world(model, x, v1);
     double d[4], h[2];
     int m = mk_plant(model->plant)->motor_joint, o = 1 - m; /* driven and free */
     mk_plant_mass(model, x, x + 2, d, h);

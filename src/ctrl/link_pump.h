@@ -63,8 +63,9 @@ enum {
                     speed, centre_p, centre_d)
 /* clang-format on */
 
-/* Command that makes the driven joint accelerate by v1 on the believed model in state x
- * (joint order): collocated partial feedback linearisation, friction included. RT. */
+/* Command that makes the driven joint accelerate by v1 in state x (joint order): collocated partial
+ * feedback linearisation, friction included. `model` is the law's world, of which effects with no
+ * memory act as they do at time 0, or the textbook plant. RT. */
 double mk_pfl_command(const struct mk_model *model, const double *x, double v1);
 
 /* Energy of the free link as above, in units of m g l: -2 hanging, 0 upright. RT. */
