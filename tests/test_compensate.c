@@ -14,6 +14,7 @@
 #include "console/robustness.h"
 #include "ctrl/compensate.h"
 #include "ctrl/equilibrium.h"
+#include "ctrl/lift.h"
 #include "ctrl/roa.h"
 #include "support/closed.h"
 
@@ -276,6 +277,39 @@ START_TEST(a_cable_at_the_free_joint_holds_elsewhere_after_a_turn)
     const double wound[] = {mid[0], 100.0}, unknown[] = {mid[0], NAN};
     ck_assert_ptr_eq(mk_equilibria_at(&e, wound), &e.winding[MK_WINDINGS - 1]);
     ck_assert(!mk_equilibria_at(&e, unknown)->found);
+}
+END_TEST
+
+/* Energy that link 2 must have at rest at q to be aimed at what a swing-up aims at, less its own.
+ */
+static double missing_at(const struct mk_model *m, const struct mk_lift *lift, double q1, double q2)
+{
+    const double q[] = {q1, q2}, top[] = {q1, M_PI};
+    return -mk_lift_energy(lift, q) - mk_plant_potential(m, q) + mk_plant_potential(m, top);
+}
+
+/* A cable that is slack at 1 rad pulls harder on the way up to the left than to the right. */
+START_TEST(a_swing_up_aims_at_the_lower_of_two_uprights_from_either_side)
+{
+    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.1, 1.0};
+    struct mk_model m;
+    struct mk_equilibria e;
+    struct mk_lift lift;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    add(&m, "cable-stiffness", 2, cable);
+    mk_equilibria_find(&m, mid, &e);
+    mk_lift_find(&m, mid, &e, &lift);
+    const double eps = 1e-6;
+    ck_assert_double_eq_tol(missing_at(&m, &lift, mid[0], -eps), missing_at(&m, &lift, mid[0], eps),
+                            1e-4);
+    const struct mk_standing *right = mk_equilibria_at(&e, mid);
+    ck_assert(right->found);
+    /* Upright to the right nothing is missing; to the left the cable has taken more than that. */
+    ck_assert_double_eq_tol(missing_at(&m, &lift, mid[0], M_PI + right->shift[1] - eps), 0.0, 0.02);
+    ck_assert_double_lt(missing_at(&m, &lift, mid[0], -2.9), -0.3);
+    /* Where it has gone round, the lower one is the one that it came from. */
+    ck_assert_double_eq_tol(missing_at(&m, &lift, mid[0], 2.0 * M_PI - eps),
+                            missing_at(&m, &lift, mid[0], 2.0 * M_PI + eps), 1e-4);
 }
 END_TEST
 
@@ -759,6 +793,7 @@ Suite *suite_compensate(void)
     tcase_add_test(t, a_cable_at_the_free_joint_moves_the_equilibrium);
     tcase_add_test(t, a_tilted_pendubot_hangs_along_gravity);
     tcase_add_test(t, a_cable_at_the_free_joint_holds_elsewhere_after_a_turn);
+    tcase_add_test(t, a_swing_up_aims_at_the_lower_of_two_uprights_from_either_side);
     tcase_add_test(t, a_spring_at_the_free_joint_is_held_by_gains_that_are_made_for_it);
     tcase_add_test(t, a_wheel_may_stand_anywhere);
     tcase_add_test(t, where_nothing_stands_still_there_is_no_equilibrium);

@@ -64,10 +64,16 @@ static double potential_at(const struct mk_lift *lift, double q)
     return lift->potential[k] + (place - k) * (lift->potential[k + 1] - lift->potential[k]);
 }
 
-static int turn_of(const struct mk_lift *lift, double q)
+/* Of the two uprights between which the joint hangs the energy of the lower one, which a link that
+ * swings between them reaches first; beyond the last, its own. */
+static double aim_at(const struct mk_lift *lift, double q)
 {
-    double turn = floor((q - lift->first) / (2.0 * M_PI));
-    return (int)mk_clamp(turn, 0.0, MK_WINDINGS - 1.0);
+    int above = 0;
+    while (above < MK_WINDINGS && q >= lift->angle[above])
+        above++;
+    double left = lift->upright[above > 0 ? above - 1 : 0];
+    double right = lift->upright[above < MK_WINDINGS ? above : MK_WINDINGS - 1];
+    return fmin(left, right);
 }
 
 void mk_lift_find(const struct mk_model *remaining, const double *nominal,
@@ -89,6 +95,7 @@ void mk_lift_find(const struct mk_model *remaining, const double *nominal,
         for (int j = 0; j < MK_MAX_JOINTS; j++)
             q[j] = nominal[j] + equilibria->winding[k].shift[j];
         q[f] += 2.0 * M_PI * (k - MK_WINDINGS / 2);
+        out->angle[k] = q[f];
         out->upright[k] =
             textbook_energy(remaining, q, out->weight) - base + potential_at(out, q[f]);
     }
@@ -106,7 +113,7 @@ double mk_lift_energy(const struct mk_lift *lift, const double *q)
     if (lift->free_joint < 0 || !isfinite(q[lift->free_joint]))
         return 0.0;
     double angle = within(lift, q[lift->free_joint]);
-    return potential_at(lift, angle) - lift->upright[turn_of(lift, angle)];
+    return potential_at(lift, angle) - aim_at(lift, angle);
 }
 
 double mk_lift_share(const struct mk_lift *lift, const double *q)
