@@ -151,7 +151,6 @@ class Explainer
             return st;
         plain = refit;
         search_beside_values(so);
-        begun.reset();
         if (drop_log_values(so))
             search_beside_values(so);
         if (causes_first && !search->cancelled)
@@ -215,6 +214,7 @@ class Explainer
     std::unique_ptr<FreeRuns> all_runs;  // over all to learn from
     bool by_predictions = false;         // have causes been found
     bool causes_first = false;           // they say more than what is asked before them
+    bool begun_to_end = false;           // `begun` has all its causes
     std::unique_ptr<PredictionSearch> begun, decided; // over free_runs, over all_runs
 
     // The data as the model's column drives them, and the fit to them that all else starts from.
@@ -301,10 +301,10 @@ class Explainer
                                : with_log_values(model, found, *search, refit);
         clock.enter("predictions");
         begun = predictions_of(values.fit.point.model);
-        if (!begun->take(*before))
+        begun_to_end = begun->take(*before);
+        if (!begun_to_end)
             begun.reset();
         search_beside_values(so);
-        begun.reset();
         return MK_OK;
     }
     std::unique_ptr<PredictionSearch> predictions_of(const mk_model &base)
@@ -456,6 +456,8 @@ class Explainer
         const bool has_begun = begun != nullptr;
         std::unique_ptr<PredictionSearch> found =
             has_begun ? std::move(begun) : predictions_of(refit.point.model);
+        if (has_begun && begun_to_end)
+            return found;
         if (!(has_begun ? found->go_on() : found->run()))
             return nullptr;
         ask_values_again(found, refit);

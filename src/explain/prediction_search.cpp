@@ -125,7 +125,8 @@ bool PredictionSearch::start()
 {
     RunPoint from = runs.start(base);
     runs.take_scale(from);
-    if (!fit(from, base, FULL_ITERATIONS, threads, refit) || !settle(refit))
+    refit.point = from;
+    if (!settle(refit))
         return false;
     for (int j = 0; j < mk_model_joints(&base); j++)
         floor[j] = runs.relative(j, least_scatter(search.training(), j));
@@ -153,7 +154,8 @@ bool PredictionSearch::take(const PredictionSearch &found)
     }
     runners_up = found.runners_up;
     hopeless = found.hopeless;
-    return fit(runs.start(m), m, FULL_ITERATIONS, threads, best) && settle(best);
+    best.point = runs.start(m);
+    return settle(best);
 }
 
 bool PredictionSearch::confirm(const PredictionSearch &found)
@@ -442,12 +444,11 @@ bool PredictionSearch::add_one()
 bool PredictionSearch::settle(RunFit &at) const
 {
     constexpr int MOST_ROUNDS = 3;
-    constexpr double SAME = 0.02; // of a joint's error
+    constexpr double SAME = 0.05; // of the logarithm of usual squared errors
     const std::vector<int> free = fitted_parameters(at.point.model);
-    double change = HUGE_VAL;
-    for (int i = 0; i < MOST_ROUNDS && change > SAME && search.tick(DONE, ASKING); i++) {
-        change = runs.take_scale(at.point);
-        at.point.cost = HUGE_VAL;
+    for (int i = 0; i < MOST_ROUNDS && search.tick(DONE, ASKING); i++) {
+        if (runs.take_scale(at.point) < SAME && i > 0)
+            break;
         if (!runs.settle(at.point, free, threads, at.picture))
             return false;
     }

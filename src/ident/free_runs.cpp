@@ -713,17 +713,18 @@ bool FreeRuns::settle(RunPoint &point, const std::vector<int> &free, int threads
 {
     constexpr int MOST_ROUNDS = 4, MOST_ITERATIONS = 30;
     constexpr double LITTLE = 1.0; // log likelihood
-    double gain = HUGE_VAL;
-    for (int i = 0; i < MOST_ROUNDS && gain > LITTLE; i++) {
-        const double before = point.cost;
+    if (!minimise(point, free, MOST_ITERATIONS, threads_now, picture))
+        return false;
+    for (int i = 1; i < MOST_ROUNDS; i++) {
         RunPoint anew = point;
         find_states(anew, threads_now);
         RunPicture there;
-        if (linearise(anew, free, true, threads_now, there) && cost(anew, there) < point.cost)
-            point = std::move(anew);
+        if (!linearise(anew, free, true, threads_now, there) ||
+            cost(anew, there) > point.cost - LITTLE)
+            break;
+        point = std::move(anew);
         if (!minimise(point, free, MOST_ITERATIONS, threads_now, picture))
             return false;
-        gain = before - point.cost;
     }
     return true;
 }
