@@ -20,7 +20,6 @@ constexpr double LEAST_OF_REST = 0.1; // of what is left of it
 constexpr double LITTLE = 0.1;        // of the usual squared error of a window
 constexpr double WORSE = 0.02;        // mean log ratio of a fold that is not as good
 constexpr double HONEST = 5.0;        // log likelihood of independent errors, at least
-constexpr double STRONG = 50.0;       // that leaves no doubt
 
 } // namespace
 
@@ -173,9 +172,9 @@ bool carry_over::enough(const Carried &c, int tried, double gain)
     // likelihood a fold may be worse as well, if most are better and windows say so.
     const bool none_worse = c.worse == 0 && c.folds >= (int)Folds::FEWEST;
     const bool most_better = c.better > 2 * c.worse && c.folds >= (int)Folds::FEWEST;
-    if (gain > STRONG && none_worse && 2 * c.better > c.folds)
+    if (gain > carry_over::STRONG && none_worse && 2 * c.better > c.folds)
         return true;
-    const bool by_windows = none_worse || (gain > STRONG && most_better);
+    const bool by_windows = none_worse || (gain > carry_over::STRONG && most_better);
     return c.mean < -(by_windows ? z * c.window_error : t * c.error);
 }
 

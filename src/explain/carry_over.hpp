@@ -48,6 +48,8 @@ class Folds
 namespace carry_over
 {
 
+constexpr double STRONG = 50.0; // log likelihood of independent errors that leaves no doubt
+
 // By window the logarithm of the squared error `with` over that `without`; NaN where one of them is
 // not judged. A window in which next to nothing is missed, of what is usual, says next to nothing.
 std::vector<double> log_ratios(const HeldOutFigures &with, const HeldOutFigures &without);

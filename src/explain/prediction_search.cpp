@@ -20,7 +20,7 @@ constexpr const char *ASKING = "asking what predicts";
 constexpr size_t RIVALS = 2;
 constexpr double BETTER = 3.0;     // log likelihood, of one cause in another's place
 constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
-constexpr int FULL_ITERATIONS = 8, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
+constexpr int FULL_ITERATIONS = 16, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
 
 std::vector<int> range_of(const mk_model &model, int effect, const std::vector<int> &free)
 {
@@ -555,6 +555,7 @@ void PredictionSearch::drop(size_t cause)
 // of several the least sure one, which others that are surer may make up for.
 size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 {
+    constexpr double SHOWS = 0.1; // of the refitted model's squared error
     const int joints = mk_model_joints(&base);
     HeldOutFigures before, with;
     size_t weakest = causes.size();
@@ -587,9 +588,14 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
             return std::vector<double>{gain(&times), mean_ratio(times)};
         });
         // A few windows make up most of the squares: that it is better on the whole, and surely so
-        // in the usual window, confirms it as well.
-        const bool confirmed = sure[0].low > 0.0 || (gain(nullptr) > 0.0 && sure[1].high < 0.0);
+        // in the usual window, confirms it as well. So does that it clearly shows, of a cause that
+        // has to be in all logs that were learnt from: two logs more are too few for an interval.
         const Carried &c = causes[i].carried;
+        const double more = gain(nullptr);
+        const bool everywhere =
+            c.worse == 0 && score(causes[i].without) - score(best) > carry_over::STRONG;
+        const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
+                               (everywhere && more > SHOWS * joints);
         if (!confirmed && -c.mean / c.error < least)
             least = -c.mean / c.error, weakest = i;
     }
