@@ -415,12 +415,15 @@ bool PredictionSearch::add_one()
     // which one rather than another.
     std::sort(finalists.begin(), finalists.end(),
               [this](const RunFit &a, const RunFit &b) { return score(a) < score(b); });
-    auto chosen = std::find_if(finalists.begin(), finalists.end(),
-                               [](const RunFit &f) { return carry_over::promising(f.carried); });
+    const double now = score(best);
+    const auto may_stay = [&](const RunFit &f) {
+        return carry_over::enough(f.carried, 1, now - score(f));
+    };
+    auto chosen = std::find_if(finalists.begin(), finalists.end(), may_stay);
     // Of two that are as likely the one with fewer parameters: it says the same with less.
     for (auto f = chosen; f != finalists.end(); ++f)
-        if (f->picture.free.size() < chosen->picture.free.size() &&
-            carry_over::promising(f->carried) && score(*f) < score(*chosen) + BETTER)
+        if (f->picture.free.size() < chosen->picture.free.size() && may_stay(*f) &&
+            score(*f) < score(*chosen) + BETTER)
             chosen = f;
     suspects.clear();
     for (const RunFit &f : finalists)
