@@ -101,8 +101,10 @@ struct CableHysteresis {
          {"yield", "rad", "largest deflection zy", 1e-6, INF, 0.15}},
         true};
     static constexpr mk_effect_words words = {
-        "a cable that pulls and creeps", "A stiff cable whose strands rub on each other.",
-        "Lead the cable through the axis, or use a more flexible one."};
+        "a pull with hysteresis",
+        "A stiff cable whose strands rub on each other, or a gear or bearing that gives before it "
+        "slides.",
+        "Take the cable off and log again: if it stays it is the gear or the bearing."};
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
