@@ -150,6 +150,18 @@ START_TEST(zeros_that_are_the_same_are_not)
 }
 END_TEST
 
+// A caller who stops the search.
+START_TEST(a_search_that_is_stopped_finds_nothing)
+{
+    Learning learning({COGGING});
+    learning.search->cancelled = true;
+    mk::PredictionSearch again(*learning.search, *learning.runs,
+                               learning.found->refitted().point.model);
+    ck_assert(!again.run());
+    ck_assert(again.causes.empty());
+}
+END_TEST
+
 START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
@@ -191,6 +203,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, where_the_model_predicts_to_its_noise_nothing_is_chosen);
     tcase_add_test(t, zeros_that_differ_are_missed_beside_causes_that_were_found_first);
     tcase_add_test(t, zeros_that_are_the_same_are_not);
+    tcase_add_test(t, a_search_that_is_stopped_finds_nothing);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
     suite_add_tcase(s, t);
     return s;

@@ -293,6 +293,7 @@ class Explainer
             return st;
         const std::unique_ptr<PredictionSearch> before = std::move(decided);
         const std::unique_ptr<Search> their_search = std::move(search);
+        causes.reset();
         st = load_and_fit(logs, holdouts, so, refit, err);
         if (st != MK_OK)
             return st;
@@ -490,6 +491,9 @@ class Explainer
         refit = values.fit;
         data.second_half = !values.found.empty();
         found = std::move(beside);
+        // What likelihood has found was beside the values as they were.
+        if (causes)
+            search_causes(refit, false);
     }
     // Where windows of longer logs were searched: once more over all of them. What remembers the
     // past is known better there.

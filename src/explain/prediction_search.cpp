@@ -449,10 +449,10 @@ bool PredictionSearch::settle(RunFit &at) const
     constexpr int MOST_ROUNDS = 3;
     constexpr double SAME = 0.05; // of the logarithm of usual squared errors
     const std::vector<int> free = fitted_parameters(at.point.model);
-    for (int i = 0; i < MOST_ROUNDS && search.tick(DONE, ASKING); i++) {
+    for (int i = 0; i < MOST_ROUNDS; i++) {
         if (runs.take_scale(at.point) < SAME && i > 0)
             break;
-        if (!runs.settle(at.point, free, threads, at.picture))
+        if (!search.tick(DONE, ASKING) || !runs.settle(at.point, free, threads, at.picture))
             return false;
     }
     return leave_out(free, at);
