@@ -20,14 +20,12 @@ namespace
 
 constexpr double SAME_ERROR = 0.05;     // s over which a model's error hardly changes
 constexpr size_t FEWEST_ROWS = 12;      // of a window
-constexpr size_t TOGETHER = 16;         // windows that are shot side by side
+constexpr size_t TOGETHER = 24;         // windows at most that are shot side by side
 constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
 constexpr double MOST_LOST = 0.1;       // of the windows
 constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
 constexpr double HELD = 0.004;          // s for which a command is held at least
 constexpr double LONGEST_STEP = 0.005;  // of the integration, s
-
-using Finder = std::unique_ptr<mk_start_finder>;
 
 std::vector<long> columns_of(const std::vector<int> &wanted, const std::vector<int> &free)
 {
@@ -35,14 +33,6 @@ std::vector<long> columns_of(const std::vector<int> &wanted, const std::vector<i
     for (int number : wanted)
         columns.push_back(std::find(free.begin(), free.end(), number) - free.begin());
     return columns;
-}
-
-// Windows of `count` in chunks: calls body(first, last).
-template <class F>
-void by_chunks(size_t count, F &&body)
-{
-    for (size_t first = 0; first < count; first += TOGETHER)
-        body(first, std::min(first + TOGETHER, count));
 }
 
 // A command held from each row to the next one, as its means over stretches of HELD: what a rig
@@ -139,6 +129,26 @@ void FreeRuns::measure_readings()
     }
 }
 
+// Windows whose runs share a model, in parts of nearly the same size.
+std::vector<std::vector<size_t>> FreeRuns::together(const RunPoint &point,
+                                                    const std::vector<size_t> &which) const
+{
+    std::vector<std::vector<size_t>> parts;
+    const bool one_model = own_parameters(point.model).empty();
+    for (size_t first = 0, last; first < which.size(); first = last) {
+        last = first + 1;
+        while (last < which.size() &&
+               (one_model || windows[which[last]].fold == windows[which[first]].fold))
+            last++;
+        const size_t count = (last - first + TOGETHER - 1) / TOGETHER;
+        for (size_t i = 0; i < count; i++)
+            parts.emplace_back(which.begin() + (std::ptrdiff_t)(first + i * (last - first) / count),
+                               which.begin() +
+                                   (std::ptrdiff_t)(first + (i + 1) * (last - first) / count));
+    }
+    return parts;
+}
+
 // The model of every fold, with its own values in it.
 std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
 {
@@ -158,8 +168,7 @@ std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
     return models;
 }
 
-std::unique_ptr<mk_start_finder> FreeRuns::finder_of(const RunPoint &point, const mk_model &model,
-                                                     size_t log) const
+FreeRuns::Finder FreeRuns::finder_of(const RunPoint &point, const mk_model &model, size_t log) const
 {
     std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
     finder->step = LONGEST_STEP;
@@ -169,6 +178,16 @@ std::unique_ptr<mk_start_finder> FreeRuns::finder_of(const RunPoint &point, cons
     if (log < point.usual.size())
         finder->usual = point.usual[log];
     return finder;
+}
+
+std::vector<FreeRuns::Finder> FreeRuns::finders_of(const RunPoint &point,
+                                                   const std::vector<mk_model> &models,
+                                                   int threads_now) const
+{
+    std::vector<Finder> finders(logs.size());
+    parallel_for(threads_now, logs.size(),
+                 [&](size_t l) { finders[l] = finder_of(point, models[(size_t)logs[l].fold], l); });
+    return finders;
 }
 
 // What effects remember at the start of every window.
@@ -207,23 +226,22 @@ void FreeRuns::find_states(RunPoint &point, int threads_now) const
     point.x.assign(windows.size(), VectorXd::Zero(mk_model_state_count(&point.model)));
     recall(point, threads_now);
     const std::vector<mk_model> models = models_of(point);
-    parallel_for(threads_now, logs.size(), [&](size_t l) {
-        const Finder finder = finder_of(point, models[(size_t)logs[l].fold], l);
-        std::vector<size_t> mine;
-        for (size_t w = 0; w < windows.size(); w++)
-            if (windows[w].log == (int)l && first_state(*finder, point, w, point.x[w]))
-                mine.push_back(w);
-        by_chunks(mine.size(), [&](size_t first, size_t last) {
-            std::vector<WindowFit> fits;
-            std::vector<VectorXd> x;
-            for (size_t i = first; i < last; i++) {
-                fits.emplace_back(*finder, windows[mine[i]].first, windows[mine[i]].last);
-                x.push_back(point.x[mine[i]]);
-            }
-            WindowFit::solve(fits, x);
-            for (size_t i = first; i < last; i++)
-                point.x[mine[i]] = x[i - first];
-        });
+    const std::vector<Finder> finders = finders_of(point, models, threads_now);
+    std::vector<size_t> begun;
+    for (size_t w = 0; w < windows.size(); w++)
+        if (first_state(*finders[(size_t)windows[w].log], point, w, point.x[w]))
+            begun.push_back(w);
+    const std::vector<std::vector<size_t>> parts = together(point, begun);
+    parallel_for(threads_now, parts.size(), [&](size_t part) {
+        std::vector<WindowFit> fits;
+        std::vector<VectorXd> x;
+        for (size_t w : parts[part]) {
+            fits.emplace_back(*finders[(size_t)windows[w].log], windows[w].first, windows[w].last);
+            x.push_back(point.x[w]);
+        }
+        WindowFit::solve(fits, x);
+        for (size_t i = 0; i < x.size(); i++)
+            point.x[parts[part][i]] = x[i];
     });
 }
 
@@ -281,81 +299,70 @@ bool FreeRuns::first_state(const mk_start_finder &finder, const RunPoint &point,
     return true;
 }
 
-// Windows [first, last) of one log: start states as they are, then fitted from there where they are
-// not at their best, and anew where that leads nowhere.
-void FreeRuns::linearise_some(RunPoint &point, const mk_start_finder &finder,
-                              const std::vector<double> &unit, size_t first, size_t last,
-                              bool settle, RunPicture &out) const
+// Windows that share a model, from start states as the pass has them; a pass that ends worse than
+// the one before it leaves what that found.
+void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finders,
+                              const std::vector<double> &unit, const std::vector<size_t> &which,
+                              Pass pass, RunPicture &out) const
 {
-    enum { AS_THEY_ARE, NEAR, ANEW };
-    constexpr double LOST = 30.0; // times the usual squared error
-    const auto fit_of = [&](size_t w) {
-        WindowFit fit(finder, windows[w].first, windows[w].last);
-        fit.differentiate_by(out.free, unit);
+    std::vector<WindowFit> fits;
+    std::vector<VectorXd> x;
+    for (size_t w : which) {
+        const mk_start_finder &finder = *finders[(size_t)windows[w].log];
+        fits.emplace_back(finder, windows[w].first, windows[w].last);
+        fits.back().differentiate_by(out.free, unit);
         if (!point.z.empty())
-            fit.expect(point.z[w]);
-        return fit;
-    };
-    std::vector<size_t> which;
-    for (size_t w = first; w < last; w++)
-        if (w % out.stride == 0)
-            which.push_back(w);
-    for (int pass = AS_THEY_ARE; pass <= ANEW && !which.empty(); pass++) {
-        std::vector<WindowFit> fits;
-        std::vector<VectorXd> x;
-        for (size_t w : which) {
-            fits.push_back(fit_of(w));
-            x.push_back(point.x[w]);
+            fits.back().expect(point.z[w]);
+        x.push_back(point.x[w]);
+        if (pass == Pass::ANEW)
+            first_state(finder, point, w, x.back());
+    }
+    if (pass == Pass::NEAR)
+        WindowFit::solve_near(fits, x);
+    if (pass == Pass::ANEW)
+        WindowFit::solve(fits, x);
+    std::vector<WindowQuadratic> some;
+    WindowFit::linearise(fits, x, some);
+    for (size_t i = 0; i < which.size(); i++) {
+        const size_t w = which[i];
+        if (pass < Pass::ANEW ||
+            error_of(some[i], some[i].squares) < error_of(out.window[w], out.window[w].squares)) {
+            point.x[w] = x[i];
+            out.window[w] = std::move(some[i]);
         }
-        if (pass == NEAR)
-            WindowFit::solve_near(fits, x);
-        if (pass == ANEW) {
-            for (size_t i = 0; i < which.size(); i++)
-                first_state(finder, point, which[i], x[i]);
-            WindowFit::solve(fits, x);
-        }
-        std::vector<WindowQuadratic> some;
-        WindowFit::linearise(fits, x, some);
-        std::vector<size_t> left;
-        for (size_t i = 0; i < which.size(); i++) {
-            const size_t w = which[i];
-            if (pass < ANEW || error_of(some[i], some[i].squares) <
-                                   error_of(out.window[w], out.window[w].squares)) {
-                point.x[w] = x[i];
-                out.window[w] = std::move(some[i]);
-            }
-            const WindowQuadratic &q = out.window[w];
-            if (settle && (pass == AS_THEY_ARE ? off_its_best(q) : error_of(q, q.squares) > LOST))
-                left.push_back(w);
-        }
-        which = std::move(left);
     }
 }
 
+// Start states as they are, then fitted from there where they are not at their best, and anew where
+// that leads nowhere.
 bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool settle,
                          int threads_now, RunPicture &out) const
 {
+    constexpr double LOST = 30.0; // times the usual squared error
     out.free = free;
     out.window.assign(windows.size(), {});
     std::vector<double> unit;
     for (int number : free)
         unit.push_back(Fit::scale_of(point.model, number));
     const std::vector<mk_model> models = models_of(point);
-    std::vector<Finder> finders;
-    for (size_t l = 0; l < logs.size(); l++)
-        finders.push_back(finder_of(point, models[(size_t)logs[l].fold], l));
-    std::vector<std::pair<size_t, size_t>> jobs; // windows of one log, [first, last)
-    for (size_t first = 0, last; first < windows.size(); first = last) {
-        last = first + 1;
-        while (last < windows.size() && last - first < TOGETHER &&
-               windows[last].log == windows[first].log)
-            last++;
-        jobs.emplace_back(first, last);
+    const std::vector<Finder> finders = finders_of(point, models, threads_now);
+    std::vector<size_t> which;
+    for (size_t w = 0; w < windows.size(); w += out.stride)
+        which.push_back(w);
+    for (Pass pass : {Pass::AS_THEY_ARE, Pass::NEAR, Pass::ANEW}) {
+        const std::vector<std::vector<size_t>> parts = together(point, which);
+        parallel_for(threads_now, parts.size(), [&](size_t part) {
+            linearise_some(point, finders, unit, parts[part], pass, out);
+        });
+        std::vector<size_t> left;
+        for (size_t w : which) {
+            const WindowQuadratic &q = out.window[w];
+            if (settle &&
+                (pass == Pass::AS_THEY_ARE ? off_its_best(q) : error_of(q, q.squares) > LOST))
+                left.push_back(w);
+        }
+        which = std::move(left);
     }
-    parallel_for(threads_now, jobs.size(), [&](size_t job) {
-        const auto [first, last] = jobs[job];
-        linearise_some(point, *finders[(size_t)windows[first].log], unit, first, last, settle, out);
-    });
     double lost = 0.0, all = 0.0;
     for (size_t w = 0; w < windows.size(); w += out.stride)
         lost += !out.window[w].finite, all += 1.0;

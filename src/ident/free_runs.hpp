@@ -11,6 +11,7 @@
 #ifndef MECHKIT_IDENT_FREE_RUNS_HPP
 #define MECHKIT_IDENT_FREE_RUNS_HPP
 
+#include <memory>
 #include <vector>
 
 #include "ident/fit.hpp"
@@ -103,8 +104,13 @@ class FreeRuns
     double deviation[MK_MAX_JOINTS] = {1.0, 1.0}; // of the readings, counts
     double independent = 1.0;                     // errors per reading
 
-    std::unique_ptr<mk_start_finder> finder_of(const RunPoint &point, const mk_model &model,
-                                               size_t log) const;
+    using Finder = std::unique_ptr<mk_start_finder>;
+    Finder finder_of(const RunPoint &point, const mk_model &model, size_t log) const;
+    // Of every log; `models` by fold, must outlive them.
+    std::vector<Finder> finders_of(const RunPoint &point, const std::vector<mk_model> &models,
+                                   int threads) const;
+    std::vector<std::vector<size_t>> together(const RunPoint &point,
+                                              const std::vector<size_t> &which) const;
     void recall(RunPoint &point, int threads) const;
     void find_states(RunPoint &point, int threads) const;
     double prior(const RunPoint &point, const std::vector<int> &free) const;
@@ -126,9 +132,12 @@ class FreeRuns
                      const std::vector<Normal> &parts, size_t but) const;
     Step step_of(const RunPoint &point, const RunPicture &picture, double damping) const;
     RunPoint moved(const RunPoint &from, const RunPicture &picture, const Step &step) const;
-    void linearise_some(RunPoint &point, const mk_start_finder &finder,
-                        const std::vector<double> &unit, size_t first, size_t last, bool settle,
-                        RunPicture &out) const;
+    // Which start state a window is linearised from: its own, one fitted from there, or one fitted
+    // from what its readings say.
+    enum class Pass { AS_THEY_ARE, NEAR, ANEW };
+    void linearise_some(RunPoint &point, const std::vector<Finder> &finders,
+                        const std::vector<double> &unit, const std::vector<size_t> &which,
+                        Pass pass, RunPicture &out) const;
     bool off_its_best(const WindowQuadratic &q) const;
     bool first_state(const mk_start_finder &finder, const RunPoint &point, size_t window,
                      Eigen::VectorXd &x) const;

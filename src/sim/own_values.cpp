@@ -158,11 +158,12 @@ class Estimate
             of.push_back(i);
         }
         const std::vector<char> solved = mk::WindowFit::solve(fits, states);
+        const std::vector<double> squares = mk::WindowFit::costs(fits, states);
         for (size_t k = 0; k < of.size(); k++) {
             Window &w = window[of[k]];
             w.x = states[k];
             if (solved[k])
-                w.error = fits[k].cost(w.x) / (double)(w.last - w.first);
+                w.error = squares[k] / (double)(w.last - w.first);
         }
         for (Window &w : window)
             w.runs = std::isfinite(w.error);
@@ -213,13 +214,23 @@ class Estimate
         const long n = b.size();
         precision = MatrixXd::Identity(n, n);
         VectorXd g = -b;
-        for (Window &w : window) {
-            mk::WindowFit fit(f, w.first, w.last);
-            fit.differentiate_by(number, unit);
-            mk::WindowNormal e;
-            if (!w.runs || !fit.normal_at(w.x, e))
+        std::vector<mk::WindowFit> fits;
+        std::vector<VectorXd> x;
+        std::vector<double> error;
+        for (const Window &w : window)
+            if (w.runs) {
+                fits.emplace_back(f, w.first, w.last);
+                fits.back().differentiate_by(number, unit);
+                x.push_back(w.x);
+                error.push_back(w.error);
+            }
+        std::vector<mk::WindowNormal> normals;
+        const std::vector<char> fine = mk::WindowFit::normals_at(fits, x, normals);
+        for (size_t w = 0; w < fits.size(); w++) {
+            if (!fine[w])
                 continue;
-            const long ns = w.x.size();
+            const mk::WindowNormal &e = normals[w];
+            const long ns = x[w].size();
             MatrixXd states = e.H.topLeftCorner(ns, ns);
             states.diagonal() *= 1.0 + 1e-9;
             states.diagonal().array() += 1e-9;
@@ -228,7 +239,7 @@ class Estimate
             MatrixXd both(ns, n + 1);
             both << K, e.g.head(ns);
             const MatrixXd solved = mk::dense::solve_symmetric(states, both);
-            const double weight = independent / (typical + w.error);
+            const double weight = independent / (typical + error[w]);
             precision +=
                 weight * (e.H.bottomRightCorner(n, n) - K.transpose() * solved.leftCols(n));
             g += weight * (e.g.tail(n) - K.transpose() * solved.col(n));

@@ -32,6 +32,13 @@ constexpr double EASIER = 0.1, HARDER = 10.0;
 
 } // namespace
 
+static double squares_of(const ShootTask &task)
+{
+    const double squares =
+        Eigen::Map<const VectorXd>(task.residual, (long)task.row_count).squaredNorm();
+    return task.finite && std::isfinite(squares) ? squares : HUGE_VAL;
+}
+
 // The place of the way that a row comes after.
 static size_t place_before(const Way &way, size_t row)
 {
@@ -230,17 +237,41 @@ void WindowFit::add_known(const Progress &p, WindowNormal &out) const
 
 double WindowFit::cost(const VectorXd &x)
 {
-    WindowNormal n;
-    return linearise(x, to, false, n) ? n.squares : HUGE_VAL;
+    ShootTask task = task_over(x, to, 0);
+    shoot(task);
+    return squares_of(task);
 }
 
-bool WindowFit::normal_at(const VectorXd &x, WindowNormal &out)
+std::vector<double> WindowFit::costs(std::vector<WindowFit> &fits, const std::vector<VectorXd> &x)
 {
-    if (!linearise(x, to, free != nullptr, out))
-        return false;
-    for (long s = 2 * mk_model_joints(f.model); s < ns; s++)
-        out.H(s, s) += known(s);
-    return true;
+    std::vector<ShootTask> tasks;
+    for (size_t i = 0; i < fits.size(); i++)
+        tasks.push_back(fits[i].task_over(x[i], fits[i].to, 0));
+    shoot(tasks.data(), (int)tasks.size());
+    std::vector<double> squares;
+    for (const ShootTask &task : tasks)
+        squares.push_back(squares_of(task));
+    return squares;
+}
+
+std::vector<char> WindowFit::normals_at(std::vector<WindowFit> &fits,
+                                        const std::vector<VectorXd> &x,
+                                        std::vector<WindowNormal> &out)
+{
+    std::vector<ShootTask> tasks;
+    for (size_t i = 0; i < fits.size(); i++) {
+        const int parameters = fits[i].free ? (int)fits[i].free->size() : 0;
+        tasks.push_back(fits[i].task_over(x[i], fits[i].to, fits[i].ns + parameters));
+    }
+    shoot(tasks.data(), (int)tasks.size());
+    out.resize(fits.size());
+    std::vector<char> fine;
+    for (size_t i = 0; i < fits.size(); i++) {
+        fine.push_back(fits[i].normal_of(tasks[i], out[i]));
+        for (long s = 2 * mk_model_joints(fits[i].f.model); fine[i] && s < fits[i].ns; s++)
+            out[i].H(s, s) += fits[i].known(s);
+    }
+    return fine;
 }
 
 bool WindowFit::carry(VectorXd &x, size_t row)
@@ -254,19 +285,12 @@ bool WindowFit::carry(VectorXd &x, size_t row)
     return true;
 }
 
-// J'J, J'r and r'r of the readings of rows [from, last) about the trajectory from x.
-bool WindowFit::linearise(const VectorXd &x, size_t last, bool parameters, WindowNormal &out)
-{
-    ShootTask task = task_over(x, last, ns + (parameters ? (int)free->size() : 0));
-    shoot(task);
-    return normal_of(task, out);
-}
-
 ShootTask WindowFit::task_over(const VectorXd &x, size_t last, int columns)
 {
     return task_from(x, std::max(f.t[last - 1] - f.oldest, f.t[from]), columns);
 }
 
+// J'J, J'r and r'r of the readings that the trajectory has met.
 bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
 {
     if (!task.finite)

@@ -74,7 +74,7 @@ class WindowFit
     // From x to the least squares over the window; hidden states near those of x. False, and x as
     // it was, if the model runs away from there even over a short beginning.
     bool solve(Eigen::VectorXd &x);
-    // The same for several windows of one log, whose trajectories are integrated side by side.
+    // The same for several windows of one model, whose trajectories are integrated side by side.
     // Which of them were solved.
     static std::vector<char> solve(std::vector<WindowFit> &fits, std::vector<Eigen::VectorXd> &x);
     // The same roughly, and from states that are near: over the whole window at once.
@@ -82,13 +82,19 @@ class WindowFit
                                         std::vector<Eigen::VectorXd> &x);
     // Sum of squares over the window; infinite where the model runs away.
     double cost(const Eigen::VectorXd &x);
-    // The normal equations about the trajectory from x, what is known of hidden states included.
-    bool normal_at(const Eigen::VectorXd &x, WindowNormal &out);
+    // The same of several windows of one model.
+    static std::vector<double> costs(std::vector<WindowFit> &fits,
+                                     const std::vector<Eigen::VectorXd> &x);
+    // The normal equations of several windows of one model about the trajectories from x, what is
+    // known of hidden states included. Which of them could be run.
+    static std::vector<char> normals_at(std::vector<WindowFit> &fits,
+                                        const std::vector<Eigen::VectorXd> &x,
+                                        std::vector<WindowNormal> &out);
     // What is known of hidden states at the start; where nobody says, it is what a fit begins with,
     // and linearise() takes them for right.
     void expect(const Eigen::VectorXd &hidden) { expected = hidden; }
-    // Quadratics of several windows of one log in the parameters that each differentiates by, about
-    // the trajectories from x.
+    // Quadratics of several windows of one model in the parameters that each differentiates by,
+    // about the trajectories from x.
     static void linearise(std::vector<WindowFit> &fits, const std::vector<Eigen::VectorXd> &x,
                           std::vector<WindowQuadratic> &out);
     // Where the trajectory from x is at a row.
@@ -129,7 +135,6 @@ class WindowFit
     ShootTask task_over(const Eigen::VectorXd &x, size_t last, int columns);
     bool normal_of(const ShootTask &task, WindowNormal &out) const;
     void quadratic_of(const ShootTask &task, WindowQuadratic &out) const;
-    bool linearise(const Eigen::VectorXd &x, size_t last, bool parameters, WindowNormal &out);
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
 };
 
