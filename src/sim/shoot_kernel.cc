@@ -170,9 +170,10 @@ class Shooter
     ShootTask *queue; // tasks that wait
     int waiting, busy = 0;
     Lane lane[W];
-    Point x, f0; // where the lanes are, and the slopes there
-    Point y, f1; // the same at the end of a step
-    Point k2, k3, k4, between, older;
+    Point x, f0;            // where the lanes are, and the slopes there
+    Point y, f1;            // the same at the end of a step
+    Point stage, stage_sum; // the slopes of a stage, and their sum
+    Point between, older;
     Base u[MK_MAX_INPUTS], now;
     Base start;                     // of each lane's rows in their log, s
     Scalar seen[MK_MAX_STATES];     // the state as laws see it
@@ -430,7 +431,7 @@ class Shooter
     void derivative(const Base &t, const Point &at, Point &f)
     {
         Scalar dx[MK_MAX_STATES];
-        look_at(at);
+        look_at(at.v);
         rhs_of<Law>(c, in_log(t), seen, u, dx);
         for (int i = 0; i < ns; i++) {
             f.v[i] = base_of(dx[i]);
@@ -441,13 +442,13 @@ class Shooter
     {
         rhs_of<Law>(bare, in_log(t), at, u, dx);
     }
-    void look_at(const Point &at)
+    void look_at(const Base *v)
     {
         for (int i = 0; i < ns; i++)
 #if MK_DERIVATIVES
-            seen[i].v = at.v[i];
+            seen[i].v = v[i];
 #else
-            seen[i] = at.v[i];
+            seen[i] = v[i];
 #endif
     }
     // Columns weighed and added; N of them, where the compiler knows how many (else 0).
@@ -461,26 +462,49 @@ class Shooter
             row[d] = sum;
         }
     }
-    // The chain rule: derivatives by the columns of what laws made of `at`.
+    // The chain rule: derivatives by the columns of what laws made of a state, whose own are
+    // row_of(its number).
     void chain(const Scalar &number, const Point &at, Base *row) const
+    {
+        chain_rows(
+            number, [&](int i) { return at.d + i * columns; }, row);
+    }
+    template <class RowOf>
+    void chain_rows(const Scalar &number, RowOf &&row_of, Base *row) const
     {
 #if MK_DERIVATIVES
         int n = 0;
         const Base *from[MK_MAX_STATES];
         Base by[MK_MAX_STATES];
         Scalar::each(number.mask & ((1u << ns) - 1u), [&](int s) {
-            from[n] = at.d + s * columns;
+            from[n] = row_of(s);
             by[n++] = number.d[s];
         });
-        if (n == 1)
+        switch (n) {
+        case 1:
             weigh<1>(n, by, from, row);
-        else if (n == 4)
+            break;
+        case 2:
+            weigh<2>(n, by, from, row);
+            break;
+        case 3:
+            weigh<3>(n, by, from, row);
+            break;
+        case 4:
             weigh<4>(n, by, from, row);
-        else
+            break;
+        case 5:
+            weigh<5>(n, by, from, row);
+            break;
+        case 6:
+            weigh<6>(n, by, from, row);
+            break;
+        default:
             weigh<0>(n, by, from, row);
+        }
         Scalar::each(number.mask & ~((1u << ns) - 1u), [&](int d) { row[d] += number.d[d]; });
 #else
-        (void)number, (void)at, (void)row;
+        (void)number, (void)row_of, (void)row;
 #endif
     }
     // Where each lane's step shall end.
@@ -568,28 +592,35 @@ class Shooter
         return count;
     }
 
-    // y = x + h f.
-    void advance(const Base &h, const Point &f)
-    {
-        for (int i = 0; i < ns; i++)
-            y.v[i] = x.v[i] + h * f.v[i];
-        for (int i = 0; i < ns * columns; i++)
-            y.d[i] = x.d[i] + h * f.d[i];
-    }
-    // The classical Runge-Kutta method from x to y.
+    // The classical Runge-Kutta method from x to y; slopes are summed as they come.
     void runge_kutta(const Base &h)
     {
         Base half = 0.5 * h, sixth = (1.0 / 6.0) * h, mid = now + half;
-        advance(half, f0);
-        derivative(mid, y, k2);
-        advance(half, k2);
-        derivative(mid, y, k3);
-        advance(h, k3);
-        derivative(now + h, y, k4);
+        first_stage(half);
+        derivative(mid, y, stage);
+        next_stage(half);
+        derivative(mid, y, stage);
+        next_stage(h);
+        derivative(now + h, y, stage);
         for (int i = 0; i < ns; i++)
-            y.v[i] = x.v[i] + sixth * (f0.v[i] + 2.0 * (k2.v[i] + k3.v[i]) + k4.v[i]);
+            y.v[i] = x.v[i] + sixth * (stage_sum.v[i] + stage.v[i]);
         for (int i = 0; i < ns * columns; i++)
-            y.d[i] = x.d[i] + sixth * (f0.d[i] + 2.0 * (k2.d[i] + k3.d[i]) + k4.d[i]);
+            y.d[i] = x.d[i] + sixth * (stage_sum.d[i] + stage.d[i]);
+    }
+    // y = x + h f, and the sum of slopes begins.
+    void first_stage(const Base &h)
+    {
+        for (int i = 0; i < ns; i++)
+            stage_sum.v[i] = f0.v[i], y.v[i] = x.v[i] + h * f0.v[i];
+        for (int i = 0; i < ns * columns; i++)
+            stage_sum.d[i] = f0.d[i], y.d[i] = x.d[i] + h * f0.d[i];
+    }
+    void next_stage(const Base &h)
+    {
+        for (int i = 0; i < ns; i++)
+            stage_sum.v[i] += 2.0 * stage.v[i], y.v[i] = x.v[i] + h * stage.v[i];
+        for (int i = 0; i < ns * columns; i++)
+            stage_sum.d[i] += 2.0 * stage.d[i], y.d[i] = x.d[i] + h * stage.d[i];
     }
     // The same without derivatives.
     void bare_runge_kutta(const Base &h, Base *to) const
@@ -652,12 +683,12 @@ class Shooter
         runge_kutta(h - hop);
         if (!any && !on_switch)
             return;
-        derivative(end - hop, y, k2);
+        derivative(end - hop, y, stage);
         for (int s = 0; s < ns; s++)
-            y.v[s] += hop * k2.v[s];
+            y.v[s] += hop * stage.v[s];
         for (int d = 0; d < ns * columns; d++)
-            y.d[d] += hop * k2.d[d];
-        move_instants(end, any ? which : nullptr, k2.v);
+            y.d[d] += hop * stage.d[d];
+        move_instants(end, any ? which : nullptr, stage.v);
     }
     // Slopes: at y, under the old law.
     void move_instants(const Base &end, const int *which, const Base *slopes)
@@ -683,7 +714,7 @@ class Shooter
     void instants(const Base &end, const int *which, const Base *slopes, Base *instant)
     {
         Scalar g[MK_MAX_EVENTS];
-        look_at(y);
+        look_at(y.v);
         mk::events(c, in_log(end), seen, g);
         for (int e = 0; e < c.event_count; e++) {
             bool wanted = false;
@@ -849,11 +880,8 @@ class Shooter
     void take_readings(const Base &end)
     {
         for (int j = 0; j < c.joints; j++)
-            for (Readings r; (r = readings(j, end, -1e-9)).any;) {
-                Base rate[MK_MAX_STATES];
-                interpolate(end, r.t, between, rate);
-                compare(j, r, between, rate);
-            }
+            for (Readings r; (r = readings(j, end, -1e-9)).any;)
+                compare_within(j, r, end);
     }
     // Of lanes that have arrived.
     void take_up_to_end(int j)
@@ -865,37 +893,42 @@ class Shooter
         for (Readings r; (r = readings(j, end, 1e-9)).any;)
             compare(j, r, x, f0.v);
     }
-    // Cubic Hermite between both ends of a step.
-    void interpolate(const Base &end, const Base &t, Point &at, Base *rate) const
+    void compare(int j, const Readings &r, const Point &at, const Base *rate)
+    {
+        compare_rows(j, r, at.v, rate, [&](int i) { return at.d + i * columns; });
+    }
+    // Cubic Hermite between both ends of a step. A reading depends on few of the states: no others
+    // have their derivatives interpolated.
+    void compare_within(int j, const Readings &r, const Base &end)
     {
         Base h = end - now, inverse = 1.0 / if_positive(h, h, Base(1.0));
-        Base s = (t - now) * inverse, r = 1.0 - s;
-        Base h00 = (1.0 + 2.0 * s) * r * r, h10 = h * s * r * r, h01 = s * s * (3.0 - 2.0 * s),
-             h11 = -h * s * s * r;
-        Base g00 = -6.0 * s * r * inverse, g10 = r * (1.0 - 3.0 * s), g11 = s * (3.0 * s - 2.0);
+        Base s = (r.t - now) * inverse, left = 1.0 - s;
+        Base h00 = (1.0 + 2.0 * s) * left * left, h10 = h * s * left * left,
+             h01 = s * s * (3.0 - 2.0 * s), h11 = -h * s * s * left;
+        Base g00 = -6.0 * s * left * inverse, g10 = left * (1.0 - 3.0 * s),
+             g11 = s * (3.0 * s - 2.0);
+        Base rate[MK_MAX_STATES];
         for (int i = 0; i < ns; i++) {
-            at.v[i] = h00 * x.v[i] + h10 * f0.v[i] + h01 * y.v[i] + h11 * f1.v[i];
+            between.v[i] = h00 * x.v[i] + h10 * f0.v[i] + h01 * y.v[i] + h11 * f1.v[i];
             rate[i] = g00 * x.v[i] + g10 * f0.v[i] - g00 * y.v[i] + g11 * f1.v[i];
         }
-        for (int i = 0; i < ns * columns; i++)
-            at.d[i] = h00 * x.d[i] + h10 * f0.d[i] + h01 * y.d[i] + h11 * f1.d[i];
+        compare_rows(j, r, between.v, rate, [&](int i) {
+            for (int d = i * columns; d < (i + 1) * columns; d++)
+                between.d[d] = h00 * x.d[d] + h10 * f0.d[d] + h01 * y.d[d] + h11 * f1.d[d];
+            return between.d + i * columns;
+        });
     }
-    void compare(int j, const Readings &r, const Point &state_then, const Base *rate)
+    // Readings beside what the model reads in a state, whose derivatives are row_of(its number).
+    template <class RowOf>
+    void compare_rows(int j, const Readings &r, const Base *at, const Base *rate, RowOf &&row_of)
     {
-        const Point *at = &state_then;
-        if (ages_move) {
-            for (int s = 0; s < ns; s++) {
-                older.v[s] = at->v[s];
-                for (int d = 0; d < columns; d++)
-                    older.d[s * columns + d] = at->d[s * columns + d] - age_slope[j][d] * rate[s];
-            }
-            at = &older;
-        }
         Scalar reading[MK_MAX_JOINTS];
         Row row;
-        look_at(*at);
+        look_at(at);
         measure(c, in_log(r.t), seen, reading);
-        chain(reading[j], *at, row.d);
+        chain_rows(
+            reading[j], [&](int i) { return ages_move ? aged(i, j, row_of(i), rate) : row_of(i); },
+            row.d);
         for (int i = 0; i < W; i++) {
             if (r.row[i] < 0)
                 continue;
@@ -910,6 +943,14 @@ class Shooter
                 task.joint_of[l.rows] = j;
             l.rows++;
         }
+    }
+    // Derivatives of a state at the age of a joint's readings, which moves with what is
+    // differentiated by.
+    const Base *aged(int i, int j, const Base *young, const Base *rate)
+    {
+        for (int d = 0; d < columns; d++)
+            older.d[i * columns + d] = young[d] - age_slope[j][d] * rate[i];
+        return older.d + i * columns;
     }
     // Into a row of all columns: the states', then this pass's parameters.
     void store(const Base *d, int i, double w, double *row) const
