@@ -28,17 +28,21 @@ mk_model model_of(enum mk_plant_kind kind)
     return m;
 }
 
-// A motion of the model under a sum of sines, read by its encoders.
-Log record(const mk_model &m, double seconds)
+// A motion of the model under sums of sines, one for each of its motors, read by its encoders.
+Log record(const mk_model &m, double seconds, int motors = 1)
 {
     const size_t rows = (size_t)(seconds * RATE);
     mk_log *made = nullptr;
     ck_assert_int_eq(mk_log_create(rows, &made), MK_OK);
     Log log(made, mk_log_free);
-    double *t = mk_log_add_column(made, "t"), *u = mk_log_add_column(made, "u");
+    double *t = mk_log_add_column(made, "t");
+    double *u = mk_log_add_column(made, motors > 1 ? "u1" : "u");
+    double *second = motors > 1 ? mk_log_add_column(made, "u2") : nullptr;
     for (size_t k = 0; k < rows; k++) {
         t[k] = (double)k / RATE;
         u[k] = 3.0 * std::sin(5.0 * t[k]) + 2.0 * std::sin(13.0 * t[k]);
+        if (second)
+            second[k] = std::sin(4.0 * t[k]) + 0.5 * std::sin(11.0 * t[k]);
     }
     for (int j = 0; j < mk_model_joints(&m); j++) {
         double *q = mk_log_add_column(made, j ? "q2" : "q1");
@@ -114,6 +118,34 @@ START_TEST(a_flipped_command_and_swapped_joints_are_fatal_on_every_plant)
                      column(swapped, "q2"));
     ck_assert_msg(mk_data_check_fatal(check_of(m, swapped).get()) != nullptr, "%s",
                   mk_plant(m.plant)->name);
+}
+END_TEST
+
+// A rig with two motors, and a model of it that misses a good part of what it does.
+START_TEST(the_wrong_sign_of_one_motor_or_of_both_is_named)
+{
+    struct {
+        bool first, second;
+    } const wrong[] = {{false, false}, {true, false}, {false, true}, {true, true}};
+    const mk_model rig = model_of(MK_PLANT_PENDUBOT);
+    mk_model given = rig;
+    given.parameter[5] *= 0.3; // friction
+    given.parameter[6] *= 0.3;
+    given.parameter[3] *= 1.1;
+    for (const auto &w : wrong) {
+        const Log log = record(rig, 6.0, 2);
+        scale(log, "u1", w.first ? -1.0 : 1.0);
+        scale(log, "u2", w.second ? -1.0 : 1.0);
+        const auto check = check_of(given, log);
+        const mk_data_finding *fatal = mk_data_check_fatal(check.get());
+        ck_assert_int_eq(fatal != nullptr, w.first || w.second);
+        if (!fatal)
+            continue;
+        const bool first = strstr(fatal->remedy, "[u1] sign = -1") != nullptr;
+        const bool second = strstr(fatal->remedy, "[u2] sign = -1") != nullptr;
+        ck_assert_msg(first == w.first && second == w.second, "%d %d: %s", w.first, w.second,
+                      fatal->remedy);
+    }
 }
 END_TEST
 
@@ -293,6 +325,7 @@ extern "C" Suite *suite_data_check(void)
     TCase *t = tcase_create("all");
     tcase_set_timeout(t, 240);
     tcase_add_loop_test(t, a_good_log_has_no_findings, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, the_wrong_sign_of_one_motor_or_of_both_is_named);
     tcase_add_loop_test(t, a_flipped_command_and_swapped_joints_are_fatal_on_every_plant, 0,
                         MK_PLANT_COUNT);
     tcase_add_test(t, a_still_log_among_several_is_left_out);

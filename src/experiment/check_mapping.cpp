@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <cstring>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "experiment/findings.hpp"
 #include "mechkit/exchange.h"
@@ -27,6 +29,11 @@ constexpr double HOPELESS = 4.0; // squared error that counts, of constant speed
 constexpr double KNOWS_NOTHING = 0.7, LIKELY = 0.35, CERTAIN = 0.1, AGREES = 0.5;
 // What the textbook holds for certain goes unless the model says the opposite.
 constexpr double CONTRADICTS = 1.1;
+// A command is felt in proportion, whatever else the model misses: of the sign that is right it
+// leaves less than of the other one. Of the error as it is, what the other sign must leave for it
+// to be doubted, and to be wrong for certain; and what a change of two columns must leave of the
+// error that a change of one of them leaves.
+constexpr double OTHER_SIGN = 0.5, SURELY_OTHER = 0.25, MORE_COLUMNS = 0.7;
 
 const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
 const char *const speeds[MK_MAX_JOINTS] = {"dq1", "dq2"};
@@ -111,7 +118,11 @@ class Mapping
         const Log owned(log, mk_log_free);
         return misfit(c.model, *log);
     }
+    std::vector<const char *> other_sign; // of commands: whose leaves least,
+    double others_leave = HUGE_VAL;       // and how much
+    void turn_commands();
     bool ask_textbook();
+    bool ask_commands();
     void ask_model();
     void say(bool certain, const std::string &what, const std::string &change);
 };
@@ -126,38 +137,18 @@ void Mapping::say(bool certain, const std::string &what, const std::string &chan
         out.doubt(what, remedy);
 }
 
-// What the textbook finds goes by any rig of the kind: the model has to agree. True if it does.
-bool Mapping::ask_textbook()
-{
-    mk_import_finding findings[MK_IMPORT_FINDINGS];
-    bool said = false;
-    const int count = mk_import_check(table.get(), c.log.path, &itself, findings);
-    for (int i = 0; i < count; i++) {
-        const mk_import_finding &f = findings[i];
-        const double most = f.certain ? CONTRADICTS : AGREES;
-        if (f.proposal[0] && now > 0.0 && !(misfit_of(f.fixed) < most * now))
-            continue;
-        say(f.certain, f.what, f.proposal);
-        said = true;
-    }
-    return said;
-}
-
 void flip(mk_import_map &map, const char *name)
 {
     if (mk_import_column *column = mk_import_map_find(&map, name))
         column->sign = -column->sign;
 }
 
-struct SignChange {
-    bool u, q1, q2, swap;
+struct PlaceChange {
+    bool q1, q2, swap;
     const char *what, *change;
 
     mk_import_map made(mk_import_map map) const
     {
-        for (const char *name : {"u", "tau", "u1", "tau1"})
-            if (u)
-                flip(map, name);
         if (q1)
             flip(map, "q1");
         if (q2)
@@ -168,21 +159,85 @@ struct SignChange {
     }
 };
 
-// Where the textbook finds nothing: signs and places of columns under which a model predicts that
-// knows nothing of the data as they are.
+// What the textbook finds goes by any rig of the kind: the model has to agree, and must not know
+// better. True if it does.
+bool Mapping::ask_textbook()
+{
+    mk_import_finding findings[MK_IMPORT_FINDINGS];
+    bool said = false;
+    const int count = mk_import_check(table.get(), c.log.path, &itself, findings);
+    for (int i = 0; i < count; i++) {
+        const mk_import_finding &f = findings[i];
+        const double most = f.certain ? CONTRADICTS : AGREES;
+        if (f.proposal[0] && now > 0.0) {
+            const double then = misfit_of(f.fixed);
+            if (!(then < most * now) || others_leave < AGREES * then)
+                continue;
+        }
+        say(f.certain, f.what, f.proposal);
+        said = true;
+    }
+    return said;
+}
+
+// Commands with the other sign: which of them, one or all, leave least.
+void Mapping::turn_commands()
+{
+    std::vector<const char *> driven;
+    for (const char *name : {"u", "tau", "u1", "tau1", "u2", "tau2"}) {
+        mk_import_map map = itself;
+        if (mk_import_map_find(&map, name))
+            driven.push_back(name);
+    }
+    std::vector<std::vector<const char *>> choices;
+    for (const char *name : driven)
+        choices.push_back({name});
+    if (driven.size() > 1)
+        choices.push_back(driven);
+    for (const std::vector<const char *> &choice : choices) {
+        mk_import_map map = itself;
+        for (const char *name : choice)
+            flip(map, name);
+        const double then = misfit_of(map);
+        if (then > 0.0 && then < (choice.size() > 1 ? MORE_COLUMNS : 1.0) * others_leave) {
+            others_leave = then;
+            other_sign = choice;
+        }
+    }
+}
+
+// True if the other sign of a command leaves clearly less.
+bool Mapping::ask_commands()
+{
+    if (!(others_leave < OTHER_SIGN * now))
+        return false;
+    std::string names, change;
+    for (const char *name : other_sign) {
+        names += (names.empty() ? "" : " and ") + std::string(name);
+        change += (change.empty() ? "" : ", ") + text("[%s] sign = -1", name);
+    }
+    say(others_leave < SURELY_OTHER * now,
+        text("%s %s the wrong way: with the other sign the model's predictions over %g s are off "
+             "by %.2g %% of the motion (squared), as it is by %.2g %%",
+             names.c_str(), other_sign.size() > 1 ? "push" : "pushes", WINDOW_S,
+             100.0 * others_leave, 100.0 * std::fmin(now, 1.0)),
+        change);
+    return true;
+}
+
+// Where nothing else is found: signs and places of angles under which a model predicts that knows
+// nothing of the data as they are.
 void Mapping::ask_model()
 {
-    static const SignChange changes[] = {
-        {true, false, false, false, "the command pushes the wrong way", "[u] sign = -1"},
-        {false, true, false, false, "q1 counts the wrong way", "[q1] sign = -1"},
-        {false, false, true, false, "q2 counts the wrong way", "[q2] sign = -1"},
-        {false, true, true, false, "both angles count the wrong way",
-         "[q1] sign = -1, [q2] sign = -1"},
-        {false, false, false, true, "the joints are swapped", "[q1] column = q2, [q2] column = q1"},
+    static const PlaceChange changes[] = {
+        {true, false, false, "q1 counts the wrong way", "[q1] sign = -1"},
+        {false, true, false, "q2 counts the wrong way", "[q2] sign = -1"},
+        {true, true, false, "both angles count the wrong way", "[q1] sign = -1, [q2] sign = -1"},
+        {false, false, true, "the joints are swapped", "[q1] column = q2, [q2] column = q1"},
     };
-    const SignChange *best = nullptr;
+    const PlaceChange *best = nullptr;
     double least = LIKELY;
-    for (const SignChange &change : changes) {
+    for (const PlaceChange &change : changes) {
         if (!(now > KNOWS_NOTHING) || (mk_model_joints(&c.model) < 2 && (change.q2 || change.swap)))
             continue;
         const double then = misfit_of(change.made(itself));
@@ -211,7 +266,9 @@ void Mapping::check()
         return;
     table.reset(made);
     now = misfit_of(itself);
-    if (!ask_textbook())
+    if (now > 0.0)
+        turn_commands();
+    if (!ask_textbook() && !ask_commands())
         ask_model();
 }
 
