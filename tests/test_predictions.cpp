@@ -162,6 +162,29 @@ START_TEST(a_search_that_is_stopped_finds_nothing)
 }
 END_TEST
 
+// What a fit of the logs says of the size of a cogging, over its value.
+static double error_of_cogging(const Effects &effects)
+{
+    const Learning learning(effects);
+    const mk::Candidate cogging = learning.search->starts(learning.model, "cogging", 1).front();
+    mk_model with;
+    ck_assert(mk::with_candidate(learning.model, cogging, with));
+    mk::RunFit fit;
+    fit.point = learning.runs->start(with);
+    ck_assert(learning.runs->settle(fit.point, mk::fitted_parameters(with), 2, fit.picture));
+    mk::Hypothesis said;
+    said.point.model = fit.point.model;
+    learning.found->judge(fit, said);
+    return mk::Search::relative_error(said, 0, cogging.size);
+}
+
+START_TEST(the_size_of_what_is_not_there_is_open)
+{
+    ck_assert_double_lt(error_of_cogging({COGGING}), 0.1);
+    ck_assert_double_gt(error_of_cogging({}), 1.0);
+}
+END_TEST
+
 START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
@@ -204,6 +227,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, zeros_that_differ_are_missed_beside_causes_that_were_found_first);
     tcase_add_test(t, zeros_that_are_the_same_are_not);
     tcase_add_test(t, a_search_that_is_stopped_finds_nothing);
+    tcase_add_test(t, the_size_of_what_is_not_there_is_open);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
     suite_add_tcase(s, t);
     return s;

@@ -322,21 +322,12 @@ void CauseSearch::drop_idle()
 // Whether the data leave a parameter of the law open beside its size.
 bool CauseSearch::has_open_shape(size_t cause) const
 {
-    const mk_model &m = best.point.model;
     const int at = model.effect_count + (int)cause;
-    int begins = mk_plant(m.plant)->parameter_count;
-    for (int e = 0; e < at; e++)
-        begins += mk_effect(m.effect[e].index)->parameter_count;
-    const mk_effect_info &info = *mk_effect(m.effect[at].index);
-    const std::vector<int> free = fitted_parameters(m);
-    const Eigen::MatrixXd covariance = Fit::covariance(m, best.picture, free);
-    for (long i = 0; i < (long)free.size(); i++) {
-        const int k = free[(size_t)i] - begins;
-        if (k >= 0 && k < info.parameter_count && k != rounds[cause].field[0].added.size &&
-            info.parameter[k].fit == MK_FIT_FREE &&
-            !(covariance(i, i) < m.effect[at].value[k] * m.effect[at].value[k]))
+    const mk_effect_info &info = *mk_effect(best.point.model.effect[at].index);
+    for (int k = 0; k < info.parameter_count; k++)
+        if (k != rounds[cause].field[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
+            Search::relative_error(best, at, k) >= 1.0)
             return true;
-    }
     return false;
 }
 

@@ -522,8 +522,20 @@ void PredictionSearch::leave_out_each()
     });
 }
 
-// Causes that no longer carry over beside those found after them: the weakest goes, and the others
-// are asked again.
+// Whether the data leave it open how large a cause is.
+bool PredictionSearch::has_open_size(size_t cause) const
+{
+    const Candidate &c = causes[cause].cause;
+    Hypothesis h;
+    h.point.model = best.point.model;
+    judge(best, h);
+    const int effect = (int)(own_effects + cause);
+    return !(h.point.model.effect[effect].spread[c.size] > 0.0) &&
+           Search::relative_error(h, effect, c.size) >= 1.0;
+}
+
+// Causes that no longer carry over beside those found after them, or whose size is open: the
+// weakest goes, and the others are asked again.
 void PredictionSearch::decide()
 {
     while (!causes.empty() && !search.cancelled) {
@@ -535,7 +547,8 @@ void PredictionSearch::decide()
                 continue;
             const Carried &c = causes[i].carried;
             const double gain = score(causes[i].without) - score(best);
-            if (!carry_over::enough(c, (int)causes.size(), gain) && -c.mean / c.error < least) {
+            const bool stays = carry_over::enough(c, (int)causes.size(), gain) && !has_open_size(i);
+            if (!stays && -c.mean / c.error < least) {
                 least = -c.mean / c.error;
                 weakest = i;
             }

@@ -111,6 +111,7 @@ class PredictionSearch
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause
     void leave_out_each();
+    bool has_open_size(size_t cause) const;
     void drop(size_t cause);
     size_t least_confirmed(const HeldOut &held) const;
 };

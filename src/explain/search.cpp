@@ -318,6 +318,22 @@ bool Search::discredited(const Hypothesis &h)
     return off || at_end || std::fabs(value) > h.added.most;
 }
 
+double Search::relative_error(const Hypothesis &h, int effect, int parameter)
+{
+    const mk_model &m = h.point.model;
+    int number = mk_plant(m.plant)->parameter_count + parameter;
+    for (int e = 0; e < effect; e++)
+        number += mk_effect(m.effect[e].index)->parameter_count;
+    const std::vector<int> free = fitted_parameters(m);
+    const auto place = std::find(free.begin(), free.end(), number);
+    if (place == free.end())
+        return 0.0;
+    const long i = place - free.begin();
+    const double error = std::sqrt(Fit::covariance(m, h.picture, free)(i, i));
+    const double relative = error / std::fabs(m.effect[effect].value[parameter]);
+    return std::isfinite(relative) ? relative : HUGE_VAL;
+}
+
 // Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
 std::vector<Hypothesis> Search::compete(double from, double beat, double first,
                                         std::vector<Trial> &finalists)

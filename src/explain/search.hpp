@@ -79,6 +79,9 @@ class Search
     bool meets_readings(const Hypothesis &h) const;
     // Whether a fit has switched the added effect off, or made it larger than it can be.
     static bool discredited(const Hypothesis &h);
+    // Standard error of a parameter of the model's effect number `effect`, over its value;
+    // infinite where the data say nothing of it, 0 where it is not fitted.
+    static double relative_error(const Hypothesis &h, int effect, int parameter);
     int tried() const { return tried_count; } // candidates of the last extension
     // All fits so far, in passes over the data (FitOptions::max_passes): counted, so that what is
     // left out for want of time does not depend on the machine.
