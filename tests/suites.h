@@ -25,6 +25,7 @@
     X(free_runs)                                                                                   \
     X(predictions)                                                                                 \
     X(inputs)                                                                                      \
+    X(misfit)                                                                                      \
     X(own_values)                                                                                  \
     X(slides)                                                                                      \
     X(model_file)                                                                                  \

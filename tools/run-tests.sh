@@ -18,7 +18,7 @@ threaded="ring clock log_writer console console_pty tui safety rig loop loop_fau
 by_clock="clock log_writer console console_pty tui safety rig loop loop_faults board standalone doctor usb \
     parport ppdev streams serve boards_cli bus_runs replug bus_faults fault_script"
 # What takes longest comes first, so that the two end together.
-heavy="inputs own_values hidden linear foreign explain data_check investigate ratios contact slides \
+heavy="inputs misfit own_values hidden linear foreign explain data_check investigate ratios contact slides \
     compensate trajectory residual excite robustness"
 # Tags of test cases: "long" is not run under sanitizers, "threads" only where threads are looked at, and
 # "one-thread" not there.

@@ -29,11 +29,11 @@ constexpr double HOPELESS = 4.0; // squared error that counts, of constant speed
 constexpr double KNOWS_NOTHING = 0.7, LIKELY = 0.35, CERTAIN = 0.1, AGREES = 0.5;
 // What the textbook holds for certain goes unless the model says the opposite.
 constexpr double CONTRADICTS = 1.1;
-// A command is felt in proportion, whatever else the model misses: of the sign that is right it
+// A command is felt in proportion: of the sign that is right even a model that misses something
 // leaves less than of the other one. Of the error as it is, what the other sign must leave for it
-// to be doubted, and to be wrong for certain; and what a change of two columns must leave of the
-// error that a change of one of them leaves.
-constexpr double OTHER_SIGN = 0.5, SURELY_OTHER = 0.25, MORE_COLUMNS = 0.7;
+// to be doubted, and to be wrong for certain where it then predicts GOOD; and what a change of two
+// columns must leave of the error that a change of one of them leaves.
+constexpr double OTHER_SIGN = 0.5, SURELY_OTHER = 0.25, GOOD = 0.05, MORE_COLUMNS = 0.7;
 
 const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
 const char *const speeds[MK_MAX_JOINTS] = {"dq1", "dq2"};
@@ -209,14 +209,14 @@ void Mapping::turn_commands()
 // True if the other sign of a command leaves clearly less.
 bool Mapping::ask_commands()
 {
-    if (!(others_leave < OTHER_SIGN * now))
+    if (!(others_leave < std::fmin(OTHER_SIGN * now, LIKELY)))
         return false;
     std::string names, change;
     for (const char *name : other_sign) {
         names += (names.empty() ? "" : " and ") + std::string(name);
         change += (change.empty() ? "" : ", ") + text("[%s] sign = -1", name);
     }
-    say(others_leave < SURELY_OTHER * now,
+    say(others_leave < std::fmin(SURELY_OTHER * now, GOOD),
         text("%s %s the wrong way: with the other sign the model's predictions over %g s are off "
              "by %.2g %% of the motion (squared), as it is by %.2g %%",
              names.c_str(), other_sign.size() > 1 ? "push" : "pushes", WINDOW_S,

@@ -7,6 +7,7 @@
 #include "base/dense.hpp"
 #include "ident/first_values.hpp"
 #include "ident/fit.hpp"
+#include "ident/free_runs.hpp"
 #include "ident/method.hpp"
 #include "sim/period.hpp"
 
@@ -63,7 +64,9 @@ void judge(const FitPoint &point, const FitPicture &picture, const std::vector<i
             mk_model_parameter_info(&point.model, free[(size_t)i], nullptr, 0);
         double slack = 1e-9 * std::max(1.0, std::fabs(p.value));
         p.at_bound = p.value <= info->min + slack || p.value >= info->max - slack;
-        warn_if_not_excited(r, p);
+        // Of values per log the mean may be anything.
+        if (!(mk_model_parameter_spread(&point.model, free[(size_t)i]) > 0.0))
+            warn_if_not_excited(r, p);
         if (p.at_bound)
             warn(r, "%s is at the end of its physical range", p.name);
         for (long k = 0; k < n; k++)
@@ -159,28 +162,22 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
 
 // Drift beyond which the model is not the whole truth: an honest rig's plays and cables stay below.
 constexpr double SUSPICIOUS_DRIFT = 0.009, HOPELESS_DRIFT = 0.9;
+constexpr double NOISY = 3.0; // times what the readings scatter
 
 void warn_of_drift(double drift, mk_ident_result &r)
 {
     const int motor = mk_plant(r.model.plant)->motor_joint;
-    if (drift < SUSPICIOUS_DRIFT)
-        return;
-    if (drift < HOPELESS_DRIFT)
-        warn(r,
-             "the model follows these data only with pushes of %.0e %s: "
-             "mechkit explain looks for what it lacks",
-             drift * mk_model_joint_scale(&r.model, motor),
-             mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
-    else
-        warn(r, "the model does not follow these data: is it this rig, with these units, signs "
-                "and columns?");
+    warn(r,
+         "the model follows these data only with pushes of %.0e %s: "
+         "mechkit explain looks for what it lacks",
+         drift * mk_model_joint_scale(&r.model, motor),
+         mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
 }
 
 void warn_of_noise(const std::vector<const FitLog *> &views, mk_ident_result &r)
 {
-    constexpr double SUSPICIOUS = 3.0;
     const double times = beyond_scatter(views, r.noise);
-    if (times < SUSPICIOUS)
+    if (times < NOISY)
         return;
     warn(r,
          "the model does not follow these data: it is off by %.1f times what the readings "
@@ -226,6 +223,90 @@ bool fit_from(Fit &fit, const std::vector<const FitLog *> &views, const std::vec
     return go_down(fit, free, drift, point, picture);
 }
 
+constexpr double RUN_S = 0.5; // of a free run
+
+// Squared errors of free runs over those of the readings about their mean; the worst joint's root.
+double missed_by(const FreeRuns &runs, const RunPicture &picture, const mk_model &model)
+{
+    double most = 0.0;
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        const double count = mk_model_count(&model, j);
+        double squares = 0.0, readings = 0.0; // in counts
+        for (const WindowQuadratic &q : picture.window)
+            if (q.finite)
+                squares += q.before[j], readings += (double)q.readings[j];
+        if (readings > 0.0)
+            most = std::max(most, runs.relative(j, count * std::sqrt(squares / readings)));
+    }
+    return most;
+}
+
+// What free runs say of a fit whose model does not follow every reading.
+struct RunCheck {
+    double missed = UNKNOWN; // nrmse
+    bool instead = false;    // they were fitted
+};
+
+// Where the model lacks much, the likelihood of every reading may lead far away from them: into a
+// noise that is as large as the motion. Free runs over windows show it, and are fitted then, from
+// the given values on.
+RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free, int threads,
+                       FitPoint &point, FitPicture &picture)
+{
+    constexpr double ASTRAY = 50.0; // log likelihood of independent errors: beyond doubt
+    std::vector<std::vector<const mk_log *>> folds;
+    for (const mk_log *log : problem.logs)
+        folds.push_back({log});
+    FreeRuns runs(folds, problem.model, RUN_S, threads);
+    RunCheck check;
+    RunPoint fitted = runs.start(point.model);
+    if (!point.own.empty())
+        fitted.own = point.own;
+    RunPicture about_fitted;
+    const bool runs_at_all = runs.linearise(fitted, free, true, threads, about_fitted);
+    if (runs_at_all)
+        check.missed = missed_by(runs, about_fitted, problem.model);
+    const bool *unknown = problem.options.unknown;
+    if (!point.own.empty() ||
+        std::any_of(free.begin(), free.end(), [&](int number) { return unknown[number]; }))
+        return check;
+    RunPoint given = runs.start(problem.model);
+    runs.take_scale(given);
+    RunPicture about_given;
+    if (!runs.linearise(given, free, true, threads, about_given) ||
+        (runs_at_all && runs.cost(fitted, about_fitted) < runs.cost(given, about_given) + ASTRAY) ||
+        !runs.settle(given, free, threads, about_given))
+        return check;
+    point.model = given.model;
+    picture = runs.information(given, about_given);
+    check.missed = missed_by(runs, about_given, problem.model);
+    check.instead = true;
+    return check;
+}
+
+void warn_of_misfit(const RunCheck &runs, double drift, const std::vector<const FitLog *> &views,
+                    mk_ident_result &r)
+{
+    constexpr double MUCH = 0.3; // nrmse from which it is another rig
+    if (runs.instead)
+        warn(r,
+             "by the likelihood of every reading a fit leaves these data: it was fitted to free "
+             "runs of %g s",
+             RUN_S);
+    if (!(runs.missed < MUCH))
+        warn(r, "the model does not follow these data: is it this rig, with these units, signs "
+                "and columns?");
+    else if (runs.instead || drift >= HOPELESS_DRIFT)
+        warn(r,
+             "free runs of %g s miss %.2g %% of the motion, far more than the readings' noise: "
+             "mechkit explain looks for what the model lacks",
+             RUN_S, 100.0 * runs.missed);
+    else if (drift >= SUSPICIOUS_DRIFT)
+        warn_of_drift(drift, r);
+    else
+        warn_of_noise(views, r);
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -263,21 +344,27 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
                             "the model cannot follow the data from these parameters: are the units "
                             "and the rig right?");
     }
+    const double drift = fit.options.drift[0];
+    const std::vector<OwnValue> own = fit.own_values(point, picture);
+    const bool follows = drift < SUSPICIOUS_DRIFT && beyond_scatter(views, point.noise) < NOISY;
+    RunCheck runs;
+    if (!follows)
+        runs = check_by_runs(problem, free, options.threads, point, picture);
     r.model = point.model;
     r.cost = picture.cost;
     r.iterations = fit.iterations;
     r.converged = fit.converged;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
-        r.noise[j] = j < mk_model_joints(&r.model) ? point.noise[j] : UNKNOWN;
+        r.noise[j] = j >= mk_model_joints(&r.model) ? UNKNOWN
+                     : runs.instead                 ? scatter_of(views, j)
+                                                    : point.noise[j];
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
-    for (const OwnValue &v : fit.own_values(point, picture))
+    for (const OwnValue &v : own)
         if (r.own_count < MK_MAX_OWN_VALUES)
             r.own[r.own_count++] = {v.number, (size_t)v.source, v.value, v.std_error};
-    const double drift = fit.options.drift[0];
-    warn_of_drift(drift, r);
-    if (drift < SUSPICIOUS_DRIFT)
-        warn_of_noise(views, r);
+    if (!follows)
+        warn_of_misfit(runs, drift, views, r);
     if (drift < SUSPICIOUS_DRIFT)
         warn_of_repetition(views, r);
     judge(point, picture, free, r);
