@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 
 #include "ident/quantiles.hpp"
 #include "ident/residual_torque.hpp"
+#include "sim/window_fit.hpp"
 
 namespace mk
 {
@@ -284,6 +286,59 @@ void unite(std::vector<Contact> &all)
     all = std::move(out);
 }
 
+// Squared residuals of the straight line through the readings of rows [first, last), counts^2.
+double off_a_line(const mk_model &model, const mk_record &r, size_t first, size_t last)
+{
+    double sum = 0.0;
+    for (int j = 0; j < mk_model_joints(&model); j++) {
+        double n = 0.0, t = 0.0, q = 0.0, tt = 0.0, tq = 0.0, qq = 0.0;
+        for (size_t k = first; k < last; k++) {
+            const double y = (r.q[j][k] - r.q[j][first]) / mk_model_count(&model, j);
+            const double x = r.t[k] - r.t[first];
+            if (std::isnan(y))
+                continue;
+            n += 1.0, t += x, q += y, tt += x * x, tq += x * y, qq += y * y;
+        }
+        const double xx = tt - t * t / n, xy = tq - t * q / n, yy = qq - q * q / n;
+        sum += xx > 0.0 ? std::max(yy - xy * xy / xx, 0.0) : 0.0;
+    }
+    return sum;
+}
+
+// Whether the model as it is predicts the stretch: of what turns its motion off straight lines free
+// runs from the best start states leave next to nothing. Then nothing that is foreign acts there,
+// however much a smoother makes of it.
+bool is_predicted(const mk_model &model, const mk_record &record, const Contact &c)
+{
+    constexpr double WINDOW_S = 0.2, NEXT_TO_NOTHING = 0.04;
+    constexpr size_t FEWEST_ROWS = 12;
+    const std::unique_ptr<mk_start_finder> finder = basic_finder(record, model);
+    std::vector<WindowFit> fits;
+    std::vector<Eigen::VectorXd> x;
+    double straight = 0.0;
+    for (size_t first = 0, last; first < record.rows; first = last) {
+        last = first + 1;
+        while (last < record.rows && record.t[last] - record.t[first] < WINDOW_S)
+            last++;
+        const double begins = record.t[first] - record.t[0],
+                     ends = record.t[last - 1] - record.t[0];
+        Eigen::VectorXd begin(mk_model_state_count(&model));
+        if (begins < c.from_s || ends > c.to_s || last - first < FEWEST_ROWS ||
+            !first_guess(*finder, last, first, begin))
+            continue;
+        fits.emplace_back(*finder, first, last);
+        x.push_back(std::move(begin));
+        straight += off_a_line(model, record, first, last);
+    }
+    if (fits.empty())
+        return false;
+    WindowFit::solve(fits, x);
+    double left = 0.0;
+    for (double squares : WindowFit::costs(fits, x))
+        left += squares;
+    return left < NEXT_TO_NOTHING * straight;
+}
+
 } // namespace
 
 std::vector<Contact> find_contacts(const mk_model &model, const std::vector<mk_record> &records)
@@ -295,6 +350,10 @@ std::vector<Contact> find_contacts(const mk_model &model, const std::vector<mk_r
         if (all.equation[e].usual > 0.0)
             EquationSearch(all, moves, e).find(out);
     unite(out);
+    out.erase(
+        std::remove_if(out.begin(), out.end(),
+                       [&](const Contact &c) { return is_predicted(model, records[c.log], c); }),
+        out.end());
     return out;
 }
 
