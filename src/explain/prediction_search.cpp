@@ -160,7 +160,7 @@ bool PredictionSearch::take(const PredictionSearch &found)
 
 bool PredictionSearch::confirm(const PredictionSearch &found)
 {
-    if (!take(found))
+    if (!take(found) || !exchange(causes.size()))
         return false;
     decide();
     return true;
@@ -171,7 +171,8 @@ bool PredictionSearch::go_on()
     while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
            add_one())
         continue;
-    return exchange();
+    // Of the last one all others were asked just now.
+    return exchange(causes.empty() ? 0 : causes.size() - 1);
 }
 
 Carried PredictionSearch::against(const PredictionSearch &other, double &gain) const
@@ -458,11 +459,11 @@ bool PredictionSearch::settle(RunFit &at) const
     return leave_out(free, at);
 }
 
-// A cause was chosen while others were missing: one of those that nearly did as well then may be
-// the better one beside what was found since.
-bool PredictionSearch::exchange()
+// A cause was chosen while others were missing, or on fewer data: one of those that nearly did as
+// well then may be the better one beside what was found since. Of the first `count`.
+bool PredictionSearch::exchange(size_t count)
 {
-    for (size_t i = 0; i + 1 < causes.size() && !search.cancelled; i++) {
+    for (size_t i = 0; i < count && !search.cancelled; i++) {
         std::vector<Candidate> &others = runners_up[i];
         std::vector<RunFit> fits(others.size());
         parallel_for(threads, others.size(), [&](size_t k) {
@@ -492,6 +493,7 @@ bool PredictionSearch::exchange()
         causes.push_back(std::move(carrier));
         runners_up.push_back(std::move(left));
         i--;
+        count--;
         if (!settle(best))
             return false;
     }

@@ -106,7 +106,7 @@ class PredictionSearch
     double score(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
     bool settle(RunFit &at) const;
-    bool exchange();
+    bool exchange(size_t count);
     mk_model without(size_t cause) const;
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause
