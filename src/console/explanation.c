@@ -55,10 +55,13 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
             fprintf(out, " at joint %d", c->joint);
         fprintf(out, " has another %s in every log, %.2g %s apart (standard deviation):\n   ",
                 info->name, c->spread[k], mk_model_unit(&e->given, c->joint - 1, info->unit));
+        const char *between = "";
         for (int i = 0; i < e->per_log_count; i++)
-            if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint)
-                fprintf(out, " log %d %.3g +- %.1g%s", e->per_log[i].log + 1, e->per_log[i].value,
-                        e->per_log[i].std_error, i + 1 < e->per_log_count ? "," : "");
+            if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint) {
+                fprintf(out, "%s log %d %.3g +- %.1g", between, e->per_log[i].log + 1,
+                        e->per_log[i].value, e->per_log[i].std_error);
+                between = ",";
+            }
         fprintf(out, "\n    evidence: BIC %.0f better than one value for all logs\n", c->delta_bic);
         const double held = c->joint > 0 ? e->held_off[c->joint - 1] : 0.0;
         if (strcmp(c->effect->name, "encoder-offset") == 0 && held > 0.0)
@@ -104,6 +107,12 @@ static void print_rivals(FILE *out, const struct mk_explanation *e)
         fprintf(out, "  %s %s", shown ? "      " : "rivals:", r->effect->name);
         if (r->joint > 0)
             fprintf(out, " at joint %d", r->joint);
+        if (e->cause_count > 1 && r->instead_of >= 0 && r->instead_of < e->cause_count) {
+            const struct mk_cause *c = &e->cause[r->instead_of];
+            fprintf(out, " instead of %s", c->effect->name);
+            if (c->joint > 0)
+                fprintf(out, " at joint %d", c->joint);
+        }
         fprintf(out,
                 r->distinguishable ? ", BIC %.0f worse\n"
                                    : ", BIC %.1f apart: the data cannot tell them apart\n",
@@ -285,10 +294,11 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 "  Held-out data are predicted far worse than they are read: they may show what "
                 "the other logs do not. Learn from such data too.\n");
-    if (e->offered)
+    /* The budget says it joint by joint. */
+    if (e->offered && e->budget.item_count == 0)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",
                 100.0 * e->closed);
-    else if (e->cause_count + e->log_value_count + e->input.changed > 0)
+    else if (!e->offered && e->cause_count + e->log_value_count + e->input.changed > 0)
         print_declined(out, e);
     print_limits(out, e);
     print_control(out, e);

@@ -317,6 +317,7 @@ void Verdict::describe_rivals()
 
 void Verdict::describe_suspects()
 {
+    constexpr double SHOWS = 0.005; // of the gap
     out.suspect_count = 0;
     if (out.verdict < MK_VERDICT_PARTIAL)
         return;
@@ -328,7 +329,7 @@ void Verdict::describe_suspects()
         const auto is_it = [&](const auto &c) {
             return c.effect == a.cause.effect && c.joint == a.cause.joint;
         };
-        if (out.suspect_count == MK_MAX_SUSPECTS ||
+        if (out.suspect_count == MK_MAX_SUSPECTS || a.carried.share < SHOWS ||
             std::any_of(out.cause, out.cause + out.cause_count, is_it) ||
             std::any_of(out.log_value, out.log_value + out.log_value_count, is_it) ||
             std::any_of(out.suspect, out.suspect + out.suspect_count, is_it))
