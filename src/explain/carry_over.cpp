@@ -130,8 +130,11 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     const double by_window = (squares / windows - centre * centre) / windows;
     c.window_error = std::sqrt(by_window);
     c.error = std::sqrt(std::max(spread / (c.folds * (c.folds - 1.0)), by_window));
-    int judged = 0;
+    int judged = 0, known = 0;
+    double over_noise = 0.0;
     for (int j = 0; j < joints; j++) {
+        if (floor[j] > 0.0)
+            over_noise += std::pow(with.nrmse(j) / floor[j], 2), known++;
         const double room = refit.nrmse(j) * refit.nrmse(j) - floor[j] * floor[j];
         if (!(room > 3.0 * floor[j] * floor[j]))
             continue; // at twice the noise: nothing to close
@@ -144,12 +147,20 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     c.share /= std::max(judged, 1);
     c.rest_share /= std::max(judged, 1);
     c.judged = judged > 0;
+    if (known > 0)
+        c.times_noise = std::sqrt(over_noise / known);
     return c;
 }
 
 static bool closes(const Carried &c)
 {
     return c.share > LEAST_SHARE || c.rest_share > LEAST_OF_REST;
+}
+
+bool carry_over::worth_naming(const Carried &c)
+{
+    constexpr double NEAR = 10.0; // times the noise
+    return c.share > LEAST_SHARE || (c.rest_share > LEAST_OF_REST && c.times_noise < NEAR);
 }
 
 bool carry_over::promising(const Carried &c)

@@ -19,6 +19,7 @@ struct Carried {
     double window_error = HUGE_VAL; // as if all windows were of one fold
     double share = 0.0; // of the gap between refitted model and noise, closed; mean over joints
     double rest_share = 0.0;              // of what the model with less leaves of it
+    double times_noise = HUGE_VAL;        // error of the model with it; rms over joints
     int folds = 0, better = 0, worse = 0; // of the folds; some are neither
     double inclusion = 0.0;      // share of resamples of folds and windows that would choose it
     bool judged = false;         // there is something to close beyond the noise
@@ -59,6 +60,10 @@ Carried compare(const HeldOutFigures &with, const HeldOutFigures &without,
 // Whether that is enough to go on from, and to be claimed where `tried` models were asked and the
 // log likelihood of independent errors is better by `gain`.
 bool promising(const Carried &carried);
+// Whether it is a finding: a good part of the gap, or of the little that is left of it where the
+// model with it all but predicts to the noise. A small part of a rest that nobody understands is
+// none.
+bool worth_naming(const Carried &carried);
 bool enough(const Carried &carried, int tried, double gain);
 
 } // namespace carry_over

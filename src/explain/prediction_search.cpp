@@ -549,11 +549,10 @@ void PredictionSearch::decide()
                 continue;
             const Carried &c = causes[i].carried;
             const double gain = score(causes[i].without) - score(best);
-            const bool stays = carry_over::enough(c, (int)causes.size(), gain) && !has_open_size(i);
-            if (!stays && -c.mean / c.error < least) {
-                least = -c.mean / c.error;
-                weakest = i;
-            }
+            const bool stays = carry_over::enough(c, (int)causes.size(), gain) &&
+                               carry_over::worth_naming(c) && !has_open_size(i);
+            if (!stays && gain < least)
+                least = gain, weakest = i;
         }
         if (weakest == causes.size())
             return;
