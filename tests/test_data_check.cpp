@@ -149,6 +149,18 @@ START_TEST(the_wrong_sign_of_one_motor_or_of_both_is_named)
 }
 END_TEST
 
+START_TEST(a_sent_command_that_runs_against_the_measured_one_is_doubted)
+{
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log log = record(m, 6.0);
+    double *sent = mk_log_add_column(log.get(), "u_cmd");
+    std::copy_n(column(log, "u"), log->rows, sent);
+    ck_assert_int_eq(check_of(m, log)->count, 0);
+    scale(log, "u_cmd", -1.0);
+    ck_assert(says(*check_of(m, log), "u_cmd runs against u"));
+}
+END_TEST
+
 // A library user meets the same as a user of the program: nothing is fitted to data of a wrong sign
 // unless that is asked for, and then the result says so.
 START_TEST(a_fatal_finding_ends_a_fit_and_forced_it_goes_with_the_result)
@@ -326,6 +338,7 @@ extern "C" Suite *suite_data_check(void)
     tcase_set_timeout(t, 240);
     tcase_add_loop_test(t, a_good_log_has_no_findings, 0, MK_PLANT_COUNT);
     tcase_add_test(t, the_wrong_sign_of_one_motor_or_of_both_is_named);
+    tcase_add_test(t, a_sent_command_that_runs_against_the_measured_one_is_doubted);
     tcase_add_loop_test(t, a_flipped_command_and_swapped_joints_are_fatal_on_every_plant, 0,
                         MK_PLANT_COUNT);
     tcase_add_test(t, a_still_log_among_several_is_left_out);

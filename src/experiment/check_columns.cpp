@@ -129,6 +129,33 @@ double missing_share(const double *x, size_t rows)
            (double)rows;
 }
 
+// Of what was sent and what was measured of it; NaN where one of them stands still.
+double correlation_of(const double *a, const double *b, size_t rows)
+{
+    double n = 0.0, sa = 0.0, sb = 0.0, aa = 0.0, ab = 0.0, bb = 0.0;
+    for (size_t k = 0; k < rows; k++) {
+        if (std::isnan(a[k]) || std::isnan(b[k]))
+            continue;
+        n += 1.0, sa += a[k], sb += b[k];
+        aa += a[k] * a[k], ab += a[k] * b[k], bb += b[k] * b[k];
+    }
+    return (n * ab - sa * sb) / std::sqrt((n * aa - sa * sa) * (n * bb - sb * sb));
+}
+
+void check_input_pairs(const CheckedLog &c, Findings &out)
+{
+    constexpr double AGAINST = -0.5;
+    for (const char *name : {"u", "tau", "u1", "tau1", "u2", "tau2"}) {
+        const std::string sent = std::string(name) + "_cmd";
+        const double *a = mk_log_get(&c.log, name), *b = mk_log_get(&c.log, sent.c_str());
+        if (a && b && correlation_of(a, b, c.log.rows) < AGAINST)
+            out.doubt(
+                text("%s runs against %s: one of them has the wrong sign", sent.c_str(), name),
+                text("if it is what was sent, mechkit import --map with [%s] sign = -1",
+                     sent.c_str()));
+    }
+}
+
 void check_missing(const CheckedLog &c, Findings &out)
 {
     constexpr double MANY = 0.1; // of the rows
@@ -230,6 +257,7 @@ void check_columns(const CheckedLog &log, Findings &out)
         check_wrapping(log, j, out);
         check_unit(log, j, out);
     }
+    check_input_pairs(log, out);
     check_missing(log, out);
     check_rate(log, out);
     check_time_grid(log, out);

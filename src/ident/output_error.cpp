@@ -298,8 +298,8 @@ void warn_of_misfit(const RunCheck &runs, double drift, const std::vector<const 
                 "and columns?");
     else if (runs.instead || drift >= HOPELESS_DRIFT)
         warn(r,
-             "free runs of %g s miss %.2g %% of the motion, far more than the readings' noise: "
-             "mechkit explain looks for what the model lacks",
+             "free runs of %g s miss %.2g %% of the motion, far more than the readings' noise, "
+             "and standard errors do not count it: mechkit explain looks for what the model lacks",
              RUN_S, 100.0 * runs.missed);
     else if (drift >= SUSPICIOUS_DRIFT)
         warn_of_drift(drift, r);
