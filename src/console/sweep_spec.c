@@ -7,6 +7,7 @@
 
 #include "base/in_file.h"
 #include "base/ini_file.h"
+#include "base/text.h"
 #include "console/sweep.h"
 #include "mechkit/number.h"
 
@@ -181,11 +182,13 @@ static enum mk_status add_axis(struct sweep *s, const struct sweep_key *key,
 static enum mk_status unknown_key(const struct sweep *s, const struct mk_ini_entry *e,
                                   struct mk_error *err)
 {
-    char known[600] = "";
+    char known[600] = "", hint[80];
+    struct mk_meant meant = {.word = e->key};
     bool section = s->kind->free_section && strcmp(e->section, s->kind->free_section) == 0;
     for (const struct sweep_key *k = s->kind->key; k->section; k++) {
         size_t used = strlen(known);
         section = section || strcmp(k->section, e->section) == 0;
+        mk_meant_try(&meant, k->key);
         snprintf(known + used, sizeof known - used, "%s[%s] %s", used ? ", " : "", k->section,
                  k->key);
     }
@@ -193,9 +196,10 @@ static enum mk_status unknown_key(const struct sweep *s, const struct mk_ini_ent
         snprintf(known + strlen(known), sizeof known - strlen(known), ", [%s] ...",
                  s->kind->free_section);
     return mk_error_at(err, MK_ERR_PARSE, s->path, e->line, 0,
-                       section ? "unknown key '%s' in [%s]: a sweep of %s has %s"
-                               : "unknown key '%s' in unknown section [%s]: a sweep of %s has %s",
-                       e->key, e->section, s->kind->name, known);
+                       section ? "unknown key '%s' in [%s]%s; a sweep of %s has %s"
+                               : "unknown key '%s' in unknown section [%s]%s; a sweep of %s has %s",
+                       e->key, e->section, mk_meant_text(&meant, hint, sizeof hint), s->kind->name,
+                       known);
 }
 
 static enum mk_status read_axes(struct sweep *s, struct mk_ini *ini, struct mk_error *err)
