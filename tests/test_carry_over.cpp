@@ -88,7 +88,7 @@ START_TEST(a_part_of_a_small_rest_is_a_finding_near_the_noise_alone)
     const mk::HeldOutFigures refit = figures({1.0, 1.0, 1.0, 1.0});
     const mk::HeldOutFigures less = figures({0.03, 0.03, 0.03, 0.03});
     const mk::HeldOutFigures with = figures({0.01, 0.01, 0.01, 0.01});
-    const double near[MK_MAX_JOINTS] = {0.05, 0.05}, far[MK_MAX_JOINTS] = {1e-3, 1e-3};
+    const double near[MK_MAX_JOINTS] = {0.05, 0.05}, far[MK_MAX_JOINTS] = {1e-4, 1e-4};
     const mk::Carried c = mk::carry_over::compare(with, less, refit, near, 1);
     ck_assert(mk::carry_over::enough(c, 1, WITHOUT_DOUBT));
     ck_assert(mk::carry_over::worth_naming(c));

@@ -159,7 +159,7 @@ static bool closes(const Carried &c)
 
 bool carry_over::worth_naming(const Carried &c)
 {
-    constexpr double NEAR = 10.0; // times the noise
+    constexpr double NEAR = 100.0; // times the noise
     return c.share > LEAST_SHARE || (c.rest_share > LEAST_OF_REST && c.times_noise < NEAR);
 }
 
