@@ -133,7 +133,9 @@ struct mk_ident_result {
     double condition_number;        /* of the stacked regressor or sensitivity matrix */
     double condition_number_scaled; /* the same with columns scaled to unit norm */
     double cost;                    /* what the method minimises, at the estimate */
-    double noise[MK_MAX_JOINTS]; /* standard deviation of the readings' noise, rad; NaN unknown */
+    /* Standard deviation of the readings' noise, in the joint's unit; NaN unknown. Where free runs
+     * were fitted instead (a warning says so), what the readings scatter. */
+    double noise[MK_MAX_JOINTS];
     int own_count;
     struct mk_own_value own[MK_MAX_OWN_VALUES]; /* by log; what does not fit is left out */
     /* Data without a torque show ratios of inertias, weights, frictions and stiffnesses alone, for

@@ -260,8 +260,10 @@ RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free
     FreeRuns runs(folds, problem.model, RUN_S, threads);
     RunCheck check;
     RunPoint fitted = runs.start(point.model);
-    if (!point.own.empty())
-        fitted.own = point.own;
+    // A log of which nothing could be fitted has no values of its own.
+    for (size_t log = 0; log < std::min(point.own.size(), fitted.own.size()); log++)
+        if (point.own[log].size() == fitted.own[log].size())
+            fitted.own[log] = point.own[log];
     RunPicture about_fitted;
     const bool runs_at_all = runs.linearise(fitted, free, true, threads, about_fitted);
     if (runs_at_all)
