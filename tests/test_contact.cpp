@@ -180,24 +180,12 @@ START_TEST(a_fast_swing_among_slow_ones_is_no_hand)
     std::vector<truth::OwnedLog> logs;
     std::vector<mk_record> records;
     for (const char *run : {"run_143339", "run_154220"}) {
-        const char *path =
-            shared_path((std::string("data/pendubot-dfki-c1-sysid/") + run + ".csv").c_str());
-        if (!path) {
-            fprintf(stderr, "a measured swing-up: skipped, no ../shared/data\n");
+        logs.emplace_back(measured_log("pendubot-dfki-c1-sysid", run, "double-pendulum-dfki"));
+        if (!logs.back())
             return;
-        }
-        char said[4096];
-        const std::string csv = scratch((std::string(run) + ".csv").c_str());
-        ck_assert_int_eq(run_mechkit(said, sizeof said,
-                                     "import %s --map models/measured/double-pendulum-dfki.map "
-                                     "--out %s",
-                                     path, csv.c_str()),
-                         0);
-        mk_log *log = nullptr;
-        ck_assert_int_eq(mk_log_read(csv.c_str(), &log, &err), MK_OK);
-        logs.emplace_back(log);
         records.emplace_back();
-        ck_assert_int_eq(mk_record_from_log(log, &model, &records.back(), &err), MK_OK);
+        ck_assert_int_eq(mk_record_from_log(logs.back().get(), &model, &records.back(), &err),
+                         MK_OK);
     }
     ck_assert_uint_eq(mk::find_contacts(model, records).size(), 0);
 }

@@ -110,23 +110,10 @@ START_TEST(a_fit_does_not_leave_measured_data_that_its_start_follows)
     std::vector<truth::OwnedLog> owned;
     std::vector<const mk_log *> logs;
     for (const char *episode : episodes) {
-        const char *path =
-            shared_path((std::string("data/furuta-qube-servo1/") + episode + ".csv").c_str());
-        if (!path) {
-            fprintf(stderr, "a fit of measured data: skipped, no ../shared/data\n");
+        owned.emplace_back(measured_log("furuta-qube-servo1", episode, "furuta-qube-servo1"));
+        if (!owned.back())
             return;
-        }
-        char said[4096];
-        const std::string csv = scratch((std::string(episode) + ".csv").c_str());
-        ck_assert_int_eq(run_mechkit(said, sizeof said,
-                                     "import %s --map models/measured/furuta-qube-servo1.map "
-                                     "--out %s",
-                                     path, csv.c_str()),
-                         0);
-        mk_log *log = nullptr;
-        ck_assert_int_eq(mk_log_read(csv.c_str(), &log, &err), MK_OK);
-        owned.emplace_back(log);
-        logs.push_back(log);
+        logs.push_back(owned.back().get());
     }
     const auto r = fit(m, logs);
     const double before = error_of(m, logs), after = error_of(r->model, logs);

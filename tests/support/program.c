@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "mechkit/log.h"
 #include "support/files.h"
 
 static int run(char *out, size_t size, const char *command)
@@ -78,6 +79,26 @@ const char *shared_path(const char *name)
     else
         snprintf(path, sizeof path, "%s/../shared/%s", MK_SOURCE_DIR, name);
     return access(path, R_OK) == 0 ? path : NULL;
+}
+
+struct mk_log *measured_log(const char *folder, const char *run, const char *map)
+{
+    char name[256], said[4096], csv[512];
+    snprintf(name, sizeof name, "data/%s/%s.csv", folder, run);
+    const char *path = shared_path(name);
+    if (!path) {
+        fprintf(stderr, "skipped: no measured log %s/%s\n", folder, run);
+        return NULL;
+    }
+    snprintf(name, sizeof name, "%s.csv", run);
+    snprintf(csv, sizeof csv, "%s", scratch(name));
+    ck_assert_msg(run_mechkit(said, sizeof said, "import %s --map models/measured/%s.map --out %s",
+                              path, map, csv) == 0,
+                  "%s", said);
+    struct mk_log *log = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(csv, &log, &err) == MK_OK, "%s", err.message);
+    return log;
 }
 
 bool have_program(const char *program, const char *test)

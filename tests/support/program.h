@@ -23,6 +23,10 @@ const char *open_loop_log(const char *rig, const char *signal, double seconds);
  * names another place than ../shared. Static storage. */
 const char *shared_path(const char *name);
 
+/* A log that others measured, data/FOLDER/RUN.csv there, taken in by models/measured/MAP.map; NULL
+ * where it is not there, which is said on standard error. The caller frees it. */
+struct mk_log *measured_log(const char *folder, const char *run, const char *map);
+
 /* Whether a program is on the path; says once, on standard error, that `test` skips what needs it
  * when it is not. */
 bool have_program(const char *program, const char *test);
