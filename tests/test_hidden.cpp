@@ -376,6 +376,20 @@ START_TEST(play_is_found_where_a_fit_of_all_else_has_gone_astray)
 }
 END_TEST
 
+START_TEST(nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise)
+{
+    // A wheel so slow that its counts fall between the samples: likelihood takes their steps for
+    // friction of the bearing.
+    truth::Wish wish;
+    wish.kind = "none", wish.seed = 783109;
+    truth::Case c = truth::make_case(wish);
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "none");
+    ck_assert_int_eq(e.cause_count, 0);
+    ck_assert_int_eq(e.offered, 0);
+}
+END_TEST
+
 START_TEST(what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does)
 {
     // To a pendulum that only swings, a tilted base and a wrong zero are one thing; a dead zone and
@@ -435,6 +449,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
+    tcase_add_test(t,
+                   nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise);
     tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 2);
     suite_add_tcase(s, t);
     return s;

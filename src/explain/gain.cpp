@@ -79,6 +79,13 @@ struct Gain {
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
     }
+    bool within(double times, const HeldOut &held, const HeldOutFigures &f) const
+    {
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            if (!(f.nrmse(j) <= times * noise_share(held, j)))
+                return false;
+        return true;
+    }
     double noise(int j) const { return out.noise[j]; }
     double noise_share(const HeldOut &held, int j) const
     {
@@ -146,6 +153,11 @@ struct Gain {
         constexpr double LESS = 0.05; // of the squared error must go, at least
         if ((out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total()) ||
             (out.verdict == MK_VERDICT_PARTIAL && after.total() > (1.0 - LESS) * refitted.total()))
+            out.offered = false;
+        // Where next to nothing is missing likelihood may take the readings' own steps for a cause:
+        // it must predict better, if by ever so little.
+        constexpr double AT_NOISE = 2.0; // times
+        if (within(AT_NOISE, held, refitted) && after.total() > refitted.total())
             out.offered = false;
         if (found && !out.offered) {
             for (int j = 0; j < mk_model_joints(&model); j++)
