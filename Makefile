@@ -88,10 +88,11 @@ say = $(Q) $(1) $@;
 endif
 
 # --- sources ------------------------------------------------------------------------------------
-LIB_DIRS := base model sim ctrl driver ident exchange experiment explain investigate
+LIB_DIRS := base model sim ctrl driver ident exchange experiment explain explain/search explain/evidence \
+            explain/report investigate
 LIB_C    := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.c))
 LIB_CXX  := $(foreach d,$(LIB_DIRS),$(wildcard src/$(d)/*.cpp))
-APP_C    := $(wildcard src/console/*.c)
+APP_C    := $(wildcard src/console/*/*.c)
 EMU_C    := $(filter-out %/plugged.c %/bench.c %/stream.c,$(wildcard tests/emu/*.c))
 TEST_C   := $(wildcard tests/*.c tests/support/*.c) $(EMU_C) tests/emu/bench.c tests/emu/stream.c
 TEST_CXX := $(wildcard tests/test_*.cpp tests/support/*.cpp)
@@ -154,11 +155,11 @@ $(SO): $(LIB_OBJ) $(SO_MAP)
 libraries: $(LIB) $(SO) ## build the static and the shared library
 
 # Only the program has a screen; the library needs no curses.
-$(B)/src/console/tui_term.o: CPPFLAGS_ALL += $(TUI_CFLAGS)
+$(B)/src/console/screen/tui_term.o: CPPFLAGS_ALL += $(TUI_CFLAGS)
 APP_LIBS = $(TUI_LIBS) $(MPI_LIBS) $(LDLIBS_ALL)
 ifeq ($(MPI),1)
 MPI_LIBS := $(shell $(PKGCONFIG) --libs ompi-c)
-$(B)/src/console/sweep_mpi.o: CPPFLAGS_ALL += -DMK_HAVE_MPI $(shell $(PKGCONFIG) --cflags ompi-c | sed 's/-I/-isystem /g')
+$(B)/src/console/commands/sweep_mpi.o: CPPFLAGS_ALL += -DMK_HAVE_MPI $(shell $(PKGCONFIG) --cflags ompi-c | sed 's/-I/-isystem /g')
 endif
 $(APP): $(APP_OBJ) $(LIB)
 	$(call say,LD)$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(APP_LIBS)
@@ -341,8 +342,9 @@ FUZZ_BOARD := $(addprefix src/driver/,frame.c device.c standalone.c standalone_l
 FUZZ_FILES := $(wildcard src/base/*.c) src/base/number.cpp src/model/model_file.c \
               $(addprefix src/exchange/,import.c map.c read_mat.c read_text.c table.c unit.c) \
               $(addprefix src/exchange/,consistency.cpp plausible.cpp) src/driver/fault_script.c \
-              $(addprefix src/console/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c \
-                sweep_explain.c sweep_journal.c sweep_robustness.c sweep_spec.c) \
+              $(addprefix src/console/script/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c) \
+              $(addprefix src/experiment/,sweep_journal.c sweep_robustness.c) src/explain/sweep_explain.c \
+              src/experiment/sweep_spec.c \
               $(addprefix fuzz/,fuzz_file.c fuzz_mat.c fuzz_seen.c)
 FUZZ_OBJ := $(FUZZ_FILES:%=$(BUILD)/fuzz/%.o)
 FUZZ_CHOSEN := $(or $(TARGETS),$(FUZZ_TARGETS))

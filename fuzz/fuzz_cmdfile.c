@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "console/cmd.h"
-#include "console/cmdfile.h"
+#include "console/script/cmd.h"
+#include "console/script/cmdfile.h"
 #include "fuzz_file.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);

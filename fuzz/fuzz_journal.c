@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "console/sweep_journal.h"
+#include "experiment/sweep_journal.h"
 #include "fuzz_file.h"
 
 #define INPUT_MAX 8192

@@ -1,5 +1,5 @@
 // Evidence that carries over to data that were not fitted, on errors that are made up.
-#include "explain/carry_over.hpp"
+#include "explain/evidence/carry_over.hpp"
 
 #include "suites.h"
 

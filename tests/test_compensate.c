@@ -9,13 +9,13 @@
 #include <unistd.h>
 
 #include "base/random.h"
-#include "console/control_gain.h"
-#include "console/explanation.h"
-#include "console/robustness.h"
+#include "console/commands/explanation.h"
 #include "ctrl/compensate.h"
 #include "ctrl/equilibrium.h"
 #include "ctrl/lift.h"
 #include "ctrl/roa.h"
+#include "experiment/robustness.h"
+#include "explain/control_gain.h"
 #include "support/closed.h"
 
 static void add(struct mk_model *m, const char *name, int joint, const double *value)

@@ -13,10 +13,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "console/cmd.h"
-#include "console/cmdfile.h"
-#include "console/condition.h"
-#include "console/progress.h"
+#include "console/commands/progress.h"
+#include "console/script/cmd.h"
+#include "console/script/cmdfile.h"
+#include "console/script/condition.h"
 #include "mechkit/json.h"
 #include "mechkit/log.h"
 #include "support/files.h"

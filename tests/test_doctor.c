@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "console/doctor.h"
+#include "console/commands/doctor.h"
 
 static struct mk_model model, rig; /* what is believed; what is there */
 static struct mk_clock clock_;

@@ -1,7 +1,7 @@
 // Effects hidden in data, which explain must find. The data come from a simulator of their own: a
 // pendulum as a torque balance in steps of 20 us, friction and contact resolved, quantised
 // readings.
-#include "explain/candidates.hpp"
+#include "explain/search/candidates.hpp"
 
 #include "suites.h"
 
@@ -13,14 +13,14 @@
 #include <utility>
 #include <vector>
 
-#include "explain/log_values.hpp"
-#include "explain/slips.hpp"
+#include "explain/evidence/verdict.hpp"
+#include "explain/search/log_values.hpp"
+#include "explain/search/missed_counts.hpp"
 #include "explain/training.hpp"
-#include "explain/verdict.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/json.h"
 extern "C" {
-#include "console/explanation.h"
+#include "console/commands/explanation.h"
 #include "support/files.h"
 #include "support/program.h"
 }

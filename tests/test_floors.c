@@ -12,16 +12,16 @@
 /* A small tree with `line` in `file`; what tools/floors.sh says of it. */
 static int check_tree(const char *file, const char *line, char *said, size_t size)
 {
-    static const char *const folders[] = {"src",        "src/base", "src/model",
-                                          "src/ctrl",   "src/sim",  "src/console",
-                                          "src/driver", "include",  "include/mechkit"};
+    static const char *const folders[] = {
+        "src",         "src/base",           "src/model",  "src/ctrl", "src/sim",
+        "src/console", "src/console/screen", "src/driver", "include",  "include/mechkit"};
     for (size_t i = 0; i < sizeof folders / sizeof folders[0]; i++)
         mkdir(scratch(folders[i]), 0755);
     scratch_text("include/mechkit/status.h", "#include <stddef.h>\n");
     scratch_text("include/mechkit/loop.h", "#include \"mechkit/status.h\"\n");
     scratch_text("src/ctrl/loop.c", "#include \"mechkit/loop.h\"\n#include \"base/random.h\"\n");
     scratch_text("src/sim/sundials.cpp", "#include <cvode/cvode.h>\n");
-    scratch_text("src/console/tui_term.c", "#include <ncursesw/curses.h>\n");
+    scratch_text("src/console/screen/tui_term.c", "#include <ncursesw/curses.h>\n");
     if (file)
         scratch_text(file, line);
     char command[1024];
@@ -51,7 +51,7 @@ START_TEST(whatever_is_forbidden_is_found)
         {"src/console/a.c", "#include <cjson/cJSON.h>\n", "cJSON"},
         {"src/ctrl/a.h", "#include <Eigen/Core>\n", "Eigen"},
         {"src/console/a.c", "#include <curses.h>\n", "curses"},
-        {"src/console/tui_view.c", "#include <ncurses.h>\n", "curses"},
+        {"src/console/screen/tui_view.c", "#include <ncurses.h>\n", "curses"},
         {"src/console/a.c", "#include <ncursesw/panel.h>\n", "curses"},
         {"src/sim/a.c", "#include <zlib.h>\n", "zlib"},
         {"src/console/a.c", "#include <libusb-1.0/libusb.h>\n", "libusb"},

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "console/options.h"
+#include "console/commands/options.h"
 #include "support/files.h"
 #include "support/program.h"
 

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/spectrum.h"
-#include "console/step_response.h"
+#include "console/commands/step_response.h"
 #include "support/files.h"
 #include "support/program.h"
 

@@ -1,6 +1,6 @@
 // Causes by what predicts: chosen by logs left out, claimed by data that chose nothing, and no law
 // more than the data tell. Data are those of an independent simulator.
-#include "explain/causes.hpp"
+#include "explain/search/causes.hpp"
 
 #include "suites.h"
 

@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "console/session.h"
+#include "console/script/session.h"
 #include "driver/tcp.h"
 #include "emu/bench.h"
 #include "support/files.h"

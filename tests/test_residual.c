@@ -5,8 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "console/robustness.h"
 #include "ctrl/residual.h"
+#include "experiment/robustness.h"
 #include "mechkit/loop.h"
 #include "support/bench.h"
 

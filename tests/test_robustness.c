@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "console/robustness.h"
+#include "experiment/robustness.h"
 
 #define BALANCING_COUNT 6
 static const struct {

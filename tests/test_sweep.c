@@ -12,8 +12,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "console/basin.h"
-#include "console/sweep_journal.h"
+#include "experiment/basin.h"
+#include "experiment/sweep_journal.h"
 #include "support/files.h"
 #include "support/program.h"
 

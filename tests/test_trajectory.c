@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "console/robustness.h"
+#include "experiment/robustness.h"
 #include "mechkit/sim.h"
 #include "mechkit/swingup.h"
 #include "support/closed.h"

@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "console/linear.h"
-#include "console/poles.h"
-#include "console/tui.h"
+#include "console/commands/poles.h"
+#include "console/screen/tui.h"
+#include "experiment/linear.h"
 #include "mechkit/design.h"
 #include "support/files.h"
 

@@ -79,8 +79,8 @@ complain "cJSON comes with mechkit/json.h:" \
     "$(includes '[<"](cjson/)?cJSON' 'include/mechkit/json[.]h|src/base/json[.]c' src include tests)"
 complain "Eigen stays in C++ sources:" \
     "$(includes '<(unsupported/)?Eigen' '(src|tests)/[a-z_/]+[.](cpp|hpp|cc)' src include tests)"
-complain "only the screen (src/console/tui_term.c) includes curses:" \
-    "$(includes '<(n?cursesw?/)?(n?curses|panel|form|menu|term)[.]h' 'src/console/tui_term[.]c' src include)"
+complain "only the screen (src/console/screen/tui_term.c) includes curses:" \
+    "$(includes '<(n?cursesw?/)?(n?curses|panel|form|menu|term)[.]h' 'src/console/screen/tui_term[.]c' src include)"
 complain "zlib stays in src/base:" "$(includes '<zlib' 'src/base/[a-z_]+[.][ch]' src include)"
 complain "matio stays in src/exchange:" \
     "$(includes '<matio' 'src/exchange/[a-z_]+[.][ch]' src include)"

@@ -10,14 +10,14 @@
 #include <string>
 #include <thread>
 
-#include "explain/budget.hpp"
-#include "explain/detection.hpp"
-#include "explain/final_fit.hpp"
-#include "explain/gain.hpp"
-#include "explain/innovations.hpp"
-#include "explain/log_values.hpp"
-#include "explain/next_experiment.hpp"
-#include "explain/pushes.hpp"
+#include "explain/evidence/budget.hpp"
+#include "explain/evidence/detection.hpp"
+#include "explain/evidence/gain.hpp"
+#include "explain/evidence/innovations.hpp"
+#include "explain/report/next_experiment.hpp"
+#include "explain/report/residual_torque.hpp"
+#include "explain/search/final_fit.hpp"
+#include "explain/search/log_values.hpp"
 #include "explain/stage_clock.hpp"
 #include "ident/first_values.hpp"
 #include "ident/held_out.hpp"

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "bench_pendubot.hpp"
-#include "explain/search.hpp"
+#include "explain/search/search.hpp"
 
 namespace
 {

@@ -12,8 +12,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "console/cmd.h"
-#include "console/cmdfile.h"
+#include "console/script/cmd.h"
+#include "console/script/cmdfile.h"
 #include "mechkit/log.h"
 
 #define KILLED_AFTER_MS 400

@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "console/session.h"
+#include "console/script/session.h"
 
 /* What must never be; the first one is kept. */
 struct violation {

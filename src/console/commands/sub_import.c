@@ -1,0 +1,230 @@
+/* mechkit import: logs from other people's files, and whether they can be what they are said to be.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "base/text.h"
+#include "console/commands/options.h"
+#include "mechkit/exchange.h"
+#include "mechkit/json.h"
+
+struct options {
+    const char *file, *out, *map, *rig, *fixed, *json;
+    bool force;
+};
+
+static const struct option_row option_rows[] = {
+    {"map", OPTION_TEXT(map), "M.map", "what the columns mean (docs/formats.md)"},
+    {"rig", OPTION_TEXT(rig), "KIND",
+     "instead of a mapping: the kind of rig (docs/formats.md); the columns go by their names"},
+    {"out", OPTION_TEXT(out), "LOG.csv", "the log"},
+    {"write-map", OPTION_TEXT(fixed), "M.map", "the mapping, with what is proposed"},
+    {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
+    {"json", OPTION_TEXT(json), "FILE", "what was assumed and found; \"-\": standard output"},
+    {0}};
+
+static int run(int argc, char **argv);
+
+const struct subcommand sub_import = {
+    .name = "import",
+    .summary = "logs from other people's files, and whether they can be true",
+    .synopsis = "FILE --map M.map|--rig KIND [--out LOG.csv] [options]",
+    .about =
+        "Reads text with columns (also .gz) or a .mat file. A mapping says which column is what, "
+        "in\n"
+        "which unit, sign and offset (docs/formats.md); without one the names of the columns do.\n"
+        "Says what was assumed and checks it against how rigs move: unit of time and angles,\n"
+        "gravity, sign of the command, joints swapped. What cannot be is not written, and a mend\n"
+        "is proposed: exit code 1. What is only doubted is said, and the log is written.",
+    .options = option_rows,
+    .argument = "file",
+    .least = 1,
+    .most = 1,
+    .run = run,
+};
+
+static int check(const struct options *o)
+{
+    if (!o->map && !o->rig)
+        return report_usage("import", "--map or --rig is missing");
+    if (o->rig && !mk_plant_by_name(o->rig))
+        return report_usage("import", "--rig %s: expected %s", o->rig, mk_plant_names());
+    if (o->map && o->rig)
+        return report_usage("import", "the rig stands in the map: --map or --rig, not both");
+    if (!o->out && !o->fixed && !o->json)
+        return report_usage("import", "--out, --write-map or --json is missing");
+    return EXIT_OK;
+}
+
+/* --- what was assumed ------------------------------------------------------------------- */
+
+static void print_column(const struct mk_import_column *c)
+{
+    char from[4 * sizeof c->from];
+    printf("  %-5s = ", c->to);
+    if (c->sign == -1.0)
+        fputs("-", stdout);
+    else if (c->sign != 1.0)
+        printf("%g * ", c->sign);
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs("(", stdout);
+    fputs(mk_show_text(from, sizeof from, c->from), stdout);
+    if (*c->plus)
+        printf(" + %s", mk_show_text(from, sizeof from, c->plus));
+    if (*c->minus)
+        printf(" - %s", mk_show_text(from, sizeof from, c->minus));
+    if (c->sign != 1.0 && (*c->plus || *c->minus))
+        fputs(")", stdout);
+    if (*c->unit)
+        printf(" [%s]", c->unit);
+    if (c->offset != 0.0)
+        printf(" %c %.6g", c->offset < 0.0 ? '-' : '+', c->offset < 0.0 ? -c->offset : c->offset);
+    putchar('\n');
+}
+
+static void print_map(const struct options *o, const struct mk_import_map *map,
+                      const struct mk_table *table)
+{
+    printf("%s: %zu rows, taken for those of the %s%s\n", o->file, table->rows,
+           mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
+    for (int i = 0; i < map->count; i++)
+        print_column(&map->column[i]);
+    if (map->no_input)
+        puts("  no command: nothing drove the rig");
+    if (*table->left_out)
+        printf("  left out: %s\n", table->left_out);
+}
+
+static void print_findings(const struct options *o, const struct mk_import_finding *findings,
+                           int count)
+{
+    for (int i = 0; i < count; i++) {
+        printf("%s: %s: %s\n", findings[i].certain ? "fatal" : "doubt", o->file, findings[i].what);
+        printf("  to do: %s%s\n",
+               *findings[i].proposal ? "if so, change the mapping: " : "look at the data",
+               findings[i].proposal);
+    }
+}
+
+static bool is_fatal(const struct mk_import_finding *findings, int count)
+{
+    bool fatal = false;
+    for (int i = 0; i < count; i++)
+        fatal = fatal || findings[i].certain;
+    return fatal;
+}
+
+static enum mk_status write_report(const struct options *o, const struct mk_import_map *map,
+                                   const struct mk_import_finding *findings, int count,
+                                   struct mk_error *err)
+{
+    cJSON *root = cJSON_CreateObject(), *columns = cJSON_AddObjectToObject(root, "columns");
+    cJSON *list = cJSON_AddArrayToObject(root, "findings");
+    cJSON_AddStringToObject(root, "file", o->file);
+    cJSON_AddStringToObject(root, "rig", mk_plant(map->rig)->name);
+    for (int i = 0; i < map->count; i++) {
+        const struct mk_import_column *c = &map->column[i];
+        cJSON *item = cJSON_AddObjectToObject(columns, c->to);
+        cJSON_AddStringToObject(item, "column", c->from);
+        if (*c->plus)
+            cJSON_AddStringToObject(item, "plus", c->plus);
+        if (*c->minus)
+            cJSON_AddStringToObject(item, "minus", c->minus);
+        cJSON_AddStringToObject(item, "unit", c->unit);
+        cJSON_AddItemToObject(item, "sign", mk_json_number(c->sign));
+        cJSON_AddItemToObject(item, "offset", mk_json_number(c->offset));
+    }
+    for (int i = 0; i < count; i++) {
+        cJSON *item = cJSON_CreateObject();
+        cJSON_AddStringToObject(item, "severity", findings[i].certain ? "fatal" : "doubt");
+        cJSON_AddStringToObject(item, "what", findings[i].what);
+        cJSON_AddStringToObject(item, "proposal", findings[i].proposal);
+        cJSON_AddItemToArray(list, item);
+    }
+    enum mk_status st = mk_json_write(o->json, root, err);
+    cJSON_Delete(root);
+    return st;
+}
+
+/* --- the command ------------------------------------------------------------------------ */
+
+static void use_rig(struct mk_import_map *map, const struct mk_plant_info *plant)
+{
+    map->rig = plant->kind;
+    for (int j = 0; j < plant->joints; j++)
+        map->joint_linear[j] = plant->joint_motion[j] == MK_JOINT_SLIDES;
+}
+
+static enum mk_status find_map(const struct options *o, struct mk_import_map *map,
+                               struct mk_table **table, struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    memset(map, 0, sizeof *map);
+    if (o->map)
+        st = mk_import_map_read(o->map, map, err);
+    else
+        use_rig(map, mk_plant_by_name(o->rig));
+    if (st == MK_OK)
+        st = mk_import_open(o->file, map, table, err);
+    if (st == MK_OK && !o->map)
+        st = mk_import_guess(*table, o->file, map, err);
+    return st;
+}
+
+static enum mk_status write_outputs(const struct options *o, const struct mk_log *log,
+                                    const struct mk_import_map *map,
+                                    const struct mk_import_finding *findings, int count,
+                                    struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    if (o->out && (!is_fatal(findings, count) || o->force))
+        st = mk_log_write(o->out, log, err);
+    if (st == MK_OK && o->fixed)
+        st = mk_import_map_write(o->fixed, count > 0 ? &findings[count - 1].fixed : map, NULL, err);
+    if (st == MK_OK && o->json)
+        st = write_report(o, map, findings, count, err);
+    return st;
+}
+
+static int run(int argc, char **argv)
+{
+    struct options o = {0};
+    struct arguments files;
+    int code = options_parse(&sub_import, argc, argv, &o, &files);
+    if (code == EXIT_OK)
+        code = check(&o);
+    if (code != EXIT_OK)
+        return code;
+    o.file = files.text[0];
+    if (same_file(o.file, o.out))
+        return report_usage("import", "--out %s: that is the file to be read", o.out);
+    struct mk_import_map map;
+    struct mk_import_finding findings[MK_IMPORT_FINDINGS];
+    struct mk_table *table = NULL;
+    struct mk_log *log = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    int count = 0;
+    bool writing = false;
+    enum mk_status st = find_map(&o, &map, &table, &err);
+    if (st == MK_OK)
+        st = mk_import_apply(table, o.file, &map, &log, &err);
+    if (st == MK_OK) {
+        bool quiet = o.json && strcmp(o.json, "-") == 0;
+        count = mk_import_check(table, o.file, &map, findings);
+        if (!quiet) {
+            print_map(&o, &map, table);
+            print_findings(&o, findings, count);
+        }
+        writing = true;
+        st = write_outputs(&o, log, &map, findings, count, &err);
+        if (st == MK_OK && count > 0 && o.out && !quiet)
+            puts(o.force || !is_fatal(findings, count)
+                     ? "written all the same"
+                     : "not written: mend the map, or use --force");
+    }
+    mk_log_free(log);
+    mk_table_free(table);
+    if (st != MK_OK)
+        return writing ? report_output_error(&err) : report_error(&err);
+    return is_fatal(findings, count) && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
+}

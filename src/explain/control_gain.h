@@ -1,0 +1,13 @@
+/* What an extended model is worth to a controller: the rig's setups on a virtual rig that is the
+ * extended model, believing the given, the refitted and the extended one. */
+#ifndef MECHKIT_EXPLAIN_CONTROL_GAIN_H
+#define MECHKIT_EXPLAIN_CONTROL_GAIN_H
+
+#include "mechkit/explain.h"
+
+/* Fills in e->control, where an extension is offered. A setup that cannot be tried (no gains can be
+ * designed, the rig does not hang still) is left out; the same explanation gives the same figures.
+ */
+MK_NODISCARD enum mk_status control_gain_measure(struct mk_explanation *e, struct mk_error *err);
+
+#endif

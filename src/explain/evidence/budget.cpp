@@ -1,0 +1,346 @@
+#include "explain/evidence/budget.hpp"
+
+#include <algorithm>
+#include <bitset>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <numeric>
+
+#include "explain/evidence/resamples.hpp"
+#include "ident/held_out.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+using Set = unsigned; // of items, one bit each
+
+// What causes and log values close, by which of them a model has.
+class Shares
+{
+  public:
+    Shares(const TrainingData &data_in, const FinalFit &last_in, const mk_explanation &out_in)
+        : data(data_in), held(data.held, out_in.window_s, data.second_half,
+                              last_in.search().usual_options().threads),
+          last(last_in), out(out_in), joints(mk_model_joints(&out_in.given))
+    {
+        find_items();
+    }
+    struct Item {
+        mk_budget_item entry;
+        std::vector<int> effects; // of the extended model
+    };
+    std::vector<Item> items;
+
+    // Held-out errors of the extended model with these items only, all else fitted again.
+    const HeldOutFigures &of(Set set)
+    {
+        auto known = figures.find(set);
+        if (known != figures.end())
+            return known->second;
+        HeldOutFigures &f = figures[set];
+        if (set == everything())
+            (void)!held.figures(out.extended, f, nullptr);
+        else if (set == 0)
+            (void)!held.figures(out.refit, f, nullptr);
+        else
+            (void)!held.figures(model_with(set), f, nullptr);
+        return f;
+    }
+    Set everything() const { return (1u << items.size()) - 1u; }
+
+    // Of the gap closed, mean over the joints that have one; of windows counted so many times.
+    double closed(Set set, const Times *times = nullptr)
+    {
+        double sum = 0.0;
+        int judged = 0;
+        for (int j = 0; j < joints; j++) {
+            const double before = mean_square(of(0), j, times),
+                         now = mean_square(of(set), j, times);
+            const double floor = out.floor[j] * out.floor[j];
+            if (!(before - floor > CLOSE * floor))
+                continue;
+            sum += (before - now) / (before - floor);
+            judged++;
+        }
+        return judged ? sum / judged : 0.0;
+    }
+    // Mean squared error over that of the readings, summed over the joints.
+    double in_noise(Set set)
+    {
+        double sum = 0.0;
+        for (int j = 0; j < joints; j++)
+            if (out.floor[j] > 0.0)
+                sum += mean_square(of(set), j, nullptr) / (out.floor[j] * out.floor[j]);
+        return sum;
+    }
+    // Gains of an item over the orders of adding.
+    std::vector<std::pair<Set, double>> &orders(size_t item)
+    {
+        if (weights.empty())
+            find_orders();
+        return weights[item];
+    }
+    double share(size_t item, const Times *times = nullptr)
+    {
+        double sum = 0.0;
+        for (const auto &[without, weight] : orders(item))
+            sum += weight * (closed(without | (1u << item), times) - closed(without, times));
+        return sum;
+    }
+    const HeldOut &runs() const { return held; }
+
+  private:
+    static constexpr double CLOSE = 0.2; // of the noise: no gap, in squares
+    const TrainingData &data;
+    const HeldOut held;
+    const FinalFit &last;
+    const mk_explanation &out;
+    int joints;
+    std::map<Set, HeldOutFigures> figures;
+    std::vector<FitLog> other_logs;
+    std::unique_ptr<Search> other;
+    std::unique_ptr<FreeRuns> other_runs;
+    std::vector<std::vector<std::pair<Set, double>>>
+        weights; // by item: what is there before, share
+
+    void find_items()
+    {
+        const mk_budget_item none = {-1, -1, false, 0.0, 0.0, 0.0, std::nan(""), {}};
+        Item late = {none, {}}; // what comes with the other column of the command
+        for (int e = out.given.effect_count; e < out.extended.effect_count; e++) {
+            const mk_effect_use &use = out.extended.effect[e];
+            Item item = {none, {e}};
+            for (int i = 0; i < out.cause_count; i++)
+                if (out.cause[i].effect == mk_effect(use.index) &&
+                    out.cause[i].joint == use.joint && out.cause[i].value[0] == use.value[0])
+                    item.entry.cause = i;
+            for (int i = 0; i < out.log_value_count; i++)
+                if (out.log_value[i].effect == mk_effect(use.index) &&
+                    out.log_value[i].joint == use.joint)
+                    item.entry.log_value = i, item.entry.cause = -1;
+            if (item.entry.cause >= 0 || item.entry.log_value >= 0)
+                items.push_back(item);
+            else
+                late.effects.push_back(e);
+        }
+        late.entry.input = true;
+        if (out.input.changed)
+            items.push_back(late);
+    }
+    mk_model model_with(Set set)
+    {
+        mk_model m = out.extended;
+        bool given_column = false;
+        std::vector<int> gone;
+        for (size_t i = 0; i < items.size(); i++) {
+            if (set & (1u << i))
+                continue;
+            gone.insert(gone.end(), items[i].effects.begin(), items[i].effects.end());
+            given_column = given_column || items[i].entry.input;
+        }
+        std::sort(gone.rbegin(), gone.rend());
+        for (int effect : gone) {
+            for (int e = effect; e + 1 < m.effect_count; e++)
+                m.effect[e] = m.effect[e + 1];
+            m.effect_count--;
+        }
+        if (given_column)
+            m.input = out.given.input;
+        Hypothesis fitted;
+        if (given_column && last.runs())
+            return fitted_to_given_column(m);
+        const bool fine =
+            given_column
+                ? search_with_given_column().refit_at(m, last.best, last.refit.drift, fitted)
+                : last.fit_again(m, fitted);
+        return fine ? fitted.point.model : m;
+    }
+    mk_model fitted_to_given_column(const mk_model &m)
+    {
+        constexpr int ITERATIONS = 6;
+        const int threads = last.search().settings().threads;
+        if (!other_runs) {
+            other_runs =
+                std::make_unique<FreeRuns>(data.rows_by_log(), out.given, out.window_s, threads);
+            RunPoint at = other_runs->start(out.given);
+            other_runs->take_scale(at);
+        }
+        RunPoint point = other_runs->start(m);
+        RunPicture picture;
+        return other_runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, picture)
+                   ? point.model
+                   : m;
+    }
+    // The training data as the given model's column of the command drives them.
+    Search &search_with_given_column()
+    {
+        if (other)
+            return *other;
+        std::vector<const FitLog *> views;
+        const std::vector<const mk_log *> &rows = last.rows();
+        other_logs.reserve(rows.size());
+        for (size_t i = 0; i < rows.size(); i++) {
+            mk_record record;
+            if (mk_record_from_log(rows[i], &out.given, &record, nullptr) != MK_OK)
+                return last.search();
+            other_logs.push_back(
+                fit_log(record, out.given, 0, record.rows, last.logs()[i]->source));
+            views.push_back(&other_logs.back());
+        }
+        SearchOptions so;
+        so.given = &out.given;
+        so.threads = last.search().usual_options().threads;
+        other = std::make_unique<Search>(views, so);
+        return *other;
+    }
+    // All orders where there are few; else each item first, last and in between, in orders and
+    // their reverses.
+    void find_orders()
+    {
+        const size_t n = items.size();
+        weights.assign(n, {});
+        std::vector<std::vector<size_t>> orders;
+        std::vector<size_t> order(n);
+        std::iota(order.begin(), order.end(), 0u);
+        if (n <= ALL_ORDERS) {
+            do
+                orders.push_back(order);
+            while (std::next_permutation(order.begin(), order.end()));
+        } else {
+            orders.push_back(order);
+            orders.emplace_back(order.rbegin(), order.rend());
+        }
+        for (const std::vector<size_t> &one : orders) {
+            Set before = 0;
+            for (size_t item : one) {
+                weights[item].emplace_back(before, 1.0 / (double)orders.size());
+                before |= 1u << item;
+            }
+        }
+    }
+    static constexpr size_t ALL_ORDERS = 3;
+};
+
+void find_intervals(Shares &shares)
+{
+    const std::vector<Interval> found = intervals_of(shares.of(0), [&](const Times &times) {
+        std::vector<double> share(shares.items.size());
+        for (size_t k = 0; k < share.size(); k++)
+            share[k] = shares.share(k, &times);
+        return share;
+    });
+    for (size_t k = 0; k < found.size(); k++) {
+        shares.items[k].entry.low = found[k].low;
+        shares.items[k].entry.high = found[k].high;
+    }
+}
+
+// Causes by the squared error, in the readings' noise, that their absence leaves, all else fitted
+// again; pieces of what has no name stay last.
+void sort_causes(Shares &shares, mk_explanation &out)
+{
+    if (out.cause_count < 2)
+        return;
+    double worth[MK_MAX_CAUSES] = {};
+    const Set all = shares.everything();
+    for (size_t k = 0; k < shares.items.size(); k++)
+        if (shares.items[k].entry.cause >= 0)
+            worth[shares.items[k].entry.cause] = shares.in_noise(all & ~(1u << k));
+    std::vector<int> order((size_t)out.cause_count);
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int x, int y) {
+        return out.cause[x].piece != out.cause[y].piece ? out.cause[y].piece : worth[x] > worth[y];
+    });
+    int place[MK_MAX_CAUSES];
+    mk_cause sorted[MK_MAX_CAUSES];
+    for (int i = 0; i < out.cause_count; i++) {
+        sorted[i] = out.cause[order[(size_t)i]];
+        place[order[(size_t)i]] = i;
+    }
+    std::copy_n(sorted, out.cause_count, out.cause);
+    for (int i = 0; i < out.rival_count; i++)
+        out.rival[i].instead_of = place[out.rival[i].instead_of];
+    for (Shares::Item &item : shares.items)
+        if (item.entry.cause >= 0)
+            item.entry.cause = place[item.entry.cause];
+}
+
+void tell_rest(const mk_explanation &e, mk_budget &b)
+{
+    constexpr double LEVEL = 0.01; // over all tests
+    b.rest = 1.0 - b.closed;
+    double most = 0.0;
+    for (int j = 0; j < mk_model_joints(&e.given); j++) {
+        const double left = b.extended[j] * b.extended[j] - b.noise[j] * b.noise[j];
+        const double of = left / std::max(b.refit[j] * b.refit[j], 1e-300);
+        if (b.extended[j] > 2.0 * b.noise[j] && of > most)
+            most = of, b.rest_joint = j + 1;
+    }
+    std::vector<const mk_residual_test *> tests;
+    for (int i = 0; i < e.residual_test_count; i++) {
+        const mk_residual_test &t = e.residual_test[i];
+        if (t.joint == b.rest_joint && std::strcmp(t.with, "itself") != 0 &&
+            t.p_after < LEVEL / e.residual_test_count)
+            tests.push_back(&t);
+    }
+    std::stable_sort(tests.begin(), tests.end(),
+                     [](const mk_residual_test *x, const mk_residual_test *y) {
+                         return std::fabs(x->after) > std::fabs(y->after);
+                     });
+    for (const mk_residual_test *t : tests)
+        if (b.goes_with_count < (int)(sizeof b.goes_with / sizeof b.goes_with[0]))
+            b.goes_with[b.goes_with_count++] = t->with;
+}
+
+} // namespace
+
+void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
+                 mk_explanation &out)
+{
+    mk_budget &b = out.budget;
+    b = {};
+    Shares shares(data, last, out);
+    const int joints = mk_model_joints(&out.given);
+    double deviation[MK_MAX_JOINTS] = {};
+    for (int j = 0; j < joints; j++) {
+        deviation[j] = shares.runs().deviation(out.given, j);
+        b.given[j] = out.before[j] * deviation[j];
+        b.refit[j] = out.refitted[j] * deviation[j];
+        b.extended[j] = out.after[j] * deviation[j];
+        b.noise[j] = out.floor[j] * deviation[j];
+    }
+    if (out.offered && !shares.items.empty()) {
+        b.closed = shares.closed(shares.everything());
+        for (size_t i = 0; i < shares.items.size(); i++) {
+            Shares::Item &item = shares.items[i];
+            item.entry.share = shares.share(i);
+            const int first = out.extended.effect_count - (int)causes.rounds.size();
+            const int round = item.entry.cause >= 0 ? item.effects[0] - first : -1;
+            if (round >= 0 && round < (int)causes.carried.size())
+                item.entry.inclusion = causes.carried[(size_t)round].inclusion;
+        }
+        find_intervals(shares);
+        sort_causes(shares, out);
+        std::vector<size_t> order(shares.items.size());
+        std::iota(order.begin(), order.end(), 0u);
+        std::stable_sort(order.begin(), order.end(), [&](size_t x, size_t y) {
+            return shares.items[x].entry.share > shares.items[y].entry.share;
+        });
+        Set set = 0;
+        for (size_t i : order) {
+            set |= 1u << i;
+            mk_budget_item &entry = b.item[b.item_count++];
+            entry = shares.items[i].entry;
+            for (int j = 0; j < joints; j++)
+                entry.rms[j] = shares.of(set).nrmse(j) * deviation[j];
+        }
+    }
+    tell_rest(out, b);
+}
+
+} // namespace mk

@@ -1,0 +1,192 @@
+#include "explain/evidence/carry_over.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+#include "base/random.h"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr size_t USUAL_FOLDS = 4;
+constexpr double SURE = 2.0;          // standard errors, of one model asked
+constexpr double LEAST_SHARE = 0.05;  // of the gap, or
+constexpr double LEAST_OF_REST = 0.1; // of what is left of it
+constexpr double LITTLE = 0.1;        // of the usual squared error of a window
+constexpr double WORSE = 0.02;        // mean log ratio of a fold that is not as good
+constexpr double HONEST = 5.0;        // log likelihood of independent errors, at least
+
+} // namespace
+
+// The folds are the logs; where they are too few, the windows of them that are searched, or blocks
+// of those with some windows of prediction in each.
+Folds::Folds(const TrainingData &data, double window_s)
+{
+    constexpr double WINDOWS = 2.0;
+    std::set<int> sources;
+    for (const FitLog &log : data.logs)
+        sources.insert(log.source);
+    of_logs = sources.size();
+    const bool by_log = sources.size() >= FEWEST;
+    const size_t wanted = by_log ? 1 : (USUAL_FOLDS + data.rows.size() - 1) / data.rows.size();
+    for (size_t i = 0; i < data.rows.size(); i++) {
+        const bool same = by_log && i > 0 && data.logs[i].source == data.logs[i - 1].source;
+        const double seconds = data.logs[i].duration();
+        size_t blocks = wanted;
+        while (blocks > 1 && seconds / (double)blocks < WINDOWS * window_s)
+            blocks--;
+        for (size_t b = 0; b < blocks; b++) {
+            const mk_log *rows = data.rows[i];
+            if (blocks > 1) {
+                made.push_back(
+                    rows_of_log(*rows, b * rows->rows / blocks, (b + 1) * rows->rows / blocks));
+                rows = made.back().get();
+            }
+            if (!same)
+                logs.emplace_back();
+            logs.back().push_back(rows);
+        }
+    }
+}
+
+// In how many resamples of the folds, and of the windows in each, it would still be chosen.
+static double inclusion_of(const std::vector<std::vector<double>> &ratios)
+{
+    constexpr int RESAMPLES = 200;
+    mk_random random = {1};
+    auto any = [&](size_t count) { return (size_t)(mk_random_next(&random) % count); };
+    int chosen = 0;
+    for (int i = 0; i < RESAMPLES; i++) {
+        int better = 0;
+        double mean = 0.0;
+        for (size_t f = 0; f < ratios.size(); f++) {
+            const std::vector<double> &fold = ratios[any(ratios.size())];
+            double sum = 0.0;
+            for (size_t w = 0; w < fold.size(); w++)
+                sum += fold[any(fold.size())];
+            mean += sum / (double)fold.size();
+            better += sum < 0.0;
+        }
+        chosen += mean < 0.0 && 2 * better > (int)ratios.size();
+    }
+    return (double)chosen / RESAMPLES;
+}
+
+std::vector<double> carry_over::log_ratios(const HeldOutFigures &with,
+                                           const HeldOutFigures &without)
+{
+    const size_t count = std::min(with.window.size(), without.window.size());
+    double missed = 0.0, judged = 0.0;
+    for (size_t w = 0; w < count; w++)
+        missed += without.window[w], judged += without.window[w] > 0.0;
+    const double little = LITTLE * missed / std::max(judged, 1.0);
+    std::vector<double> ratios(count, std::nan(""));
+    for (size_t w = 0; w < count; w++)
+        if (with.window[w] > 0.0 && without.window[w] > 0.0)
+            ratios[w] = std::log((with.window[w] + little) / (without.window[w] + little));
+    return ratios;
+}
+
+Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &without,
+                            const HeldOutFigures &refit, const double *floor, int joints)
+{
+    Carried c;
+    double all = 0.0, squares = 0.0, windows = 0.0;
+    const std::vector<double> window_ratios = log_ratios(with, without);
+    std::vector<std::vector<double>> ratios; // by fold and window
+    for (size_t first = 0; first < window_ratios.size();) {
+        const int fold = with.log[first];
+        std::vector<double> ratio;
+        for (; first < window_ratios.size() && with.log[first] == fold; first++)
+            if (!std::isnan(window_ratios[first]))
+                ratio.push_back(window_ratios[first]);
+        for (double r : ratio)
+            all += r, squares += r * r, windows += 1.0;
+        if (!ratio.empty()) {
+            c.by_fold.push_back(std::accumulate(ratio.begin(), ratio.end(), 0.0) /
+                                (double)ratio.size());
+            ratios.push_back(std::move(ratio));
+        }
+    }
+    c.folds = (int)c.by_fold.size();
+    if (c.folds < 2)
+        return c;
+    c.inclusion = inclusion_of(ratios);
+    double spread = 0.0;
+    for (double mean : c.by_fold) {
+        c.mean += mean / c.folds;
+        c.better += mean < 0.0;
+        c.worse += mean > WORSE;
+    }
+    for (double mean : c.by_fold)
+        spread += (mean - c.mean) * (mean - c.mean);
+    // Of few folds the scatter among them can be small by chance: never less than that of windows.
+    const double centre = all / windows;
+    const double by_window = (squares / windows - centre * centre) / windows;
+    c.window_error = std::sqrt(by_window);
+    c.error = std::sqrt(std::max(spread / (c.folds * (c.folds - 1.0)), by_window));
+    int judged = 0, known = 0;
+    double over_noise = 0.0;
+    for (int j = 0; j < joints; j++) {
+        if (floor[j] > 0.0)
+            over_noise += std::pow(with.nrmse(j) / floor[j], 2), known++;
+        const double room = refit.nrmse(j) * refit.nrmse(j) - floor[j] * floor[j];
+        if (!(room > 3.0 * floor[j] * floor[j]))
+            continue; // at twice the noise: nothing to close
+        const double closed = without.nrmse(j) * without.nrmse(j) - with.nrmse(j) * with.nrmse(j);
+        const double rest = without.nrmse(j) * without.nrmse(j) - floor[j] * floor[j];
+        c.share += closed / room;
+        c.rest_share += rest > 3.0 * floor[j] * floor[j] ? closed / rest : 0.0;
+        judged++;
+    }
+    c.share /= std::max(judged, 1);
+    c.rest_share /= std::max(judged, 1);
+    c.judged = judged > 0;
+    if (known > 0)
+        c.times_noise = std::sqrt(over_noise / known);
+    return c;
+}
+
+static bool closes(const Carried &c)
+{
+    return c.share > LEAST_SHARE || c.rest_share > LEAST_OF_REST;
+}
+
+bool carry_over::worth_naming(const Carried &c)
+{
+    constexpr double NEAR = 100.0; // times the noise
+    return c.share > LEAST_SHARE || (c.rest_share > LEAST_OF_REST && c.times_noise < NEAR);
+}
+
+bool carry_over::promising(const Carried &c)
+{
+    return c.folds >= 2 && c.mean < -c.error && c.better > c.worse && closes(c);
+}
+
+bool carry_over::enough(const Carried &c, int tried, double gain)
+{
+    if (gain < HONEST || !promising(c))
+        return false;
+    // Of many models that change nothing one passes by chance: 2 ln(n) is the square of the largest
+    // of n normal deviates, about.
+    const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
+    // The same quantile of Student's distribution, the error being one of few folds.
+    const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
+    // Where no fold is worse the scatter among folds is that of how much is gained, not of whether:
+    // windows say what chance would do. Where moreover the likelihood leaves no doubt it is all in
+    // some of the windows, and the others say nothing: a limit that is seldom met. With such a
+    // likelihood a fold may be worse as well, if most are better and windows say so.
+    const bool none_worse = c.worse == 0 && c.folds >= (int)Folds::FEWEST;
+    const bool most_better = c.better > 2 * c.worse && c.folds >= (int)Folds::FEWEST;
+    if (gain > carry_over::STRONG && none_worse && 2 * c.better > c.folds)
+        return true;
+    const bool by_windows = none_worse || (gain > carry_over::STRONG && most_better);
+    return c.mean < -(by_windows ? z * c.window_error : t * c.error);
+}
+
+} // namespace mk

@@ -1,0 +1,235 @@
+#include "explain/evidence/gain.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "explain/evidence/innovations.hpp"
+#include "ident/held_out.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+struct Gain {
+    const mk_model &model;
+    const mk_explain_options &options;
+    const TrainingData &data;
+    const CauseSearch &causes;
+    const FinalFit &last;
+    Verdict &verdict;
+    mk_explanation &out;
+
+    // Training data with bad times, or contact and play, are hard to follow to the last digit;
+    // held-out data that the named causes alone predict confirm them all the same.
+    void confirm(const HeldOut &held, const HeldOutFigures &after)
+    {
+        constexpr double CONFIRMED = 0.9; // of what refitting leaves
+        constexpr double NEARLY = 1.5;    // of the noise
+        constexpr double ALL_BUT = 0.99;  // the rest is less than any cause is named for
+        const bool named = !causes.rounds.empty() && causes.all_named();
+        bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
+        bool as_read = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
+        if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
+            !(out.closed > CONFIRMED))
+            return;
+        const auto nothing_left = [&] {
+            return out.closed > ALL_BUT && leaves_white_noise(last.logs(), last.best);
+        };
+        if (!touches && !as_read && !nothing_left())
+            return;
+        out.verdict = MK_VERDICT_EFFECT;
+        out.structure[0] = 0;
+    }
+    enum mk_status predict_held_out(HeldOutFigures &before, HeldOutFigures &refitted,
+                                    HeldOutFigures &after, mk_error *err)
+    {
+        // Where no model can say anything so far ahead, as of an unstable rig, less far.
+        constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
+        for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
+            const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
+            before = refitted = after = {};
+            enum mk_status st = held.figures(out.refit, refitted, err);
+            // An extension that runs away everywhere is a bad one, not an error.
+            if (st == MK_OK && (st = held.figures(out.extended, after, err)) == MK_ERR_NUMERIC) {
+                after.square[0] = HUGE_VAL;
+                st = MK_OK;
+            }
+            bool lost_track = false;
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                lost_track = lost_track || (after.nrmse(j) > 1.0 && refitted.nrmse(j) > 1.0);
+            if (st == MK_OK && lost_track && !options.window_s && out.window_s > SHORTEST)
+                continue;
+            return st == MK_OK ? held.figures(out.given, before, err) : st;
+        }
+    }
+    // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
+    // nothing explains says nothing then: long chaotic motion leaves one, and so does a rig that is
+    // balanced for long, whose free run besides grows from any error at its start.
+    bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
+    {
+        constexpr double TRACE = 5e-3; // drift
+        const bool trace = last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
+        const double nearly = trace ? 6.0 : 3.0;
+        bool near = true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
+        return near;
+    }
+    bool within(double times, const HeldOut &held, const HeldOutFigures &f) const
+    {
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            if (!(f.nrmse(j) <= times * noise_share(held, j)))
+                return false;
+        return true;
+    }
+    double noise(int j) const { return out.noise[j]; }
+    double noise_share(const HeldOut &held, int j) const
+    {
+        const double sd = held.deviation(model, j);
+        return sd > 0.0 ? noise(j) / sd : 0.0;
+    }
+    // What the readings' own noise leaves of the error. No model is below it: a joint that comes
+    // out so moved little, and the noise that the fits saw was not all its own there.
+    double floor_of(const HeldOut &held, int j, const HeldOutFigures &refitted,
+                    const HeldOutFigures &after) const
+    {
+        const double sd = held.deviation(model, j);
+        return std::min({sd > 0.0 ? out.noise[j] / sd : 0.0, refitted.nrmse(j), after.nrmse(j)});
+    }
+    // Where there is something to close, an extension that widens it is not what is missing,
+    // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
+    bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
+                  const HeldOutFigures &after) const
+    {
+        constexpr double SOMETHING = 0.2, WIDER = 0.1; // of the noise, of the gap
+        constexpr double NOISE = 2.0;                  // in squares
+        double floor = 0.0, gap = 0.0, wider = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            const double share = noise_share(held, j), noise = NOISE * share * share;
+            const double error = refitted.nrmse(j) * refitted.nrmse(j);
+            const double left = after.nrmse(j) * after.nrmse(j);
+            floor += share * share;
+            gap += std::max(error - noise, 0.0);
+            wider += std::max(left - noise, 0.0) - std::max(error - noise, 0.0);
+        }
+        return gap > SOMETHING * floor && wider > WIDER * gap;
+    }
+    // Without the causes what they were found beside may do: values that differ from log to log,
+    // the command's other column. Else these are no findings either.
+    void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
+                           HeldOutFigures &after)
+    {
+        if (out.log_value_count + out.input.changed == 0)
+            return;
+        if (clearly_worse(after, refitted) || misleads(held, refitted, after)) {
+            out.log_value_count = out.per_log_count = 0;
+            out.input.changed = false;
+            out.input.taken =
+                out.given.input == MK_INPUT_COMMANDED ? MK_INPUT_COMMANDED : MK_INPUT_MEASURED;
+            out.extended = out.refit;
+            after = refitted;
+            return;
+        }
+        out.offered = true;
+        out.cause_count = out.piece_count = out.rival_count = 0;
+        std::fill(std::begin(out.declined), std::end(out.declined), 0.0);
+        verdict.add_data_causes();
+    }
+    enum mk_status measure(mk_error *err)
+    {
+        HeldOutFigures before, refitted, after;
+        enum mk_status st = predict_held_out(before, refitted, after, err);
+        if (st != MK_OK)
+            return st;
+        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
+        const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
+        out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
+        // A formula is worth having for what it predicts only, and where much is left without a
+        // name so is a cause.
+        constexpr double LESS = 0.05; // of the squared error must go, at least
+        if ((out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total()) ||
+            (out.verdict == MK_VERDICT_PARTIAL && after.total() > (1.0 - LESS) * refitted.total()))
+            out.offered = false;
+        // Where next to nothing is missing likelihood may take the readings' own steps for a cause:
+        // it must predict better, if by ever so little.
+        constexpr double AT_NOISE = 2.0; // times
+        if (within(AT_NOISE, held, refitted) && after.total() > refitted.total())
+            out.offered = false;
+        if (found && !out.offered) {
+            for (int j = 0; j < mk_model_joints(&model); j++)
+                out.declined[j] = after.nrmse(j);
+            verdict.withdraw();
+            after = {};
+            st = held.figures(out.extended, after, err);
+            if (st != MK_OK)
+                return st;
+            offer_data_causes(held, refitted, after);
+        }
+        for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
+            out.extended.parameter_stderr[i] =
+                std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
+        if (out.verdict == MK_VERDICT_UNKNOWN && !found && at_noise(held, refitted)) {
+            // A model that bends to its data leaves its values open, and what it predicts does not.
+            const bool off = verdict.values_off() || clearly_worse(before, refitted);
+            out.verdict = off ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+            out.structure[0] = 0;
+        }
+        // Values that differ by more than chance but predict no better are as good as right.
+        if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
+            out.verdict = MK_VERDICT_NONE;
+        // Unless they predict nothing at all, if in a window or two only.
+        constexpr double NOTHING = 100.0; // in squares
+        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
+            out.verdict = MK_VERDICT_PARAMETERS;
+        if (out.verdict == MK_VERDICT_NONE) {
+            out.extended = out.given;
+            after = before;
+        }
+        double floor = 0.0;
+        for (int j = 0; j < mk_model_joints(&model); j++) {
+            out.before[j] = before.nrmse(j);
+            out.refitted[j] = refitted.nrmse(j);
+            out.after[j] = after.nrmse(j);
+            out.floor[j] = floor_of(held, j, refitted, after);
+            floor += out.floor[j] * out.floor[j];
+        }
+        const double room = refitted.total() - floor;
+        out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
+        confirm(held, after);
+        return compare_with_training(held, err);
+    }
+    // How well the data are predicted that the models were fitted to, where held-out data are not.
+    enum mk_status compare_with_training(const HeldOut &held, mk_error *err)
+    {
+        bool far = false;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            far = far || out.after[j] > FAR_FROM_READ * out.floor[j];
+        if (!far)
+            return MK_OK;
+        const HeldOut training(data.rows, out.window_s, data.second_half, options.threads);
+        HeldOutFigures figures;
+        enum mk_status st = training.figures(out.extended, figures, err);
+        for (int j = 0; st == MK_OK && j < mk_model_joints(&model); j++) {
+            const double sd = held.deviation(model, j);
+            out.trained[j] = sd > 0.0 ? figures.nrmse(j) * training.deviation(model, j) / sd : 0.0;
+        }
+        return st == MK_ERR_NUMERIC ? MK_OK : st;
+    }
+};
+
+} // namespace
+
+enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
+                            const TrainingData &data, const CauseSearch &causes,
+                            const FinalFit &last, Verdict &verdict, mk_explanation &out,
+                            mk_error *err)
+{
+    Gain gain = {model, options, data, causes, last, verdict, out};
+    return gain.measure(err);
+}
+
+} // namespace mk

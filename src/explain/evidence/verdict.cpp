@@ -1,0 +1,375 @@
+#include "explain/evidence/verdict.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "explain/evidence/statistics.hpp"
+#include "explain/report/structure.hpp"
+
+namespace mk
+{
+
+namespace
+{
+constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+
+// From the log likelihood by which the best rival, or nothing, is behind. However far that is, one
+// cause in a hundred of those hidden in generated data was something else: no hypothesis was right.
+double confidence_of(double ahead)
+{
+    constexpr double LAPSE = 0.01;
+    return (1.0 - LAPSE) / (1.0 + std::exp(-ahead));
+}
+} // namespace
+
+void Verdict::decide()
+{
+    out.given = model;
+    out.refit = last.refit.point.model;
+    out.extended = last.best.point.model;
+    out.drift_refit = last.refit.drift;
+    out.drift_extended = last.best.drift;
+    out.gain_refit = 0.5 * distance_of_given();
+    out.gain_extended = causes.refit.picture.evidence - causes.best.picture.evidence;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out.noise[j] = j < mk_model_joints(&model) ? causes.noise(j) : UNKNOWN;
+    if (causes.rounds.empty() && causes.explained() && lost.joint == 0)
+        out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+    else if ((lost.joint > 0 || !causes.rounds.empty()) && causes.explained() && established())
+        out.verdict = MK_VERDICT_EFFECT;
+    else if (carries_over())
+        out.verdict = MK_VERDICT_PARTIAL;
+    else
+        out.verdict = MK_VERDICT_UNKNOWN;
+    describe_causes();
+    add_lost_counts();
+    find_pieces();
+    if (out.verdict == MK_VERDICT_PARTIAL && out.piece_count == out.cause_count)
+        out.verdict = MK_VERDICT_UNKNOWN;
+    describe_rivals();
+    if (out.verdict >= MK_VERDICT_PARTIAL)
+        set_structure();
+}
+
+// What has no name. Where several laws of friction add up at one joint and the data are still not
+// followed, they are pieces of one that the catalogue lacks: how each of them would change if that
+// were in their place, nobody knows. Unless each predicts data that it was not fitted to.
+void Verdict::find_pieces()
+{
+    auto friction = [](const mk_cause &c, int joint) {
+        return c.joint == joint && is_friction(c.effect, c.value);
+    };
+    for (int i = 0; i < out.cause_count; i++)
+        out.cause[i].piece = is_library(out.cause[i].effect);
+    if (out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty())
+        for (int j = 1; j <= mk_model_joints(&model); j++) {
+            const auto several = std::count_if(out.cause, out.cause + out.cause_count,
+                                               [&](const mk_cause &c) { return friction(c, j); });
+            for (int i = 0; i < out.cause_count; i++)
+                out.cause[i].piece =
+                    out.cause[i].piece || (several > 1 && friction(out.cause[i], j));
+        }
+    sort_causes();
+}
+
+// Whether there is a cause with a name, and all predict data that they were not fitted to, or
+// together follow those that they were without cancelling each other.
+bool Verdict::carries_over() const
+{
+    return !causes.rounds.empty() &&
+           (causes.carried.size() == causes.rounds.size() ||
+            (causes.follows(causes.best) && established())) &&
+           std::any_of(causes.rounds.begin(), causes.rounds.end(),
+                       [](const Round &r) { return !is_library(r.field[0].added.effect); });
+}
+
+// How far the given values are from the estimate, in its own covariance: chi-square distributed
+// if they are right.
+double Verdict::distance_of_given() const
+{
+    std::vector<int> free = fitted_parameters(last.refit.point.model);
+    Eigen::VectorXd off((long)free.size());
+    for (long i = 0; i < off.size(); i++)
+        off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
+                  mk_model_parameter(&last.refit.point.model, free[(size_t)i])) /
+                 Fit::scale_of(last.refit.point.model, free[(size_t)i]);
+    return off.dot(last.refit.picture.information * off);
+}
+
+bool beyond_chance(double distance2, int free_count)
+{
+    const double by_chance = 1e-4;
+    return chi2_tail(distance2, free_count) < by_chance;
+}
+
+bool Verdict::values_off() const
+{
+    return beyond_chance(distance_of_given(), last.refit.free_count);
+}
+
+void Verdict::set_structure()
+{
+    snprintf(out.structure, sizeof out.structure, "%s",
+             describe_structure(out, *mk_plant(model.plant)).c_str());
+    out.partly_named = out.cause_count > 0;
+    for (int i = 0; i < out.cause_count; i++)
+        out.partly_named = out.partly_named && !is_library(out.cause[i].effect);
+}
+
+// Of all parameters of a hypothesis; NaN for those that were not fitted.
+std::vector<double> Verdict::standard_errors(const Hypothesis &h)
+{
+    std::vector<int> free = fitted_parameters(h.point.model);
+    Eigen::MatrixXd cov = Fit::covariance(h.point.model, h.picture, free);
+    std::vector<double> error((size_t)mk_model_parameter_count(&h.point.model), UNKNOWN);
+    for (size_t i = 0; i < free.size(); i++)
+        error[(size_t)free[i]] = std::sqrt(std::max(cov((long)i, (long)i), 0.0));
+    return error;
+}
+
+bool Verdict::established() const
+{
+    constexpr double SURE = 4.0; // standard errors
+    const mk_model &m = last.best.point.model;
+    int first = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info &info = *mk_effect(m.effect[e].index);
+        const int cause = e - model.effect_count;
+        if (cause >= 0 && cause < (int)causes.rounds.size()) {
+            const int size = causes.rounds[(size_t)cause].field[0].added.size;
+            const auto here = std::count_if(
+                m.effect + model.effect_count, m.effect + m.effect_count,
+                [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
+            const double error = error_of_size(first, info, size, here == 1);
+            if (std::fabs(m.effect[e].value[size]) < SURE * error)
+                return false;
+        }
+        first += info.parameter_count;
+    }
+    return true;
+}
+
+// Standard error of an effect's size, other parameters of it as they are unless the law is
+// linear in them and the size; `alone`: at its joint. NaN where it was not fitted.
+double Verdict::error_of_size(int first, const mk_effect_info &info, int size, bool alone) const
+{
+    const Hypothesis &h = last.best;
+    const std::vector<int> free = fitted_parameters(h.point.model);
+    std::vector<int> kept, place;
+    long at = -1;
+    // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
+    // matter: something of it is there.
+    const bool wave =
+        alone && std::any_of(info.parameter, info.parameter + info.parameter_count,
+                             [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
+    for (size_t i = 0; i < free.size(); i++) {
+        const int own = free[i] - first;
+        if (own == size)
+            at = (long)kept.size();
+        else if (own >= 0 && own < info.parameter_count &&
+                 info.parameter[own].fit != MK_FIT_ANGLE &&
+                 info.parameter[own].fit != MK_FIT_CENTRE)
+            continue;
+        else if (wave && free[i] < mk_plant(model.plant)->parameter_count)
+            continue;
+        kept.push_back(free[i]);
+        place.push_back((int)i);
+    }
+    FitPicture picture;
+    picture.information = h.picture.information(place, place);
+    return at < 0 ? UNKNOWN : std::sqrt(Fit::covariance(h.point.model, picture, kept)(at, at));
+}
+
+void Verdict::describe_causes()
+{
+    const std::vector<double> error = standard_errors(last.best);
+    int base = mk_plant(model.plant)->parameter_count, first = base;
+    for (int i = 0; i < base; i++)
+        out.std_error[i] = error[(size_t)i];
+    for (int e = 0; e < last.best.point.model.effect_count; e++) {
+        const mk_effect_use &use = last.best.point.model.effect[e];
+        const mk_effect_info *info = mk_effect(use.index);
+        int cause = e - model.effect_count;
+        if (cause >= 0 && cause < MK_MAX_CAUSES && cause < (int)causes.rounds.size()) {
+            mk_cause &c = out.cause[cause];
+            c = {};
+            c.effect = info;
+            c.joint = use.joint;
+            int fitted = 0;
+            for (int k = 0; k < info->parameter_count; k++) {
+                c.value[k] = use.value[k];
+                c.spread[k] = use.spread[k];
+                c.std_error[k] = error[(size_t)(first + k)];
+                fitted += !std::isnan(c.std_error[k]);
+            }
+            weigh(cause, fitted, c);
+            out.cause_count = cause + 1;
+        }
+        first += info->parameter_count;
+    }
+    sort_causes();
+}
+
+// By importance, pieces last.
+void Verdict::sort_causes()
+{
+    std::stable_sort(out.cause, out.cause + out.cause_count,
+                     [](const mk_cause &a, const mk_cause &b) {
+                         return a.piece != b.piece ? b.piece : a.delta_bic > b.delta_bic;
+                     });
+    out.piece_count = (int)std::count_if(out.cause, out.cause + out.cause_count,
+                                         [](const mk_cause &c) { return c.piece; });
+}
+
+void Verdict::weigh(int cause, int fitted, mk_cause &c)
+{
+    const Lack lack = causes.without((size_t)cause);
+    double gain = lack.score - causes.best.score,
+           raw = lack.evidence - causes.best.picture.evidence;
+    c.delta_bic = 2.0 * gain;
+    double p = chi2_tail(2.0 * raw, std::max(fitted, 1));
+    c.p_value = std::min(1.0, p * std::max(out.tried, 1));
+    double rival = HUGE_VAL;
+    const std::vector<Hypothesis> &field = causes.rounds[(size_t)cause].field;
+    for (size_t i = 1; i < field.size(); i++)
+        rival = std::min(rival, field[i].score - field[0].score);
+    c.confidence = confidence_of(std::min(rival, gain));
+}
+
+void Verdict::add_lost_counts()
+{
+    if (lost.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
+        return;
+    double seconds = 0.0;
+    for (const FitLog *log : last.logs())
+        seconds += log->duration();
+    const mk_effect_info *effect = mk_effect_by_name("missed-counts");
+    mk_cause &c = out.cause[out.cause_count++];
+    c = {};
+    c.effect = effect;
+    c.joint = lost.joint;
+    c.value[0] = lost.step;
+    c.value[1] = lost.count / seconds;
+    c.std_error[0] = lost.std_error;
+    c.std_error[1] = std::sqrt(lost.count) / seconds;
+    c.delta_bic = 2.0 * lost.gain;
+    c.p_value = 0.0;
+    c.confidence = confidence_of(lost.gain);
+    sort_causes();
+    if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
+        mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
+        use.value[0] = lost.step;
+        use.value[1] = lost.count / seconds;
+    }
+}
+
+// Causes are listed by importance, rounds in the order of the model.
+int Verdict::place_of(const Candidate &chosen) const
+{
+    for (int i = 0; i < out.cause_count; i++)
+        if (out.cause[i].effect == chosen.effect && out.cause[i].joint == chosen.joint)
+            return i;
+    return 0;
+}
+
+void Verdict::describe_rivals()
+{
+    struct Entry {
+        mk_rival rival;
+        double behind;
+        const Hypothesis *fit;
+    };
+    std::vector<Entry> all;
+    for (size_t r = 0; r < causes.rounds.size(); r++) {
+        const std::vector<Hypothesis> &field = causes.rounds[r].field;
+        for (size_t i = 1; i < field.size(); i++) {
+            // Of a field from when there were fewer causes beside, none is comparable.
+            if (field[i].point.model.effect_count != causes.best.point.model.effect_count)
+                continue;
+            double behind = field[i].score - causes.best.score;
+            if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
+                behind > INSEPARABLE)
+                continue;
+            Entry e = {{field[i].added.effect, field[i].added.joint, place_of(field[0].added),
+                        2.0 * behind, behind > INSEPARABLE},
+                       behind,
+                       &field[i]};
+            all.push_back(e);
+        }
+    }
+    std::stable_sort(all.begin(), all.end(),
+                     [](const Entry &a, const Entry &b) { return a.behind < b.behind; });
+    for (const Entry &e : all) {
+        // Terms of the library have one name: the best at a joint speaks for the others.
+        const bool listed =
+            std::any_of(out.rival, out.rival + out.rival_count, [&](const mk_rival &r) {
+                return r.effect == e.rival.effect && r.joint == e.rival.joint &&
+                       r.instead_of == e.rival.instead_of;
+            });
+        if (listed || out.rival_count == MK_MAX_RIVALS)
+            continue;
+        rival_fit[out.rival_count] = e.fit;
+        out.rival[out.rival_count++] = e.rival;
+    }
+}
+
+void Verdict::describe_suspects()
+{
+    constexpr double SHOWS = 0.005; // of the gap
+    out.suspect_count = 0;
+    if (out.verdict < MK_VERDICT_PARTIAL)
+        return;
+    std::vector<Asked> all = causes.suspects;
+    std::stable_sort(all.begin(), all.end(), [](const Asked &a, const Asked &b) {
+        return a.carried.mean / a.carried.error < b.carried.mean / b.carried.error;
+    });
+    for (const Asked &a : all) {
+        const auto is_it = [&](const auto &c) {
+            return c.effect == a.cause.effect && c.joint == a.cause.joint;
+        };
+        if (out.suspect_count == MK_MAX_SUSPECTS || a.carried.share < SHOWS ||
+            std::any_of(out.cause, out.cause + out.cause_count, is_it) ||
+            std::any_of(out.log_value, out.log_value + out.log_value_count, is_it) ||
+            std::any_of(out.suspect, out.suspect + out.suspect_count, is_it))
+            continue;
+        out.suspect[out.suspect_count++] = {a.cause.effect, a.cause.joint, a.carried.share,
+                                            a.carried.folds, a.carried.better};
+    }
+}
+
+void Verdict::add_data_causes()
+{
+    if (out.verdict < MK_VERDICT_EFFECT)
+        out.verdict = MK_VERDICT_EFFECT;
+    if (out.verdict != MK_VERDICT_UNKNOWN)
+        return;
+    out.verdict = MK_VERDICT_PARTIAL;
+    for (int i = 0; i < out.cause_count; i++)
+        out.cause[i].piece = true;
+    out.piece_count = out.cause_count;
+}
+
+void Verdict::withdraw()
+{
+    out.extended = last.refit.point.model;
+    std::vector<double> error = standard_errors(last.refit);
+    std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count, out.std_error);
+    out.drift_extended = last.refit.drift;
+    if (out.verdict == MK_VERDICT_PARTIAL) {
+        out.verdict = MK_VERDICT_UNKNOWN;
+        set_structure();
+    }
+    if (out.verdict != MK_VERDICT_EFFECT)
+        return;
+    if (CauseSearch::matters(causes.refit.drift)) {
+        out.verdict = MK_VERDICT_UNKNOWN;
+        set_structure();
+        return;
+    }
+    out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
+    out.cause_count = out.rival_count = 0;
+}
+
+} // namespace mk

@@ -1,0 +1,256 @@
+#include "explain/search/backlash_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "base/parallel.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double DRIFT = 3.0; // next to no use for it in one stretch a log
+// Beginnings of the logs, s: the first, and from one to the next before and after an attempt
+// follows.
+constexpr double FIRST = 0.7, LONGER = 1.5, FAR_LONGER = 2.0;
+constexpr double TELLING = 1.5; // after which a play shows whether it is one
+constexpr double NOISY = 2.0;   // noise over scatter of what does not follow
+constexpr double PARTED = 0.1;  // log likelihood a reading that a longer beginning may cost
+constexpr double PIECE = 1.0;   // s, where trajectories of whole logs lead nowhere
+
+// Attempts that go on after a beginning.
+size_t places(double reach)
+{
+    return reach < 1.0 ? 6 : reach < TELLING ? 4 : reach < 4.0 ? 2 : 1;
+}
+
+// Log likelihood a reading by which an attempt may be behind what is to be beaten.
+double allowance(double reach)
+{
+    return reach < 1.0 ? 1.0 : reach < TELLING ? 0.5 : 0.0;
+}
+
+double readings_of(const std::vector<const FitLog *> &logs)
+{
+    double sum = 0.0;
+    for (const FitLog *log : logs)
+        for (int j = 0; j < log->joints; j++)
+            for (double w : log->weight[j])
+                sum += w * w;
+    return sum;
+}
+
+// Noise and first states of a fit to the same logs.
+void take_over(const FitPoint &from, FitPoint &to)
+{
+    std::copy(std::begin(from.noise), std::end(from.noise), std::begin(to.noise));
+    to.step = from.step;
+    for (size_t l = 0; l < to.nodes.size(); l++)
+        to.nodes[l].x.col(0) = from.nodes[l].x.col(0);
+}
+
+double size_of(const FitPoint &point, const Candidate &play)
+{
+    return point.model.effect[point.model.effect_count - 1].value[play.size];
+}
+
+} // namespace
+
+// One start on its way through the beginnings.
+struct PlaySearch::Attempt {
+    Candidate start = {};
+    From from = From::refit;
+    FitPoint point;
+    std::vector<int> free;
+    double score = HUGE_VAL; // a reading
+    double work = 0.0;       // in passes over the data
+    bool running = true;
+    // The beginning that it follows best, of those that tell something.
+    double best = HUGE_VAL, reach = 0.0;
+    FitPoint best_point;
+    bool follows = false; // it
+    bool parted = false;  // from the readings after it
+
+    // Ends of the same way.
+    bool beside(const Attempt &other) const
+    {
+        const double width = size_of(point, start), wide = size_of(other.point, other.start);
+        return std::fabs(score - other.score) < 1e-3 && std::fabs(width - wide) < 0.02 * wide;
+    }
+};
+
+// A fit without the play may have bent the base parameters far off.
+void PlaySearch::begin(Attempt &a) const
+{
+    mk_model model;
+    a.running = with_candidate(base.model, a.start, model);
+    if (!a.running)
+        return;
+    if (a.from == From::given && loose.near)
+        std::copy_n(loose.near->parameter, mk_plant(model.plant)->parameter_count, model.parameter);
+    a.free = fitted_parameters(model);
+    Fit fit(logs, loose);
+    if (a.from == From::pieces) {
+        fit.options.hidden_stretch = PIECE;
+        fit.options.max_iterations = 6;
+        fit.options.max_passes = 100.0;
+        FitPoint cut = fit.adopt(base, model);
+        FitPicture picture;
+        a.running = fit.settle(cut, a.free, DRIFT, picture);
+        fit.options.hidden_stretch = loose.hidden_stretch;
+        a.point = fit.adopt(base, cut.model);
+        take_over(cut, a.point);
+    } else {
+        a.point = fit.adopt(base, model);
+    }
+    a.work = fit.work_done;
+    for (FitNodes &nodes : a.point.nodes) {
+        nodes.row.resize(1);
+        nodes.x = Eigen::MatrixXd(nodes.x.leftCols(1));
+    }
+}
+
+void PlaySearch::advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
+                         int threads) const
+{
+    FitOptions o = loose;
+    o.max_iterations = 10;
+    o.max_passes = 200.0;
+    o.tolerance = 1e-3;
+    o.threads = threads;
+    Fit fit(part, o);
+    FitPicture picture;
+    a.running = fit.settle(a.point, a.free, DRIFT, picture);
+    a.score = a.running ? picture.evidence / readings_of(part) : HUGE_VAL;
+    a.work += fit.work_done * readings_of(part) / readings_of(logs);
+    const bool told = reach >= TELLING;
+    a.parted = told && a.follows && a.score > a.best + PARTED;
+    a.running = a.running && !a.parted;
+    if (a.score < a.best || !told) {
+        a.best = a.score;
+        a.best_point = a.point;
+        a.reach = reach;
+        a.follows = beyond_scatter(part, a.point.noise) < NOISY;
+    }
+}
+
+// To all of the logs. Where exact trajectories part from the readings after a while all the same,
+// in pieces.
+bool PlaySearch::conclude(const Attempt &a, int threads, PlayFit &out)
+{
+    FitOptions o = loose;
+    o.threads = threads;
+    Fit fit(logs, o);
+    out.start = a.start;
+    out.score = a.parted ? HUGE_VAL : a.score * readings_of(logs);
+    out.point = fit.adopt(base, a.point.model);
+    take_over(a.point, out.point);
+    if (a.parted || !a.follows) {
+        fit.options.hidden_stretch = std::max(PIECE, 0.5 * a.reach);
+        FitPoint cut = fit.adopt(base, a.best_point.model);
+        take_over(a.best_point, cut);
+        FitPicture picture;
+        if (fit.settle(cut, a.free, DRIFT, picture) && picture.evidence < out.score) {
+            out.point = std::move(cut);
+            out.score = picture.evidence;
+        }
+    }
+    work += fit.work_done;
+    return out.score < least;
+}
+
+// Of attempts in the order of their scores: who goes on.
+size_t PlaySearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
+{
+    const double most = least / readings_of(logs) + allowance(reach);
+    size_t left = 0;
+    for (size_t i = 0; i < attempts.size(); i++) {
+        Attempt &a = attempts[i];
+        for (size_t k = 0; k < i && a.running; k++)
+            a.running = !attempts[k].running || !attempts[k].beside(a);
+        const bool behind = followed && !a.follows;
+        a.running = a.running && left < places(reach) && !behind && !(a.score > most);
+        left += a.running;
+    }
+    return left;
+}
+
+std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int threads,
+                                     const std::function<bool(double)> &go_on)
+{
+    std::vector<Attempt> attempts;
+    for (size_t i = 0; i < starts.size(); i++)
+        for (From from : {From::refit, From::given, From::pieces})
+            if (from != From::pieces || i == starts.size() / 2) {
+                attempts.emplace_back();
+                attempts.back().start = starts[i];
+                attempts.back().from = from;
+            }
+    double longest = 0.0;
+    for (const FitLog *log : logs)
+        longest = std::max(longest, log->duration());
+    // Pieces take longest.
+    parallel_for(threads, attempts.size(),
+                 [&](size_t i) { begin(attempts[attempts.size() - 1 - i]); });
+    const std::vector<Attempt> fresh = attempts;
+    bool whole = false, followed = false, again = false;
+    for (double reach = FIRST; !whole; reach *= followed ? FAR_LONGER : LONGER) {
+        whole = reach >= longest;
+        if (!go_on(std::log(reach / FIRST) / std::log(std::max(longest / FIRST, 2.0))))
+            return {};
+        std::vector<FitLog> beginning;
+        std::vector<const FitLog *> part;
+        for (const FitLog *log : logs)
+            beginning.push_back(beginning_of(*log, reach));
+        for (const FitLog &log : beginning)
+            part.push_back(&log);
+        const auto running = std::count_if(attempts.begin(), attempts.end(),
+                                           [](const Attempt &a) { return a.running; });
+        const int helpers = std::max(1, threads / std::max(1, (int)running));
+        parallel_for(threads, attempts.size(), [&](size_t i) {
+            if (attempts[i].running)
+                advance(attempts[i], part, reach, helpers);
+        });
+        std::stable_sort(attempts.begin(), attempts.end(),
+                         [](const Attempt &a, const Attempt &b) { return a.score < b.score; });
+        const bool told = reach >= TELLING;
+        followed = told && std::any_of(attempts.begin(), attempts.end(),
+                                       [](const Attempt &a) { return a.running && a.follows; });
+        const size_t left = thin_out(attempts, reach, followed);
+        // What says little may lead astray: once more from here.
+        const double furthest = std::accumulate(
+            attempts.begin(), attempts.end(), 0.0,
+            [](double most, const Attempt &a) { return std::max(most, a.parted ? a.reach : 0.0); });
+        if (told && left == 0 && !whole && !again && furthest > 0.0 && furthest < TELLING) {
+            again = true;
+            attempts.insert(attempts.end(), fresh.begin(), fresh.end());
+            std::for_each(fresh.begin(), fresh.end(), [&](const Attempt &a) { work -= a.work; });
+        }
+    }
+    std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt &a, const Attempt &b) {
+        return a.running > b.running || (a.running == b.running && a.reach > b.reach);
+    });
+    constexpr size_t ENOUGH = 2;
+    std::vector<PlayFit> found;
+    for (const Attempt &a : attempts) {
+        work += a.work;
+        PlayFit one;
+        if ((a.running || a.parted) && found.size() < ENOUGH && conclude(a, threads, one))
+            found.push_back(std::move(one));
+    }
+    std::sort(found.begin(), found.end(),
+              [](const PlayFit &a, const PlayFit &b) { return a.score < b.score; });
+    // From several starts to the same place.
+    constexpr double EVEN = 5.0;
+    std::vector<PlayFit> apart;
+    for (PlayFit &f : found)
+        if (std::none_of(apart.begin(), apart.end(),
+                         [&](const PlayFit &o) { return f.score < o.score + EVEN; }))
+            apart.push_back(std::move(f));
+    return apart;
+}
+
+} // namespace mk

@@ -1,0 +1,693 @@
+#include "explain/search/causes.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include "explain/search/log_values.hpp"
+#include "model/effects_custom.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr size_t MOST = 3;            // causes looked for from the refitted model,
+constexpr size_t MOST_MORE = 8;       // and from where most of them were found otherwise
+constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
+constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
+constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
+constexpr double SLIGHT = 1.0e-2;     // drift at which what is missing may be too rare to show
+constexpr double FAR = 0.1;           // drift from which a refit leads to none that is slight
+constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
+constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
+
+// In passes over the data (Search::work_done): nothing more is looked for after so many, and
+// earlier causes are not looked at again after fewer. Most searches end long before.
+constexpr double MOST_WORK = 16000.0, MUCH_WORK = 13000.0;
+constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
+
+// The first of a field, catalogue before library unless the library is clearly better.
+size_t pick(const std::vector<Hypothesis> &field)
+{
+    for (size_t i = 0; i < field.size(); i++)
+        if (!is_library(field[i].added.effect))
+            return field[i].score < field[0].score + CATALOGUE ? i : 0;
+    return 0;
+}
+
+void drop_terms(std::vector<Hypothesis> &field)
+{
+    field.erase(std::remove_if(field.begin(), field.end(),
+                               [](const Hypothesis &h) { return is_library(h.added.effect); }),
+                field.end());
+}
+
+} // namespace
+
+bool CauseSearch::matters(double drift)
+{
+    return drift > IMMATERIAL;
+}
+
+bool CauseSearch::all_named() const
+{
+    return std::none_of(rounds.begin(), rounds.end(),
+                        [](const Round &r) { return is_library(r.field[0].added.effect); });
+}
+
+void CauseSearch::run()
+{
+    search.polish(refit, true);
+    best = refit;
+    rounds.clear();
+    add_causes();
+    try_runners_up();
+    drop_idle();
+    simplify();
+}
+
+bool CauseSearch::go_on(const PredictionSearch &found)
+{
+    const RunFit &all = found.extended();
+    Hypothesis there;
+    if (!search.follow(all.point.model, nullptr, LOST, there) || there.drift > FAR ||
+        !search.refit(all.point.model, &there, best))
+        return false;
+    search.polish(best, true);
+    if (!likelihood_counts(best))
+        return false;
+    near = true;
+    most_tried = std::max(most_tried, found.tried());
+    rounds.clear();
+    for (size_t i = 0; i < found.causes.size(); i++) {
+        Round round;
+        for (const Candidate &cause : found.contenders(i)) {
+            Hypothesis h;
+            h.added = cause;
+            if (with_candidate(refit.point.model, cause, h.point.model))
+                round.field.push_back(std::move(h));
+        }
+        round.field[0].point.model = best.point.model;
+        rounds.push_back(std::move(round));
+    }
+    add_causes();
+    drop_idle();
+    simplify();
+    for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++)
+        face_rivals(i);
+    return true;
+}
+
+void CauseSearch::add_causes()
+{
+    bool freed = false;
+    const size_t most = rounds.empty() ? MOST : MOST_MORE;
+    while (rounds.size() < most && !search.cancelled && search.work_done() < MOST_WORK) {
+        if (search.complete(best))
+            return;
+        // Nameless terms that already follow the data will not become a name.
+        bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
+            return is_library(r.field[0].added.effect);
+        });
+        if (nameless && follows(best))
+            return;
+        // On top of a play every trial is slow, and little is left that is not the play's own.
+        if (mk_model_hides_joint(&best.point.model) && !rounds.empty())
+            return;
+        Round round;
+        double needed = rounds.empty() ? ENOUGH : AGAIN;
+        ExtendOptions how;
+        how.small = near || follows(best) || (!rounds.empty() && best.drift <= LITTLE);
+        how.thorough = !near && !follows(best);
+        how.least = HINT * needed;
+        round.field = search.extend(best, how);
+        // If something little is there, what is slow to fit may be it as well.
+        if (!how.thorough && !round.field.empty() && round.field[0].score < best.score - needed) {
+            how.thorough = true;
+            round.field = search.extend(best, how);
+        }
+        most_tried = std::max(most_tried, search.tried());
+        bool found = choose(round.field, needed);
+        // Trials that leave a model more drift than it needs do not show what is rare and small.
+        if (!found && !how.small && best.drift <= SLIGHT) {
+            ExtendOptions closer = how;
+            closer.small = true;
+            closer.drift = 0.5 * IMMATERIAL;
+            std::vector<Hypothesis> field = search.extend(best, closer);
+            found = choose(field, needed);
+            if (found)
+                round.field = std::move(field);
+        }
+        if (how.thorough && !how.small && !(found && search.complete(round.field[0])))
+            found = consider_play(round.field, needed) || found;
+        if (!found)
+            return;
+        consider_other_joint(round.field);
+        consider_bristles(round.field);
+        consider_own_places(round.field);
+        if (rounds.empty())
+            first = round.field;
+        before = best;
+        best = round.field[0];
+        forget_lacks();
+        rounds.push_back(std::move(round));
+        if (idle_without_last()) {
+            // Without any cause the first fit was only stuck: once more from where it is now.
+            if (!rounds.empty() || freed)
+                return;
+            freed = true;
+            continue;
+        }
+        if (gives_up())
+            return;
+        if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
+            reconsider();
+    }
+}
+
+bool CauseSearch::gives_up() const
+{
+    return best.drift >= LOST && refit.score - best.score < gives_up_below * search.readings();
+}
+
+double CauseSearch::noise(int joint) const
+{
+    const double fitted = best.point.noise[joint];
+    return follows(best) ? fitted : std::min(fitted, scatter_of(search.training(), joint));
+}
+
+bool CauseSearch::take_over(const PredictionSearch &other)
+{
+    best = refit;
+    rounds.clear();
+    suspects = other.suspects;
+    most_tried = std::max(most_tried, other.tried());
+    const Hypothesis from = refit;
+    if (!search.follow(other.refitted().point.model, &from, from.drift, refit) ||
+        !search.follow(other.extended().point.model, &from, from.drift, best))
+        return false;
+    other.judge(other.refitted(), refit);
+    other.judge(other.extended(), best);
+    for (const Carrier &carrier : other.causes) {
+        Round round;
+        round.field.push_back(best);
+        round.field[0].added = carrier.cause;
+        for (const RunFit &rival : carrier.rivals) {
+            Hypothesis h;
+            h.added = rival.cause;
+            h.point.model = rival.point.model;
+            other.judge(rival, h);
+            round.field.push_back(std::move(h));
+        }
+        Hypothesis less;
+        other.judge(carrier.without, less);
+        round.lack = lack_of(less);
+        rounds.push_back(std::move(round));
+        carried.push_back(carrier.carried);
+    }
+    return true;
+}
+
+bool CauseSearch::likelihood_counts(const Hypothesis &h)
+{
+    return h.drift <= SLIGHT;
+}
+
+// The runners-up of a cause in its place, beside all others.
+void CauseSearch::face_rivals(size_t cause)
+{
+    constexpr size_t RIVALS = 2;
+    std::vector<Hypothesis> &field = rounds[cause].field;
+    std::vector<Hypothesis> faced = {best};
+    faced[0].added = field[0].added;
+    for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+        const Candidate &rival = field[k].added;
+        if (is_library(rival.effect) || has_cause(rival))
+            continue;
+        mk_model m = best.point.model;
+        mk_effect_use &use = m.effect[model.effect_count + (int)cause];
+        use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
+        Hypothesis h;
+        if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
+            continue;
+        h.added = rival;
+        faced.push_back(std::move(h));
+    }
+    field = std::move(faced);
+}
+
+bool CauseSearch::has_cause(const Candidate &c) const
+{
+    return std::any_of(rounds.begin(), rounds.end(), [&](const Round &r) {
+        return r.field[0].added.effect == c.effect && r.field[0].added.joint == c.joint;
+    });
+}
+
+// The first cause was chosen while another one was missing, and led to no model that follows the
+// data: what came next may have been the right one.
+void CauseSearch::try_runners_up()
+{
+    constexpr size_t RUNNERS_UP = 2;
+    if (rounds.empty() || follows(best) || best.drift >= LOST ||
+        mk_model_hides_joint(&best.point.model))
+        return;
+    const std::vector<Hypothesis> field = first;
+    size_t tried = 0;
+    for (size_t i = 1; i < field.size() && tried < RUNNERS_UP; i++) {
+        if (is_library(field[i].added.effect) || field[i].score > refit.score - ENOUGH ||
+            search.work_done() > MUCH_WORK || search.cancelled)
+            continue;
+        tried++;
+        const std::vector<Round> kept = rounds;
+        const Hypothesis kept_best = best, kept_before = before;
+        rounds.resize(1);
+        rounds[0] = {field, {}};
+        std::swap(rounds[0].field[0], rounds[0].field[i]);
+        before = refit;
+        best = rounds[0].field[0];
+        add_causes();
+        const bool better = best.score < kept_best.score - ENOUGH;
+        if (better && follows(best))
+            return;
+        if (!better) {
+            rounds = kept;
+            best = kept_best;
+            before = kept_before;
+        }
+    }
+}
+
+// Whether the causes so far do as well without the latest one once they are given its fit to
+// start from: then it is dropped.
+bool CauseSearch::idle_without_last()
+{
+    Hypothesis without;
+    // A joint that was hidden has no states to start from.
+    if (mk_model_hides_joint(&best.point.model) ||
+        !search.refit_at(removed(rounds.size() - 1), best, before.drift, without))
+        return false;
+    // A better start than the one before leads further at other drifts too.
+    if (without.score < before.score - 1.0)
+        search.polish(without, true);
+    if (without.score < before.score) {
+        without.added = before.added;
+        before = without;
+        if (rounds.size() == 1)
+            refit = before;
+    }
+    rounds.back().lack = lack_of(before);
+    if (before.score - best.score >= (rounds.size() == 1 ? ENOUGH : AGAIN))
+        return false;
+    best = before;
+    rounds.pop_back();
+    if (rounds.size() == 1)
+        rounds[0].field[0] = best;
+    return true;
+}
+
+// A cause that stood in for what was found after it: the fit as it is, without it, does as well.
+void CauseSearch::drop_idle()
+{
+    for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
+        Hypothesis without;
+        if (!fit_without(i, without) || without.score > best.score + ENOUGH)
+            continue;
+        search.polish(without, true);
+        shed(i, std::move(without));
+        i--;
+    }
+}
+
+// Whether the data leave a parameter of the law open beside its size.
+bool CauseSearch::has_open_shape(size_t cause) const
+{
+    const int at = model.effect_count + (int)cause;
+    const mk_effect_info &info = *mk_effect(best.point.model.effect[at].index);
+    for (int k = 0; k < info.parameter_count; k++)
+        if (k != rounds[cause].field[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
+            Search::relative_error(best, at, k) >= 1.0)
+            return true;
+    return false;
+}
+
+// A law with a parameter that the data leave open, now that all other causes are there, says what a
+// simpler one of the same joint says: a Stribeck friction whose speed is beyond all others is a
+// Coulomb friction.
+void CauseSearch::simplify()
+{
+    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
+        if (mk_model_hides_joint(&best.point.model) || !has_open_shape(i))
+            continue;
+        const Candidate law = rounds[i].field[0].added;
+        for (const Candidate &start : search.candidates_of(removed(i))) {
+            if (start.joint != law.joint || is_library(start.effect) || is_play(start.effect) ||
+                start.effect->state_count > law.effect->state_count ||
+                start.effect->parameter_count >= law.effect->parameter_count || has_cause(start))
+                continue;
+            mk_model m = best.point.model, simpler;
+            mk_effect_use &use = m.effect[model.effect_count + (int)i];
+            Candidate as_large = start;
+            if (std::strcmp(start.effect->parameter[start.size].unit,
+                            law.effect->parameter[law.size].unit) == 0)
+                as_large.value[start.size] = use.value[law.size];
+            if (!with_candidate(removed(i), as_large, simpler))
+                continue;
+            use = simpler.effect[simpler.effect_count - 1];
+            Hypothesis h;
+            if (!search.refit_at(m, best, best.drift, h) || h.score > best.score)
+                continue;
+            h.added = start;
+            best = h;
+            rounds[i].field = led_by(start, std::move(rounds[i].field));
+            forget_lacks();
+        }
+    }
+}
+
+bool CauseSearch::fit_without(size_t cause, Hypothesis &without)
+{
+    return search.refit_at(removed(cause), best, best.drift, without);
+}
+
+void CauseSearch::shed(size_t cause, Hypothesis without)
+{
+    best = std::move(without);
+    forget_lacks();
+    rounds.erase(rounds.begin() + (std::ptrdiff_t)cause);
+    if (cause < carried.size())
+        carried.erase(carried.begin() + (std::ptrdiff_t)cause);
+    Round &last = rounds.back();
+    const Candidate latest = last.field[0].added;
+    last.field = led_by(latest, std::move(last.field));
+}
+
+// What a model that follows its data leaves does not matter within a second of free run.
+// Contact leaves a little more, by the instants at which a simulation or a rig touches.
+bool CauseSearch::follows(const Hypothesis &h) const
+{
+    bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
+    double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * ROUGH : ROUGH;
+    double most = touches ? std::min(rough, SMALL_PART * refit.drift) : 0.0;
+    return h.drift <= std::max(IMMATERIAL, most) || (touches && search.meets_readings(h));
+}
+
+// Brings what is to be named to the front of the field; false if nothing there earns a name.
+bool CauseSearch::choose(std::vector<Hypothesis> &field, double needed)
+{
+    if (near)
+        drop_terms(field); // a trifle without a name
+    while (!field.empty()) {
+        size_t chosen = pick(field);
+        // A nameless term on top of named causes that already follow the data names nothing.
+        bool idle = !rounds.empty() && follows(best) && is_library(field[chosen].added.effect);
+        if (idle || field[chosen].score > best.score - needed)
+            return false;
+        std::swap(field[0], field[chosen]);
+        search.polish(field[0], true);
+        if (!Search::discredited(field[0]))
+            return true;
+        field.erase(field.begin());
+    }
+    return false;
+}
+
+// Play, where nothing else explains the data. True if it is the better choice.
+bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
+{
+    ExtendOptions how;
+    how.kind = Kind::play;
+    const double leader = field.empty() ? HUGE_VAL : field[0].score;
+    how.beat = leader;
+    std::vector<Hypothesis> plays = search.extend(best, how);
+    // Carrying a fit on until it stands still takes long, and makes up for little.
+    constexpr double FAR_BEHIND = 200.0, SHARE = 0.1; // log likelihood, of the leader's gain
+    const double most = leader + std::max(FAR_BEHIND, SHARE * (best.score - leader));
+    plays.erase(std::remove_if(plays.begin(), plays.end(),
+                               [&](const Hypothesis &h) { return h.score > most; }),
+                plays.end());
+    const bool chosen = choose(plays, needed);
+    if (chosen)
+        consider_other_widths(plays[0]);
+    const bool better = chosen && plays[0].score < leader;
+    field.insert(better ? field.begin() : field.end(), plays.begin(), plays.end());
+    if (!field.empty())
+        std::stable_sort(
+            field.begin() + 1, field.end(),
+            [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    return better;
+}
+
+// The likelihood of a play's width has many optima: one for each width at which as many of the
+// strokes across it are met. Where the readings are not met, others are tried from there, with what
+// the starts of the same play hold fixed.
+void CauseSearch::consider_other_widths(Hypothesis &play)
+{
+    constexpr double FACTORS[] = {1.0, 3.0, 10.0, 1.0 / 3.0};
+    if (search.meets_readings(play) || search.cancelled)
+        return;
+    const Candidate found = play.added;
+    const mk_effect_use from = play.point.model.effect[play.point.model.effect_count - 1];
+    std::vector<double> drags; // what differs between the starts of one play
+    const int drag = mk_effect_parameter_index(found.effect, "drag");
+    for (const Candidate &start : search.starts(best.point.model, found.effect->name, found.joint))
+        if (std::find(drags.begin(), drags.end(), start.value[drag]) == drags.end())
+            drags.push_back(start.value[drag]);
+    for (double held : drags)
+        for (double factor : FACTORS) {
+            mk_model m = play.point.model;
+            mk_effect_use &use = m.effect[m.effect_count - 1];
+            use = from;
+            use.value[found.size] *= factor;
+            use.value[drag] = held;
+            Hypothesis h;
+            const bool same = factor == 1.0 && held == from.value[drag];
+            if (same || search.cancelled || !search.refit_at(m, play, play.drift, h) ||
+                h.score > play.score - ENOUGH)
+                continue;
+            h.added = found;
+            search.polish(h, true);
+            if (!Search::discredited(h))
+                play = std::move(h);
+        }
+}
+
+// A shake was looked for at each joint with frequencies some way apart: once one is found, it may
+// be the other equation's.
+void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
+{
+    if (field.empty() || mk_model_joints(&model) != 2)
+        return;
+    const Candidate &wave = field[0].added;
+    const int term = mk_effect_parameter_index(wave.effect, "term");
+    if (std::strcmp(wave.effect->name, "custom-wave") != 0 ||
+        wave.value[term] != CustomWave::IN_TIME)
+        return;
+    const mk_model &found = field[0].point.model;
+    Candidate other = wave;
+    std::copy_n(found.effect[found.effect_count - 1].value, other.effect->parameter_count,
+                other.value);
+    other.joint = 3 - other.joint;
+    const std::vector<Candidate> only = {other};
+    ExtendOptions how;
+    how.only = &only;
+    std::vector<Hypothesis> again = search.extend(best, how);
+    if (again.empty())
+        return;
+    search.polish(again[0], true);
+    if (!Search::discredited(again[0]) && again[0].score < field[0].score)
+        field.insert(field.begin(), again[0]);
+}
+
+// Dry friction comes to its level at once; bristles that are too soft do not, and start again from
+// where it is.
+void CauseSearch::consider_bristles(std::vector<Hypothesis> &field)
+{
+    const Candidate dry = field[0].added;
+    if (std::strcmp(dry.effect->name, "coulomb") != 0 || search.complete(field[0]))
+        return;
+    Hypothesis leader = field[0];
+    for (const Candidate &start : search.starts(best.point.model, "stiction", dry.joint)) {
+        Hypothesis h;
+        h.added = start;
+        mk_model less = field[0].point.model, more;
+        const double level = less.effect[less.effect_count - 1].value[dry.size];
+        const double ratio = level / start.value[mk_effect_parameter_index(start.effect, "level")];
+        for (double &value : h.added.value)
+            value *= ratio;
+        less.effect_count--;
+        if (!with_candidate(less, h.added, more) ||
+            !search.refit_at(more, field[0], field[0].drift, h))
+            continue;
+        search.polish(h, true);
+        if (!Search::discredited(h) && h.score < leader.score)
+            leader = h;
+    }
+    if (leader.added.effect == dry.effect)
+        return;
+    field.erase(
+        std::remove_if(field.begin(), field.end(),
+                       [&](const Hypothesis &h) { return same_cause(h.added, leader.added); }),
+        field.end());
+    field.insert(field.begin(), leader);
+}
+
+// What is put up by hand before each log is not at the same place in all of them.
+void CauseSearch::consider_own_places(std::vector<Hypothesis> &field)
+{
+    mk_model own;
+    Hypothesis h;
+    if (!search.several_logs() || search.complete(field[0]) ||
+        !with_own_place(field[0].point.model, own) ||
+        !search.refit_at(own, field[0], field[0].drift, h) || h.score > field[0].score - ENOUGH ||
+        !differ(search.training(), h, search.usual_options()).back())
+        return;
+    h.added = field[0].added;
+    field[0] = std::move(h);
+}
+
+void CauseSearch::forget_lacks()
+{
+    for (Round &round : rounds)
+        round.lack.reset();
+}
+
+// Nothing came near this cause, not by as much as all that was found after it gained, and the data
+// are explained.
+bool CauseSearch::stands_alone(const Round &round) const
+{
+    const Hypothesis &chosen = round.field[0];
+    double nearest = HUGE_VAL;
+    for (size_t i = 1; i < round.field.size(); i++)
+        nearest = std::min(nearest, round.field[i].score - chosen.score);
+    return follows(best) && nearest > chosen.score - best.score;
+}
+
+// A field with the best model in first place, as the one that has this cause, and those that have
+// as many causes.
+std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
+                                            std::vector<Hypothesis> field) const
+{
+    field.erase(std::remove_if(field.begin(), field.end(),
+                               [&](const Hypothesis &h) {
+                                   return same_cause(h.added, cause) ||
+                                          h.point.model.effect_count !=
+                                              best.point.model.effect_count;
+                               }),
+                field.end());
+    field.insert(field.begin(), best);
+    field[0].added = cause;
+    return field;
+}
+
+// An earlier choice was made while another cause was still missing: would something else be
+// better in its place now, or nothing?
+void CauseSearch::reconsider()
+{
+    for (size_t i = 0; i + 1 < rounds.size(); i++) {
+        Hypothesis without;
+        if (stands_alone(rounds[i]) || !remove(i, without))
+            continue;
+        std::vector<Candidate> others;
+        for (const Round &r : rounds)
+            for (const Hypothesis &h : r.field)
+                others.push_back(h.added);
+        ExtendOptions how;
+        how.only = &others;
+        std::vector<Hypothesis> field = search.extend(without, how);
+        const bool led = choose(field, -HUGE_VAL);
+        const double leader = led ? field[0].score : HUGE_VAL;
+        if (without.score < std::min(leader, best.score) + ENOUGH) {
+            best = without; // not needed any more
+            forget_lacks();
+            rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
+            i--;
+            continue;
+        }
+        if (!led)
+            continue;
+        bool better = field[0].score < best.score - 1e-6;
+        if (better) {
+            // The new one sits last in the model; rounds follow the model's order.
+            best = field[0];
+            rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
+            forget_lacks();
+            rounds.push_back({std::move(field), lack_of(without)});
+        } else {
+            rounds[i] = {led_by(rounds[i].field[0].added, std::move(field)), lack_of(without)};
+        }
+    }
+}
+
+mk_model CauseSearch::removed(size_t cause) const
+{
+    mk_model m = best.point.model;
+    int at = model.effect_count + (int)cause;
+    for (int e = at; e + 1 < m.effect_count; e++)
+        m.effect[e] = m.effect[e + 1];
+    m.effect_count--;
+    return m;
+}
+
+bool CauseSearch::remove(size_t cause, Hypothesis &without)
+{
+    return search.refit(removed(cause), &best, without);
+}
+
+Lack CauseSearch::without(size_t cause)
+{
+    if (rounds.size() == 1)
+        return lack_of(refit);
+    if (rounds[cause].lack)
+        return *rounds[cause].lack;
+    // Of two causes the other one alone may have been a rival of this one.
+    const Candidate &other = rounds[cause == 0].field[0].added;
+    for (const Hypothesis &h : rounds[cause].field)
+        if (rounds.size() == 2 && h.added.effect == other.effect && h.added.joint == other.joint &&
+            h.point.model.effect_count + 1 == best.point.model.effect_count)
+            return lack_of(h);
+    Hypothesis less;
+    return lack_of(remove(cause, less) ? less : refit);
+}
+
+// A rival that got lost on its way starts again from where the best one ended.
+void CauseSearch::lead_home(Hypothesis &rival)
+{
+    mk_model m = best.point.model;
+    m.effect[m.effect_count - 1] = rival.point.model.effect[m.effect_count - 1];
+    Hypothesis again;
+    if (!search.refit_at(m, best, best.drift, again) || again.score > rival.score)
+        return;
+    again.added = rival.added;
+    rival = std::move(again);
+}
+
+void CauseSearch::polish_rivals()
+{
+    constexpr double NEAR = 50.0, BESIDE = 25.0;
+    for (Round &r : rounds) {
+        for (size_t i = 1; i < r.field.size() && i <= 3; i++) {
+            if (rounds.size() == 1 && follows(best) && r.field[i].score > best.score + NEAR)
+                lead_home(r.field[i]);
+            const double behind = r.field[i].score - r.field[0].score;
+            const bool hides = mk_model_hides_joint(&r.field[i].point.model);
+            if (behind < NEAR)
+                search.polish(r.field[i], behind < BESIDE && !hides);
+        }
+        std::stable_sort(
+            r.field.begin() + 1, r.field.end(),
+            [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    }
+    // What differs by less is the same thing by another name: the first stays. A term of the
+    // library is one of many.
+    constexpr double BETTER = 1.0, BETTER_TERM = 5.0;
+    if (rounds.size() == 1 && rounds[0].field.size() > 1 &&
+        rounds[0].field[1].score <
+            rounds[0].field[0].score -
+                (is_library(rounds[0].field[1].added.effect) ? BETTER_TERM : BETTER)) {
+        std::swap(rounds[0].field[0], rounds[0].field[1]);
+        best = rounds[0].field[0];
+    }
+}
+
+} // namespace mk

@@ -1,0 +1,111 @@
+// Which effects a model lacks: found one after another, and earlier ones reconsidered.
+#ifndef MECHKIT_EXPLAIN_SEARCH_CAUSES_HPP
+#define MECHKIT_EXPLAIN_SEARCH_CAUSES_HPP
+
+#include <optional>
+
+#include "explain/search/prediction_search.hpp"
+
+namespace mk
+{
+
+constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
+constexpr double AGAIN = 20.0;      // the same for a second cause and further ones
+constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
+
+// The best model without one of its causes, fitted.
+struct Lack {
+    double score, evidence; // as of Hypothesis and FitPicture
+};
+
+struct Round {
+    std::vector<Hypothesis> field; // what competed for a place, the chosen one first
+    std::optional<Lack> lack;      // if known
+};
+
+class CauseSearch
+{
+  public:
+    CauseSearch(const mk_model &given, Search &search_in, const Hypothesis &refitted)
+        : refit(refitted), best(refitted), model(given), search(search_in)
+    {
+    }
+    void run();
+    // Rivals near the best get the same care as the best before they are compared.
+    void polish_rivals();
+    // `best` without one of its causes.
+    Lack without(size_t cause);
+    // `best` without one of its causes, fitted from there; and that taken for the best.
+    bool fit_without(size_t cause, Hypothesis &without);
+    void shed(size_t cause, Hypothesis without);
+    // What a model that follows its data leaves does not matter within a second of free run.
+    // Contact leaves a little more, by the instants at which a simulation or a rig touches.
+    bool follows(const Hypothesis &h) const;
+    static bool matters(double drift);
+    // Process noise at which a stretch of the usual length says nothing, rad/s per sqrt(s).
+    static constexpr double LOST = 1.0;
+    // With next to no drift every reading speaks for itself, and the likelihood is what it says.
+    // With more of it a model bends to its data, and whatever bends gains.
+    static bool likelihood_counts(const Hypothesis &h);
+    // Whether no cause of `best` is a nameless term.
+    bool all_named() const;
+    bool explained() const { return follows(best) && all_named(); }
+    // Noise of a joint's readings. What a model that does not follow its data misses within a
+    // stretch is none.
+    double noise(int joint) const;
+    // What improves predictions in place of what likelihood finds: the causes of that search, and
+    // what it says of them.
+    bool take_over(const PredictionSearch &other);
+    // Goes on from there by likelihood. False where all those causes together do not bring the
+    // model so near to its data that likelihood counts.
+    bool go_on(const PredictionSearch &found);
+    // Puts simpler laws in the place of those with a parameter that the data leave open.
+    void simplify();
+    int tried() const { return most_tried; }
+
+    // What leaving data out says of each cause of `best`; empty where it was not asked.
+    std::vector<Carried> carried;
+    // Causes that were asked beside those of `best` and do not carry over surely.
+    std::vector<Asked> suspects;
+    // Where even with a cause the model is far from its data, and that cause gains less than this
+    // (log likelihood a reading), no others are looked for; 0: they always are.
+    double gives_up_below = 0.0;
+    bool gives_up() const;
+    Hypothesis refit;          // the given model, without a cause
+    Hypothesis best;           // with all of them
+    std::vector<Round> rounds; // one a cause of `best`, in its order
+
+  private:
+    const mk_model &model;
+    Search &search;
+    int most_tried = 0;
+    bool near = false; // most of what is missing was found otherwise: what is left is small
+    Hypothesis before; // the latest cause
+    std::vector<Hypothesis> first; // what competed when there was no cause yet
+
+    mk_model removed(size_t cause) const;
+    bool remove(size_t cause, Hypothesis &without);
+
+    bool idle_without_last();
+    void drop_idle();
+    bool has_open_shape(size_t cause) const;
+    void face_rivals(size_t cause);
+    bool has_cause(const Candidate &c) const;
+    bool choose(std::vector<Hypothesis> &field, double needed);
+    bool consider_play(std::vector<Hypothesis> &field, double needed);
+    void consider_other_widths(Hypothesis &play);
+    void consider_other_joint(std::vector<Hypothesis> &field);
+    void consider_bristles(std::vector<Hypothesis> &field);
+    void consider_own_places(std::vector<Hypothesis> &field);
+    void forget_lacks();
+    void lead_home(Hypothesis &rival);
+    bool stands_alone(const Round &round) const;
+    std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> field) const;
+    void add_causes();
+    void try_runners_up();
+    void reconsider();
+    static Lack lack_of(const Hypothesis &h) { return {h.score, h.picture.evidence}; }
+};
+
+} // namespace mk
+#endif

@@ -1,0 +1,307 @@
+// A rig is zeroed where friction left it hanging, a drive is warm or cold: such things differ from
+// log to log, and one value for all of them cannot say it. What the search would find in their
+// place is a cause that is none, so they come first (docs/explain.md).
+#include "explain/search/log_values.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "explain/evidence/statistics.hpp"
+#include "explain/search/causes.hpp"
+#include "ident/held_out.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+// Parameters that are asked for together: an effect of the catalogue, at which joints, which of its
+// parameters, and a spread to start from.
+struct Group {
+    const char *effect, *parameter;
+    bool hanging_joints; // at each joint with a zero that matters; else at the motor's, or the rig
+    double spread;       // in the parameter's unit
+};
+constexpr Group groups[] = {
+    {"encoder-offset", "offset", true, 0.02},
+    {"torque-scale", "ratio", false, 0.05},
+};
+
+constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
+constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
+
+bool has(const mk_model &m, const mk_effect_info *effect, int joint)
+{
+    for (int e = 0; e < m.effect_count; e++)
+        if (mk_effect(m.effect[e].index) == effect && m.effect[e].joint == joint)
+            return true;
+    return false;
+}
+
+std::vector<Candidate> members(const Group &group, const mk_model &model)
+{
+    std::vector<Candidate> all;
+    const mk_effect_info *effect = mk_effect_by_name(group.effect);
+    const mk_plant_info *plant = mk_plant(model.plant);
+    if (!effect || !(effect->plants & (1u << model.plant)))
+        return all;
+    for (int joint = 1; joint <= plant->joints; joint++) {
+        const bool rig = effect->joint_rule == MK_EFFECT_JOINT_NONE;
+        if (group.hanging_joints ? plant->joint_is_wheel[joint - 1]
+                                 : joint != plant->motor_joint + 1)
+            continue;
+        Candidate c = {};
+        c.effect = effect;
+        c.joint = rig ? 0 : joint;
+        c.size = mk_effect_parameter_index(effect, group.parameter);
+        c.spread = group.spread;
+        if (c.size >= 0 && !has(model, effect, c.joint))
+            all.push_back(c);
+    }
+    return all;
+}
+
+bool with_members(const mk_model &model, const std::vector<Candidate> &added, bool own,
+                  mk_model &out)
+{
+    out = model;
+    for (Candidate c : added) {
+        const mk_model before = out;
+        c.spread = own ? c.spread : 0.0;
+        if (!with_candidate(before, c, out))
+            return false;
+    }
+    return true;
+}
+
+// Which effect of a model the parameter with this number belongs to.
+int effect_of(const mk_model &m, int number)
+{
+    int e = 0;
+    number -= mk_plant(m.plant)->parameter_count;
+    while (number >= mk_effect(m.effect[e].index)->parameter_count)
+        number -= mk_effect(m.effect[e++].index)->parameter_count;
+    return e;
+}
+
+// The least spread that has a physical size.
+double least_spread(const mk_effect_info *effect)
+{
+    for (const Group &group : groups)
+        if (std::strcmp(group.effect, effect->name) == 0)
+            return NO_SIZE * group.spread;
+    int parameter;
+    double spread;
+    return place_set_by_hand(effect, parameter, spread) ? NO_SIZE * spread : 0.0;
+}
+
+} // namespace
+
+std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
+                         const FitOptions &options)
+{
+    const mk_model &m = h.point.model;
+    std::vector<bool> yes((size_t)m.effect_count, false);
+    Fit fit(training, options);
+    for (double &d : fit.options.drift)
+        d = h.drift;
+    const std::vector<int> free = fitted_parameters(m);
+    const FitPicture picture = fit.picture(h.point, free);
+    if (!picture.finite)
+        return yes;
+    std::vector<double> error(yes.size(), 0.0), spread(yes.size(), 0.0);
+    for (const OwnValue &v : fit.own_values(h.point, picture)) {
+        const size_t e = (size_t)effect_of(m, v.number);
+        error[e] = std::max(error[e], v.std_error);
+        spread[e] = mk_model_parameter_spread(&m, v.number);
+    }
+    for (size_t e = 0; e < yes.size(); e++)
+        yes[e] = spread[e] > least_spread(mk_effect(m.effect[e].index)) &&
+                 spread[e] > SIGNIFICANT * error[e];
+    return yes;
+}
+
+bool with_own_place(const mk_model &model, mk_model &out)
+{
+    out = model;
+    mk_effect_use &latest = out.effect[out.effect_count - 1];
+    int parameter;
+    double spread;
+    if (!place_set_by_hand(mk_effect(latest.index), parameter, spread))
+        return false;
+    latest.spread[parameter] = spread;
+    return true;
+}
+
+LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
+                          double window_s, Search &search, const Hypothesis &refit)
+{
+    LogValues out = {given, refit, {}};
+    if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.drift))
+        return out;
+    const HeldOut halves(logs, window_s, true, search.settings().threads);
+    for (const Group &group : groups) {
+        std::vector<Candidate> added = members(group, out.model);
+        while (!added.empty() && !search.cancelled) {
+            mk_model own_model, one_model;
+            Hypothesis own, one;
+            if (!with_members(out.fit.point.model, added, true, own_model) ||
+                !with_members(out.fit.point.model, added, false, one_model) ||
+                !search.refit_at(own_model, out.fit, out.fit.drift, own) ||
+                !search.refit_at(one_model, out.fit, out.fit.drift, one))
+                break;
+            const double gain = one.score - own.score;
+            if (gain < ENOUGH)
+                break;
+            const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
+            const size_t first = keep.size() - added.size();
+            std::vector<Candidate> fewer;
+            for (size_t i = 0; i < added.size(); i++)
+                if (keep[first + i])
+                    fewer.push_back(added[i]);
+            if (fewer.size() < added.size()) {
+                added = std::move(fewer);
+                continue;
+            }
+            HeldOutFigures with, without;
+            if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
+                halves.figures(one.point.model, without, nullptr) != MK_OK)
+                break;
+            if (!surely_better(ratio_by_log(with, without)))
+                break;
+            out.model = own.point.model;
+            std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+            out.fit = std::move(own);
+            for (const Candidate &c : added)
+                out.found.push_back({c.effect, c.joint, c.size, gain, c.spread});
+            break;
+        }
+    }
+    return out;
+}
+
+std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesis &best,
+                                        const std::vector<const FitLog *> &training,
+                                        const FitOptions &options)
+{
+    const mk_model &m = best.point.model;
+    const std::vector<bool> keep = differ(training, best, options);
+    std::vector<LogValue> left;
+    for (const LogValue &v : values.found)
+        for (int e = 0; e < m.effect_count; e++)
+            if (keep[(size_t)e] && mk_effect(m.effect[e].index) == v.effect &&
+                m.effect[e].joint == v.joint)
+                left.push_back(v);
+    return left;
+}
+
+LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &found, Search &search,
+                          const Hypothesis &refit)
+{
+    LogValues out = {given, refit, {}};
+    std::vector<Candidate> added;
+    for (const LogValue &v : found) {
+        Candidate c = {};
+        c.effect = v.effect, c.joint = v.joint, c.size = v.parameter, c.spread = v.spread;
+        added.push_back(c);
+    }
+    mk_model model;
+    Hypothesis fit;
+    if (added.empty() || !with_members(refit.point.model, added, true, model) ||
+        !search.refit_at(model, refit, refit.drift, fit))
+        return out;
+    out.model = fit.point.model;
+    std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+    out.fit = std::move(fit);
+    out.found = found;
+    return out;
+}
+
+std::vector<LogValue> usual_log_values(const mk_model &model)
+{
+    std::vector<LogValue> all;
+    for (const Group &group : groups)
+        if (group.hanging_joints)
+            for (const Candidate &c : members(group, model))
+                all.push_back({c.effect, c.joint, c.size, 0.0, c.spread});
+    return all;
+}
+
+// Where dry friction F holds a joint against gravity's stiffness K about its rest: F / K.
+static double held_off(const mk_model &m, int joint)
+{
+    constexpr double SIDE = 1e-4; // rad
+    const mk_plant_info *plant = mk_plant(m.plant);
+    double q[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0.0, 0.0}, a[MK_MAX_JOINTS] = {},
+                             b[MK_MAX_JOINTS] = {};
+    std::copy_n(plant->rest, MK_MAX_JOINTS, q);
+    q[joint] += SIDE;
+    mk_plant_inverse_dynamics(&m, q, still, still, a);
+    q[joint] -= 2.0 * SIDE;
+    mk_plant_inverse_dynamics(&m, q, still, still, b);
+    const double stiffness = (a[joint] - b[joint]) / (2.0 * SIDE);
+    double friction = joint == plant->motor_joint ? m.parameter[plant->parameter_count - 1] : 0.0;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        const bool dry = std::strcmp(info->name, "coulomb") == 0 ||
+                         std::strcmp(info->name, "stribeck") == 0 ||
+                         std::strcmp(info->name, "stiction") == 0;
+        if (dry && m.effect[e].joint == joint + 1)
+            friction += m.effect[e].value[mk_effect_parameter_index(info, "level")];
+    }
+    return stiffness > 1e-9 ? friction / stiffness : std::nan("");
+}
+
+void describe_log_values(const LogValues &values, const Hypothesis &best,
+                         const std::vector<const FitLog *> &training, int threads,
+                         mk_explanation &out)
+{
+    const mk_model &m = best.point.model;
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        out.held_off[j] = j < mk_model_joints(&m) ? held_off(m, j) : std::nan("");
+    if (own_parameters(m).empty())
+        return;
+    FitOptions options;
+    options.threads = threads;
+    Fit fit(training, options);
+    for (double &d : fit.options.drift)
+        d = best.drift;
+    const std::vector<int> free = fitted_parameters(m);
+    const FitPicture picture = fit.picture(best.point, free);
+    if (!picture.finite)
+        return;
+    const Eigen::MatrixXd cov = Fit::covariance(m, picture, free);
+    const std::vector<OwnValue> own = fit.own_values(best.point, picture);
+    int number = mk_plant(m.plant)->parameter_count;
+    for (int e = 0; e < m.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(m.effect[e].index);
+        for (const LogValue &v : values.found) {
+            if (v.effect != info || v.joint != m.effect[e].joint ||
+                out.log_value_count == MK_MAX_LOG_VALUES)
+                continue;
+            mk_cause &c = out.log_value[out.log_value_count++];
+            c = {};
+            c.effect = info, c.joint = v.joint;
+            for (int k = 0; k < info->parameter_count; k++) {
+                const auto place = std::find(free.begin(), free.end(), number + k);
+                const long at = place - free.begin();
+                c.value[k] = m.effect[e].value[k];
+                c.spread[k] = m.effect[e].spread[k];
+                c.std_error[k] = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
+            }
+            c.delta_bic = 2.0 * v.gain;
+            c.p_value = chi2_tail(2.0 * v.gain, 1);
+            c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
+        }
+        for (const OwnValue &o : own)
+            if (o.number >= number && o.number < number + info->parameter_count &&
+                out.per_log_count < MK_MAX_PER_LOG)
+                out.per_log[out.per_log_count++] = {o.source,          info,    m.effect[e].joint,
+                                                    o.number - number, o.value, o.std_error};
+        number += info->parameter_count;
+    }
+}
+
+} // namespace mk

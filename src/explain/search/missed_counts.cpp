@@ -1,0 +1,146 @@
+#include "explain/search/missed_counts.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr int SIDE = 6;             // readings on either side
+constexpr double COUNTS = 3.0;      // smallest step, in counts
+constexpr double SIGNIFICANT = 7.0; // over its standard error,
+constexpr double OUTSTANDING = 2.5; // and over the usual significance
+
+// A parabola through the readings on one side of an edge.
+struct Side {
+    double value = 0.0, leverage = 0.0, squares = 0.0; // at the edge; of the residuals
+    int readings = 0;                                  // 0: too few
+};
+
+// `direction` +1 behind the edge, -1 before, which is half a sample away from the nearest reading.
+Side side_of(const std::vector<double> &q, size_t nearest, int direction)
+{
+    Eigen::Matrix<double, SIDE, 3> powers;
+    Eigen::Matrix<double, SIDE, 1> y;
+    Side side;
+    for (int i = 0; i < SIDE; i++) {
+        double x = 0.5 + i, reading = q[nearest + (size_t)(direction * i)];
+        bool there = !std::isnan(reading);
+        powers.row(i) << there, there * x, there * x * x;
+        y(i) = there ? reading : 0.0;
+        side.readings += there;
+    }
+    if (side.readings < SIDE - 1)
+        return {};
+    const Eigen::Matrix3d inverse = (powers.transpose() * powers).inverse();
+    const Eigen::Vector3d fit = inverse * (powers.transpose() * y);
+    side.value = fit(0);
+    side.leverage = inverse(0, 0);
+    side.squares = (y - powers * fit).squaredNorm();
+    return side;
+}
+
+struct Jump {
+    double size = 0.0;         // of the reading before a row to that row, motion apart, rad
+    double significance = 0.0; // over its standard error
+};
+
+std::vector<Jump> jumps(const std::vector<double> &q, double count)
+{
+    std::vector<Jump> d(q.size());
+    for (size_t k = SIDE; k + SIDE < q.size(); k++) {
+        const Side after = side_of(q, k, +1), before = side_of(q, k - 1, -1);
+        if (after.readings == 0 || before.readings == 0)
+            continue;
+        double scatter = (after.squares + before.squares) / (after.readings + before.readings - 6);
+        double variance = std::max(scatter, count * count / 12.0);
+        d[k].size = after.value - before.value;
+        d[k].significance =
+            std::fabs(d[k].size) / std::sqrt(variance * (after.leverage + before.leverage));
+    }
+    return d;
+}
+
+// The step from the reading before row k to that at it beyond the motion on both sides. A reading
+// that is missing is made up for by the next one outward.
+double step_at(const std::vector<double> &q, size_t k)
+{
+    auto reading = [&](size_t row, int outward) {
+        return std::isnan(q[row]) ? row + (size_t)outward : row;
+    };
+    const size_t before = reading(k - 1, -1), far_before = reading(k - 4, -1);
+    const size_t after = reading(k, +1), far_after = reading(k + 3, +1);
+    const double speed = 0.5 * ((q[before] - q[far_before]) / (double)(before - far_before) +
+                                (q[far_after] - q[after]) / (double)(far_after - after));
+    return q[after] - q[before] - speed * (double)(after - before);
+}
+
+double usual(const std::vector<Jump> &d)
+{
+    std::vector<double> size;
+    for (const Jump &x : d)
+        size.push_back(x.significance);
+    auto at = size.begin() + (std::ptrdiff_t)(size.size() * 9 / 10);
+    std::nth_element(size.begin(), at, size.end());
+    return *at;
+}
+
+} // namespace
+
+std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
+{
+    std::vector<Slip> found;
+    for (size_t l = 0; l < logs.size(); l++) {
+        const std::vector<double> &q = logs[l]->q[j];
+        if (q.size() < 4 * SIDE)
+            continue;
+        const std::vector<Jump> d = jumps(q, logs[l]->count[j]);
+        const double limit = std::max(SIGNIFICANT, OUTSTANDING * usual(d));
+        for (size_t k = SIDE; k + SIDE < q.size(); k++) {
+            bool peak =
+                d[k].significance > limit && std::fabs(d[k].size) > COUNTS * logs[l]->count[j];
+            for (size_t i = k - SIDE; i <= k + SIDE && peak; i++)
+                peak = d[i].significance <= d[k].significance;
+            // The step sits between two readings, not over several, and is all that differs there:
+            // a turn that no parabola follows has another.
+            if (peak && std::fabs(step_at(q, k) - d[k].size) < 0.4 * std::fabs(d[k].size))
+                found.push_back({l, k, d[k].size});
+        }
+    }
+    if (found.empty())
+        return found;
+    // One step size; what differs is something else.
+    std::vector<double> size;
+    for (const Slip &s : found)
+        size.push_back(std::fabs(s.step));
+    std::nth_element(size.begin(), size.begin() + (std::ptrdiff_t)(size.size() / 2), size.end());
+    double typical = size[size.size() / 2], tolerance = 0.25 * typical + 2.0 * logs[0]->count[j];
+    std::vector<Slip> same;
+    for (const Slip &s : found)
+        if (std::fabs(std::fabs(s.step) - typical) < tolerance)
+            same.push_back(s);
+    if (2 * same.size() < found.size() + 1)
+        same.clear();
+    double mean = 0.0;
+    for (const Slip &s : same)
+        mean += std::fabs(s.step) / (double)same.size();
+    for (Slip &s : same)
+        s.step = std::copysign(mean, s.step);
+    return same;
+}
+
+FitLog without_slips(const FitLog &log, size_t index, int j, const std::vector<Slip> &slips)
+{
+    FitLog out = log;
+    for (const Slip &s : slips)
+        if (s.log == index)
+            for (size_t k = s.row; k < out.q[j].size(); k++)
+                out.q[j][k] -= s.step;
+    return out;
+}
+
+} // namespace mk

@@ -1,0 +1,675 @@
+#include "explain/search/prediction_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.hpp"
+#include "explain/evidence/resamples.hpp"
+#include "ident/scale.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr size_t MOST_CAUSES = 8;
+constexpr size_t FINALISTS = 6; // of a round, fitted in full
+constexpr double DONE = 0.6;    // of a search, as far as anybody can tell
+constexpr const char *ASKING = "asking what predicts";
+constexpr size_t RIVALS = 2;
+constexpr double BETTER = 3.0;     // log likelihood, of one cause in another's place
+constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
+constexpr int FULL_ITERATIONS = 16, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
+
+std::vector<int> range_of(const mk_model &model, int effect, const std::vector<int> &free)
+{
+    int first = mk_plant(model.plant)->parameter_count;
+    for (int e = 0; e < effect; e++)
+        first += mk_effect(model.effect[e].index)->parameter_count;
+    const int last = first + mk_effect(model.effect[effect].index)->parameter_count;
+    std::vector<int> inside;
+    for (int number : free)
+        if (number >= first && number < last)
+            inside.push_back(number);
+    return inside;
+}
+
+// Noise of the readings where they are quietest.
+double least_scatter(const std::vector<const FitLog *> &logs, int joint)
+{
+    double least = HUGE_VAL;
+    for (const FitLog *log : logs)
+        least = std::min(least, scatter_of({log}, joint));
+    return least;
+}
+
+bool same_values(const Candidate &a, const Candidate &b)
+{
+    return same_cause(a, b) && a.spread == b.spread &&
+           std::equal(a.value, a.value + a.effect->parameter_count, b.value);
+}
+
+bool has_own_values(const RunFit &fit)
+{
+    return !own_parameters(fit.point.model).empty();
+}
+
+} // namespace
+
+PredictionSearch::PredictionSearch(Search &search_in, FreeRuns &runs_in, const mk_model &base_in)
+    : search(search_in), runs(runs_in), base(base_in), threads(search_in.settings().threads),
+      own_effects((size_t)base_in.effect_count)
+{
+}
+
+bool PredictionSearch::leave_out(const std::vector<int> &wanted, RunFit &fit) const
+{
+    return runs.left_out(fit.point, fit.picture, wanted, false, fit.left_out[0]) &&
+           runs.left_out(fit.point, fit.picture, wanted, true, fit.left_out[1]);
+}
+
+bool PredictionSearch::fit(const RunPoint &from, const mk_model &model, int iterations,
+                           int threads_now, RunFit &out) const
+{
+    if (!search.tick(DONE, ASKING))
+        return false;
+    out.point = runs.adopt(from, model, threads_now);
+    const std::vector<int> free = fitted_parameters(model);
+    out.fine = runs.minimise(out.point, free, iterations, threads_now, out.picture) &&
+               leave_out(free, out);
+    return out.fine;
+}
+
+Carried PredictionSearch::compare(const RunFit &with, const RunFit &less) const
+{
+    // Own values are learnt on first halves, and then all are judged on the second.
+    const bool half = has_own_values(with) || has_own_values(less);
+    return carry_over::compare(with.left_out[half], less.left_out[half], refit.left_out[half],
+                               floor, mk_model_joints(&base));
+}
+
+// `model`: the best one and this cause, last. A shape says little before the size is about right:
+// it is held until then.
+bool PredictionSearch::fit_added(const mk_model &model, const Candidate &cause, int iterations,
+                                 RunFit &out) const
+{
+    RunPoint from = best.point;
+    mk_model begun = model;
+    if (cause.shape >= 0) {
+        std::vector<int> free = fitted_parameters(model);
+        const int held =
+            mk_model_parameter_count(&model) - cause.effect->parameter_count + cause.shape;
+        free.erase(std::remove(free.begin(), free.end(), held), free.end());
+        RunPicture picture;
+        picture.stride = out.picture.stride;
+        RunPoint sized = runs.adopt(best.point, model, 1);
+        if (runs.minimise(sized, free, iterations, 1, picture)) {
+            begun = sized.model;
+            from = std::move(sized);
+        }
+    }
+    return fit(from, begun, iterations, 1, out);
+}
+
+double PredictionSearch::times_noise() const
+{
+    double sum = 0.0, n = 0.0;
+    for (int j = 0; j < mk_model_joints(&base); j++)
+        if (floor[j] > 0.0)
+            sum += std::pow(best.left_out[has_own_values(best)].nrmse(j) / floor[j], 2), n += 1.0;
+    return n > 0.0 ? std::sqrt(sum / n) : 0.0;
+}
+
+bool PredictionSearch::start()
+{
+    RunPoint from = runs.start(base);
+    runs.take_scale(from);
+    refit.point = from;
+    if (!settle(refit))
+        return false;
+    for (int j = 0; j < mk_model_joints(&base); j++)
+        floor[j] = runs.relative(j, least_scatter(search.training(), j));
+    all = search.candidates_of(base);
+    best = refit;
+    return true;
+}
+
+bool PredictionSearch::take(const PredictionSearch &found)
+{
+    if (!start())
+        return false;
+    most_tried = found.most_tried;
+    suspects = found.suspects;
+    if (found.causes.empty())
+        return true;
+    mk_model m = base;
+    const mk_model &theirs = found.best.point.model;
+    std::copy_n(theirs.parameter, MK_MAX_PARAMETERS, m.parameter);
+    for (size_t i = 0; i < found.causes.size(); i++) {
+        if (m.effect_count == MK_MAX_EFFECTS)
+            return false;
+        m.effect[m.effect_count++] = theirs.effect[found.own_effects + i];
+        causes.push_back({found.causes[i].cause, {}, {}, {}});
+    }
+    runners_up = found.runners_up;
+    hopeless = found.hopeless;
+    best.point = runs.start(m);
+    return settle(best);
+}
+
+bool PredictionSearch::confirm(const PredictionSearch &found)
+{
+    if (!take(found) || !exchange(causes.size()))
+        return false;
+    decide();
+    return true;
+}
+
+bool PredictionSearch::go_on()
+{
+    while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
+           add_one())
+        continue;
+    // Of the last one all others were asked just now.
+    return exchange(causes.empty() ? 0 : causes.size() - 1);
+}
+
+Carried PredictionSearch::against(const PredictionSearch &other, double &gain) const
+{
+    gain = other.score(other.best) - score(best);
+    return compare(best, other.best);
+}
+
+std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
+{
+    std::vector<Candidate> field = {causes[cause].cause};
+    field.insert(field.end(), runners_up[cause].begin(), runners_up[cause].end());
+    return field;
+}
+
+// Those that vanish with their size, from their slope where they are next to nothing.
+void PredictionSearch::screen_group(const std::vector<Candidate> &group,
+                                    std::vector<Asked> &out) const
+{
+    if (!search.tick(DONE, ASKING))
+        return;
+    constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
+    const std::vector<int> own = fitted_parameters(best.point.model);
+    RunPoint point;
+    RunPicture picture;
+    std::vector<const Candidate *> members;
+    for (double share = 1e-3; share > 1e-10; share *= 1e-3) {
+        mk_model model = best.point.model;
+        members.clear();
+        for (const Candidate &given : group) {
+            Candidate c = given;
+            c.value[c.size] *= share;
+            mk_model more;
+            if (with_candidate(model, c, more)) {
+                model = more;
+                members.push_back(&given);
+            }
+        }
+        point = runs.adopt_traces(best.point, model, 1);
+        if (!runs.linearise(point, fitted_parameters(model), false, 1, picture))
+            return;
+        if (std::fabs(runs.cost(point, picture) - best.point.cost) < SAME)
+            break;
+    }
+    for (size_t i = 0; i < members.size(); i++) {
+        const Candidate &c = *members[i];
+        const int effect = best.point.model.effect_count + (int)i;
+        std::vector<int> wanted = own;
+        for (int number : range_of(point.model, effect, picture.free)) {
+            // The shape of a resonance has no slope where it is next to nothing.
+            const bool is_size = number == range_of(point.model, effect, picture.free)[0] + c.size;
+            if (c.effect->state_count == 0 || is_size)
+                wanted.push_back(number);
+        }
+        RunFit with;
+        with.point = point;
+        with.picture = picture;
+        if (leave_out(wanted, with))
+            out.push_back({c, compare(with, best)});
+    }
+}
+
+void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
+                                     std::vector<Asked> &out) const
+{
+    constexpr size_t TOGETHER = 6;
+    std::vector<std::vector<Candidate>> groups;
+    for (const Candidate &c : some) {
+        const bool alone = c.effect->state_count > 0;
+        if (groups.empty() || alone || groups.back().size() == TOGETHER ||
+            groups.back()[0].effect->state_count > 0)
+            groups.emplace_back();
+        groups.back().push_back(c);
+    }
+    std::vector<std::vector<Asked>> each(groups.size());
+    parallel_for(threads, groups.size(), [&](size_t g) { screen_group(groups[g], each[g]); });
+    for (const std::vector<Asked> &group : each)
+        out.insert(out.end(), group.begin(), group.end());
+}
+
+// All others from where they start, on some of the windows.
+void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out)
+{
+    constexpr size_t EVERY = 3;
+    RunFit less; // knows no more of the windows than they do
+    less.point = best.point;
+    less.picture.stride = EVERY;
+    if (!runs.linearise(less.point, fitted_parameters(less.point.model), true, threads,
+                        less.picture) ||
+        !leave_out(less.picture.free, less))
+        return;
+    std::vector<Asked> each(some.size());
+    std::vector<char> fine(some.size(), 0);
+    parallel_for(threads, some.size(), [&](size_t i) {
+        mk_model model;
+        RunFit with;
+        with.picture.stride = EVERY;
+        if (!with_candidate(best.point.model, some[i], model) ||
+            !fit_added(model, some[i], TRIAL_ITERATIONS, with))
+            return;
+        each[i] = {some[i], compare(with, less)};
+        const mk_effect_use &use = with.point.model.effect[model.effect_count - 1];
+        std::copy_n(use.value, some[i].effect->parameter_count, each[i].cause.value);
+        fine[i] = 1;
+    });
+    for (size_t i = 0; i < some.size(); i++) {
+        const Carried &c = each[i].carried;
+        if (fine[i] && c.mean < 0.0)
+            out.push_back(each[i]);
+        if (!fine[i] || c.mean > -c.error)
+            hopeless.push_back(some[i]);
+    }
+}
+
+bool PredictionSearch::was_hopeless(const Candidate &cause) const
+{
+    return std::any_of(hopeless.begin(), hopeless.end(),
+                       [&](const Candidate &c) { return same_values(c, cause); });
+}
+
+// Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
+// where the search for it starts. A law whose shape has is another one: a cable that never yields a
+// spring, a friction that changes over hours a constant. A shape that scales with torque as the
+// size does counts by the size: bristles that bend by half a turn before they slide are a cable,
+// however strong.
+bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) const
+{
+    constexpr double FAR = 3.0, AWAY = 12.0;
+    const mk_effect_use &use = model.effect[model.effect_count - 1];
+    Hypothesis h;
+    h.added = cause;
+    h.point.model = model;
+    if (Search::discredited(h))
+        return false;
+    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
+    const bool size_scales = scales_with_torque(model, first + cause.size);
+    for (int k = 0; k < cause.effect->parameter_count; k++) {
+        const mk_parameter_info &info = cause.effect->parameter[k];
+        const bool by_size = size_scales && scales_with_torque(model, first + k);
+        const auto shape_of = [&](const double *value) {
+            return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
+        };
+        double low = HUGE_VAL, high = 0.0;
+        for (const Candidate &c : all)
+            if (same_cause(c, cause))
+                low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
+        const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
+        const double now = shape_of(use.value);
+        if (shape && low > 0.0 && low < HUGE_VAL && (now < low / FAR || now > high * FAR))
+            return false;
+        // Turns of the joint: a spring that rests that far away is a constant torque.
+        if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
+            return false;
+    }
+    return true;
+}
+
+constexpr double FAINT = 0.3; // standard errors that a cause must show to be fitted in full
+
+// The best start of every cause that might carry over, the best first by that order.
+template <class Order>
+static std::vector<Asked> best_starts(std::vector<Asked> asked, Order better)
+{
+    std::sort(asked.begin(), asked.end(), better);
+    std::vector<Asked> some;
+    for (const Asked &a : asked)
+        if (a.carried.mean < -FAINT * a.carried.error && a.carried.judged &&
+            std::none_of(some.begin(), some.end(),
+                         [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
+            some.push_back(a);
+    return some;
+}
+
+// One of these and one of those, no cause twice.
+static std::vector<Asked> in_turn(const std::vector<Asked> &these, const std::vector<Asked> &those)
+{
+    std::vector<Asked> all;
+    for (size_t i = 0; i < these.size(); i++)
+        for (const Asked &a : {these[i], those[i]})
+            if (std::none_of(all.begin(), all.end(),
+                             [&](const Asked &b) { return same_cause(a.cause, b.cause); }))
+                all.push_back(a);
+    return all;
+}
+
+// What might carry over, the most promising first: what is better in most windows, and what takes
+// away most of the error, be it in a few.
+std::vector<Asked> PredictionSearch::screen()
+{
+    // Over a window frequencies are told apart less finely than over a log.
+    constexpr int SKIPPED = 3;
+    int resonances = 0;
+    std::vector<Candidate> linear, others;
+    std::vector<Candidate> possible = search.candidates_of(best.point.model);
+    if (search.several_logs()) {
+        const std::vector<Candidate> own = with_own_places(possible);
+        possible.insert(possible.end(), own.begin(), own.end());
+    }
+    for (const Candidate &c : possible) {
+        if (is_library(c.effect) || is_play(c.effect) ||
+            (c.effect->state_count > 0 && c.linear && ++resonances % SKIPPED != 0))
+            continue;
+        if (c.linear)
+            linear.push_back(c);
+        else if (!was_hopeless(c))
+            others.push_back(c);
+    }
+    most_tried = std::max(most_tried, (int)(linear.size() + others.size()));
+    std::vector<Asked> asked;
+    screen_linear(linear, asked);
+    screen_others(others, asked);
+    const auto by_windows = [](const Asked &a, const Asked &b) {
+        return a.carried.mean < b.carried.mean;
+    };
+    const auto by_share = [](const Asked &a, const Asked &b) {
+        return a.carried.share > b.carried.share;
+    };
+    return in_turn(best_starts(asked, by_windows), best_starts(asked, by_share));
+}
+
+bool PredictionSearch::add_one()
+{
+    std::vector<Asked> asked = screen();
+    std::vector<RunFit> finalists(std::min(asked.size(), FINALISTS));
+    parallel_for(threads, finalists.size(), [&](size_t i) {
+        RunFit &f = finalists[i];
+        mk_model model;
+        f.cause = asked[i].cause;
+        if (!with_candidate(best.point.model, f.cause, model) ||
+            !fit_added(model, f.cause, FULL_ITERATIONS, f))
+            return;
+        f.carried = compare(f, best);
+        f.fine = plausible(f.point.model, f.cause);
+        const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
+        std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
+    });
+    finalists.erase(
+        std::remove_if(finalists.begin(), finalists.end(), [](const RunFit &f) { return !f.fine; }),
+        finalists.end());
+    // Of those that carry over the likeliest: what is left out says whether, and of few logs hardly
+    // which one rather than another.
+    std::sort(finalists.begin(), finalists.end(),
+              [this](const RunFit &a, const RunFit &b) { return score(a) < score(b); });
+    const double now = score(best);
+    const auto may_stay = [&](const RunFit &f) {
+        return carry_over::enough(f.carried, 1, now - score(f));
+    };
+    auto chosen = std::find_if(finalists.begin(), finalists.end(), may_stay);
+    // Of two that are as likely the one with fewer parameters: it says the same with less.
+    for (auto f = chosen; f != finalists.end(); ++f)
+        if (f->picture.free.size() < chosen->picture.free.size() && may_stay(*f) &&
+            score(*f) < score(*chosen) + BETTER)
+            chosen = f;
+    suspects.clear();
+    for (const RunFit &f : finalists)
+        if (f.carried.mean < 0.0 && f.carried.share > 0.0)
+            suspects.push_back({f.cause, f.carried});
+    if (chosen == finalists.end())
+        return false;
+    Carrier carrier = {chosen->cause, chosen->carried, {}, {}};
+    runners_up.emplace_back();
+    for (const RunFit &f : finalists)
+        if (&f != &*chosen && runners_up.back().size() < RIVALS && carry_over::promising(f.carried))
+            runners_up.back().push_back(f.cause);
+    best = std::move(*chosen);
+    causes.push_back(carrier);
+    return settle(best);
+}
+
+// Fits on until nothing is gained any more: a fit that is still under way makes whatever is added
+// to it look good, by the further steps. Errors that were usual before hide what is left, so each
+// round is in units of those that are usual now.
+bool PredictionSearch::settle(RunFit &at) const
+{
+    constexpr int MOST_ROUNDS = 3;
+    constexpr double SAME = 0.05; // of the logarithm of usual squared errors
+    const std::vector<int> free = fitted_parameters(at.point.model);
+    for (int i = 0; i < MOST_ROUNDS; i++) {
+        if (runs.take_scale(at.point) < SAME && i > 0)
+            break;
+        if (!search.tick(DONE, ASKING) || !runs.settle(at.point, free, threads, at.picture))
+            return false;
+    }
+    return leave_out(free, at);
+}
+
+// A cause was chosen while others were missing, or on fewer data: one of those that nearly did as
+// well then may be the better one beside what was found since. Of the first `count`.
+bool PredictionSearch::exchange(size_t count)
+{
+    for (size_t i = 0; i < count && !search.cancelled; i++) {
+        std::vector<Candidate> &others = runners_up[i];
+        std::vector<RunFit> fits(others.size());
+        parallel_for(threads, others.size(), [&](size_t k) {
+            mk_model model;
+            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
+                return same_cause(c.cause, others[k]);
+            });
+            if (there || !with_candidate(without(i), others[k], model) ||
+                !fit(best.point, model, FULL_ITERATIONS, 1, fits[k]))
+                return;
+            fits[k].fine = plausible(fits[k].point.model, others[k]);
+        });
+        size_t chosen = fits.size();
+        double least = score(best) - BETTER;
+        for (size_t k = 0; k < fits.size(); k++)
+            if (fits[k].fine && score(fits[k]) < least)
+                least = score(fits[k]), chosen = k;
+        if (chosen == fits.size())
+            continue;
+        // The new one sits last in the model; causes follow the model's order.
+        Carrier carrier = {others[chosen], {}, {}, {}};
+        std::vector<Candidate> left = std::move(others);
+        left[chosen] = causes[i].cause;
+        best = std::move(fits[chosen]);
+        causes.erase(causes.begin() + (std::ptrdiff_t)i);
+        runners_up.erase(runners_up.begin() + (std::ptrdiff_t)i);
+        causes.push_back(std::move(carrier));
+        runners_up.push_back(std::move(left));
+        i--;
+        count--;
+        if (!settle(best))
+            return false;
+    }
+    return true;
+}
+
+mk_model PredictionSearch::without(size_t cause) const
+{
+    mk_model m = best.point.model;
+    for (int e = (int)(own_effects + cause); e + 1 < m.effect_count; e++)
+        m.effect[e] = m.effect[e + 1];
+    m.effect_count--;
+    return m;
+}
+
+// What is left without each cause, all others fitted again, and what the cause says of data left
+// out against that.
+void PredictionSearch::leave_out_each()
+{
+    parallel_for(threads, causes.size(), [&](size_t i) {
+        RunFit &less = causes[i].without;
+        less = {};
+        const mk_model m = without(i);
+        const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
+        if (fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
+                less))
+            causes[i].carried = compare(best, less);
+    });
+}
+
+// Whether the data leave it open how large a cause is.
+bool PredictionSearch::has_open_size(size_t cause) const
+{
+    const Candidate &c = causes[cause].cause;
+    Hypothesis h;
+    h.point.model = best.point.model;
+    judge(best, h);
+    const int effect = (int)(own_effects + cause);
+    return !(h.point.model.effect[effect].spread[c.size] > 0.0) &&
+           Search::relative_error(h, effect, c.size) >= 1.0;
+}
+
+// Causes that no longer carry over beside those found after them, or whose size is open: the
+// weakest goes, and the others are asked again.
+void PredictionSearch::decide()
+{
+    while (!causes.empty() && !search.cancelled) {
+        leave_out_each();
+        size_t weakest = causes.size();
+        double least = HUGE_VAL;
+        for (size_t i = 0; i < causes.size(); i++) {
+            if (!causes[i].without.fine)
+                continue;
+            const Carried &c = causes[i].carried;
+            const double gain = score(causes[i].without) - score(best);
+            const bool stays = carry_over::enough(c, (int)causes.size(), gain) &&
+                               carry_over::worth_naming(c) && !has_open_size(i);
+            if (!stays && gain < least)
+                least = gain, weakest = i;
+        }
+        if (weakest == causes.size())
+            return;
+        drop(weakest);
+    }
+}
+
+void PredictionSearch::drop(size_t cause)
+{
+    suspects.push_back({causes[cause].cause, causes[cause].carried});
+    best = std::move(causes[cause].without);
+    causes.erase(causes.begin() + (std::ptrdiff_t)cause);
+    runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
+}
+
+// The cause without which held-out data are predicted as well within what chance would do, if any:
+// of several the least sure one, which others that are surer may make up for.
+size_t PredictionSearch::least_confirmed(const HeldOut &held) const
+{
+    constexpr double SHOWS = 0.1; // of the refitted model's squared error
+    const int joints = mk_model_joints(&base);
+    HeldOutFigures before, with;
+    size_t weakest = causes.size();
+    if (held.figures(refit.point.model, before, nullptr) != MK_OK ||
+        held.figures(best.point.model, with, nullptr) != MK_OK)
+        return weakest;
+    double least = HUGE_VAL;
+    for (size_t i = 0; i < causes.size(); i++) {
+        HeldOutFigures less;
+        if (!causes[i].without.fine ||
+            held.figures(causes[i].without.point.model, less, nullptr) != MK_OK)
+            continue;
+        const auto gain = [&](const Times *times) {
+            double sum = 0.0;
+            for (int j = 0; j < joints; j++)
+                if (before.square[j] > 0.0)
+                    sum += (mean_square(less, j, times) - mean_square(with, j, times)) /
+                           mean_square(before, j, nullptr);
+            return sum;
+        };
+        const std::vector<double> ratios = carry_over::log_ratios(with, less);
+        const auto mean_ratio = [&](const Times &times) {
+            double sum = 0.0, n = 0.0;
+            for (size_t w = 0; w < std::min(times.size(), ratios.size()); w++)
+                if (!std::isnan(ratios[w]))
+                    sum += times[w] * ratios[w], n += times[w];
+            return n > 0.0 ? sum / n : 0.0;
+        };
+        const std::vector<Interval> sure = intervals_of(with, [&](const Times &times) {
+            return std::vector<double>{gain(&times), mean_ratio(times)};
+        });
+        // A few windows make up most of the squares: that it is better on the whole, and surely so
+        // in the usual window, confirms it as well. So does that it clearly shows, of a cause that
+        // has to be in all logs that were learnt from: two logs more are too few for an interval.
+        const Carried &c = causes[i].carried;
+        const double more = gain(nullptr);
+        const bool everywhere =
+            c.worse == 0 && score(causes[i].without) - score(best) > carry_over::STRONG;
+        const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
+                               (everywhere && more > SHOWS * joints);
+        if (!confirmed && -c.mean / c.error < least)
+            least = -c.mean / c.error, weakest = i;
+    }
+    return weakest;
+}
+
+void PredictionSearch::claim(const HeldOut &held)
+{
+    for (size_t i; !search.cancelled && (i = least_confirmed(held)) < causes.size();) {
+        drop(i);
+        leave_out_each();
+    }
+    face_rivals();
+}
+
+// The runners-up of each cause in its place, beside all others.
+void PredictionSearch::face_rivals()
+{
+    for (size_t i = 0; i < causes.size(); i++) {
+        const RunFit &less = causes[i].without;
+        for (const Candidate &rival : runners_up[i]) {
+            mk_model m;
+            RunFit faced;
+            faced.cause = rival;
+            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
+                return same_cause(c.cause, rival);
+            });
+            if (!there && less.fine && with_candidate(less.point.model, rival, m) &&
+                fit(less.point, m, FULL_ITERATIONS, threads, faced) &&
+                plausible(faced.point.model, rival))
+                causes[i].rivals.push_back(std::move(faced));
+        }
+    }
+}
+
+double PredictionSearch::score(const RunFit &fit) const
+{
+    Hypothesis h;
+    judge(fit, h);
+    return h.score;
+}
+
+void PredictionSearch::judge(const RunFit &fit, Hypothesis &out) const
+{
+    judge_by_runs(runs, fit.point, fit.picture, out);
+}
+
+void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunPicture &picture,
+                   Hypothesis &out)
+{
+    const FitPicture said = runs.information(point, picture);
+    out.picture.information = said.information;
+    out.picture.gradient = said.gradient;
+    out.picture.evidence = said.evidence;
+    out.free_count = (int)picture.free.size();
+    const double numbers = (double)picture.free.size() + (double)own_parameters(point.model).size();
+    out.score = said.evidence + 0.5 * numbers * std::log(runs.independent_errors());
+}
+
+} // namespace mk

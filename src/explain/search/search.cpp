@@ -1,0 +1,439 @@
+#include "explain/search/search.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <mutex>
+
+#include "base/parallel.hpp"
+#include "explain/evidence/innovations.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
+constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
+constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
+constexpr double ROUGHEST = 0.05;                 // drift that a play may need
+constexpr double LOST_SHARE = 0.3; // log likelihood a reading that no fit makes up for
+
+} // namespace
+
+Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options_in)
+    : logs(std::move(logs_in)), options(options_in)
+{
+    for (const FitLog *log : logs)
+        for (int j = 0; j < log->joints; j++)
+            for (double w : log->weight[j])
+                reading_count += w * w;
+}
+
+bool Search::several_logs() const
+{
+    return std::any_of(logs.begin(), logs.end(),
+                       [&](const FitLog *log) { return log->source != logs[0]->source; });
+}
+
+bool Search::tick(double done, const char *what)
+{
+    std::lock_guard<std::mutex> lock(talk);
+    if (options.progress && !options.progress(options.progress_context, done, what))
+        cancelled = true;
+    return !cancelled;
+}
+
+FitOptions Search::fit_options() const
+{
+    FitOptions o;
+    o.threads = options.threads;
+    o.near = options.given;
+    o.stretch = options.stretch;
+    return o;
+}
+
+void Search::finish(Fit &fit, Hypothesis &h) const
+{
+    h.drift = fit.options.drift[0];
+    // A spread is estimated like any parameter.
+    h.score =
+        h.picture.evidence + penalty(h.free_count + (int)own_parameters(h.point.model).size());
+}
+
+bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
+{
+    FitOptions o = fit_options();
+    o.max_passes = 1000.0;
+    Fit fit(logs, o);
+    out.point = from ? fit.adopt(from->point, model) : fit.start(model);
+    std::vector<int> free = fitted_parameters(model);
+    out.free_count = (int)free.size();
+    data = data_range(model, logs);
+    double first = from ? std::min(LOOSEST, std::max(10.0 * from->drift, 0.1)) : LOOSEST;
+    bool fitted = fit.descend(out.point, free, first, TIGHTEST, out.picture);
+    work += fit.work_done;
+    if (!fitted)
+        return false;
+    finish(fit, out);
+    return true;
+}
+
+bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out)
+{
+    FitOptions o = fit_options();
+    o.max_passes = 300.0;
+    Fit fit(logs, o);
+    out.point = fit.adopt(from.point, model);
+    std::vector<int> free = fitted_parameters(model);
+    out.free_count = (int)free.size();
+    bool fitted = fit.settle(out.point, free, drift, out.picture);
+    work += fit.work_done;
+    if (fitted)
+        finish(fit, out);
+    return fitted;
+}
+
+bool Search::follow(const mk_model &model, const Hypothesis *from, double most, Hypothesis &out)
+{
+    FitOptions o = fit_options();
+    o.max_passes = 100.0;
+    Fit fit(logs, o);
+    FitPoint point = from ? fit.adopt(from->point, model) : fit.start(model);
+    out.free_count = (int)fitted_parameters(model).size();
+    bool any = false;
+    for (double drift = std::max(most, TIGHTEST); drift > 0.9 * TIGHTEST; drift /= 3.0) {
+        FitPicture picture;
+        if (!fit.settle(point, {}, drift, picture) ||
+            (any && picture.evidence >= out.picture.evidence))
+            break;
+        any = true;
+        out.point = point;
+        out.picture = picture;
+        out.drift = drift;
+    }
+    work += fit.work_done;
+    return any;
+}
+
+void Search::polish(Hypothesis &h, bool drift_too)
+{
+    FitOptions o = fit_options();
+    o.max_iterations = 25;
+    o.tolerance = 1e-2;
+    o.max_passes = 600.0;
+    // One stretch a log has no drift to tighten step by step: it comes to its optimum at once.
+    if (mk_model_hides_joint(&h.point.model))
+        o.max_iterations = 60;
+    Fit fit(logs, o);
+    polish(fit, h, drift_too);
+    work += fit.work_done;
+}
+
+void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
+{
+    FitPoint point = h.point;
+    FitPicture picture;
+    std::vector<int> free = fitted_parameters(point.model);
+    // The drift is part of the estimate: a coarser one would leave something for a next cause to
+    // gain.
+    auto try_drift = [&](double drift, double slack) {
+        if (drift < 0.9 * TIGHTEST || drift > 1.1 * LOOSEST ||
+            !fit.settle(point, free, drift, picture))
+            return false;
+        double score = picture.evidence + penalty((int)free.size());
+        bool better = score < h.score + slack;
+        if (better) {
+            h.point = point;
+            h.picture = picture;
+            h.drift = drift;
+            h.score = score;
+        }
+        return better;
+    };
+    try_drift(h.drift, 0.0);
+    if (!drift_too)
+        return;
+    // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
+    if (mk_model_hides_joint(&h.point.model)) {
+        fit.options.hidden_stretch = 1.0;
+        point = fit.start(h.point.model);
+        std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
+        try_drift(0.03, 0.0);
+        return;
+    }
+    // Of drifts that the data cannot tell apart the least is meant: it leaves nothing to explain.
+    constexpr double EVEN = 0.5;
+    bool lower = false;
+    double least = h.score;
+    while (try_drift(h.drift / 3.0, least + EVEN - h.score)) {
+        least = std::min(least, h.score);
+        lower = true;
+    }
+    point = h.point;
+    while (!lower && try_drift(h.drift * 3.0, 0.0))
+        continue;
+}
+
+double Search::penalty(int parameters) const
+{
+    return 0.5 * parameters * std::log(std::max(reading_count, 2.0));
+}
+
+// A model that follows its data most likely lacks nothing that stores or strikes; of what remains,
+// the mildest start will do.
+bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
+{
+    bool first = i == 0 || !same_cause(all[i - 1], all[i]);
+    return first && all[i].effect->state_count == 0;
+}
+
+std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
+{
+    std::vector<Candidate> all = how.only ? *how.only : candidates(base.point.model, data);
+    if (!how.only)
+        all.erase(std::remove_if(all.begin(), all.end(),
+                                 [&](const Candidate &c) {
+                                     return is_play(c.effect) != (how.kind == Kind::play);
+                                 }),
+                  all.end());
+    for (Candidate &c : all)
+        c.linear = c.linear && !how.only;
+    tried_count = (int)all.size();
+    FitOptions loose = fit_options();
+    loose.threads = 1;
+    const double small_drift = how.drift > 0.0 ? how.drift : base.drift;
+    for (double &d : loose.drift)
+        d = how.small ? small_drift : std::max(base.drift, 0.01);
+    loose.tolerance = 0.3;
+    loose.max_passes = 150.0;
+    Hypothesis start = base;
+    {
+        Fit fit(logs, loose);
+        fit.options.threads = options.threads;
+        fit.minimise(start.point, fitted_parameters(start.point.model));
+        work += fit.work_done;
+    }
+    std::vector<double> gain(all.size(), -HUGE_VAL);
+    screen(start, loose, all, gain);
+
+    // Linear candidates: the best start of each, the most promising first. All others are tried.
+    std::vector<size_t> order, tries;
+    for (size_t i = 0; i < all.size(); i++)
+        if (std::isfinite(gain[i]))
+            order.push_back(i);
+    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
+    int room[3] = {options.finalists + 2, options.finalists / 2, 3};
+    constexpr double SLIGHT = 0.02; // of the best promise: at most the next thing to be found
+    const double least_promise = order.empty() ? 0.0 : SLIGHT * gain[order[0]];
+    for (size_t i : order) {
+        if (gain[i] < least_promise && !how.only)
+            break;
+        bool same = std::any_of(tries.begin(), tries.end(),
+                                [&](size_t k) { return same_start(all[k], all[i]); });
+        const bool resonance = all[i].effect->state_count > 0;
+        if (resonance && how.small && gain[i] < how.least)
+            continue;
+        int &left = room[resonance ? 2 : is_library(all[i].effect)];
+        if (!same && left > 0) {
+            tries.push_back(i);
+            left--;
+        }
+    }
+    for (size_t i = 0; i < all.size(); i++)
+        if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
+            tries.push_back(i);
+    std::vector<Trial> trials;
+    std::vector<Candidate> plays;
+    for (size_t i : tries) {
+        if (is_play(all[i].effect)) {
+            plays.push_back(all[i]);
+            continue;
+        }
+        trials.emplace_back();
+        trials.back().candidate = all[i];
+    }
+    try_all(start, loose, trials);
+    try_plays(start, loose, plays, how.beat, trials);
+    std::sort(trials.begin(), trials.end(),
+              [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
+    std::vector<Trial> finalists;
+    int terms = 0; // of the library
+    for (Trial &t : trials) {
+        if (!std::isfinite(t.gain))
+            continue; // could not even be started
+        bool seen = false;
+        for (const Trial &f : finalists)
+            seen = seen || same_start(f.candidate, t.candidate);
+        bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && finalists.size() >= 2;
+        hopeless = hopeless || t.gain < -LOST_SHARE * reading_count;
+        bool library = is_library(t.candidate.effect);
+        bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
+        if (seen || hopeless || full)
+            continue;
+        terms += library;
+        finalists.push_back(std::move(t));
+    }
+    return compete(base.score, how.beat, how.small ? small_drift : std::max(base.drift, 0.1),
+                   finalists);
+}
+
+std::vector<Candidate> Search::starts(const mk_model &model, const char *effect, int joint) const
+{
+    std::vector<Candidate> some;
+    for (const Candidate &c : candidates(model, data))
+        if (c.joint == joint && std::strcmp(c.effect->name, effect) == 0)
+            some.push_back(c);
+    return some;
+}
+
+bool Search::complete(const Hypothesis &h) const
+{
+    constexpr double FLOOR = 1.5 * TIGHTEST;
+    // What stays the same from row to row, as a wrong zero, does not show in how one row follows
+    // from another.
+    constexpr double MORE = 1.5;
+    return h.drift <= FLOOR && leaves_white_noise(logs, h) &&
+           beyond_scatter(logs, h.point.noise) < MORE;
+}
+
+bool Search::meets_readings(const Hypothesis &h) const
+{
+    constexpr double MORE = 1.5;
+    return std::all_of(h.point.nodes.begin(), h.point.nodes.end(),
+                       [](const FitNodes &n) { return n.row.size() == 1; }) &&
+           beyond_scatter(logs, h.point.noise) < MORE;
+}
+
+bool Search::discredited(const Hypothesis &h)
+{
+    const mk_effect_use &last = h.point.model.effect[h.point.model.effect_count - 1];
+    const mk_parameter_info &size = mk_effect(last.index)->parameter[h.added.size];
+    const double value = last.value[h.added.size], unit = std::max(size.initial, 1e-6);
+    bool off = size.min == 0.0 && value < 1e-7 * unit;
+    bool at_end = (size.min != 0.0 && value <= size.min) || value >= size.max;
+    return off || at_end || std::fabs(value) > h.added.most;
+}
+
+double Search::relative_error(const Hypothesis &h, int effect, int parameter)
+{
+    const mk_model &m = h.point.model;
+    int number = mk_plant(m.plant)->parameter_count + parameter;
+    for (int e = 0; e < effect; e++)
+        number += mk_effect(m.effect[e].index)->parameter_count;
+    const std::vector<int> free = fitted_parameters(m);
+    const auto place = std::find(free.begin(), free.end(), number);
+    if (place == free.end())
+        return 0.0;
+    const long i = place - free.begin();
+    const double error = std::sqrt(Fit::covariance(m, h.picture, free)(i, i));
+    const double relative = error / std::fabs(m.effect[effect].value[parameter]);
+    return std::isfinite(relative) ? relative : HUGE_VAL;
+}
+
+// Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
+std::vector<Hypothesis> Search::compete(double from, double beat, double first,
+                                        std::vector<Trial> &finalists)
+{
+    struct Runner {
+        Hypothesis best;
+        FitPoint point;
+        std::vector<int> free;
+        double now = HUGE_VAL, earlier = HUGE_VAL; // scores
+        double work = 0.0, settled = HUGE_VAL;     // the drift at which it is
+        int worse = 0;
+        bool running = true;
+    };
+    std::vector<Runner> runners(finalists.size());
+    for (size_t i = 0; i < runners.size(); i++) {
+        runners[i].best.added = finalists[i].candidate;
+        runners[i].best.score = HUGE_VAL;
+        runners[i].point = std::move(finalists[i].point);
+        runners[i].free = fitted_parameters(runners[i].point.model);
+        runners[i].best.free_count = (int)runners[i].free.size();
+    }
+    double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
+    int stage = 0;
+    auto run_all = [&](double drift, int most_iterations) {
+        // Threads that have no runner of their own help the others.
+        const auto running = std::count_if(runners.begin(), runners.end(),
+                                           [](const Runner &r) { return r.running; });
+        const int helpers = std::max(1, options.threads / std::max(1, (int)running));
+        parallel_for(options.threads, runners.size(), [&](size_t i) {
+            Runner &r = runners[i];
+            // One stretch a log has next to no use for a drift.
+            const bool idle =
+                drift < first && drift > ROUGHEST && mk_model_hides_joint(&r.point.model);
+            if (!r.running || r.settled == drift || idle)
+                return;
+            FitOptions o = fit_options();
+            o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
+            o.max_iterations = std::min(o.max_iterations, most_iterations);
+            o.max_passes = 400.0;
+            o.threads = helpers;
+            Fit fit(logs, o);
+            FitPicture p;
+            r.running = fit.settle(r.point, r.free, drift, p);
+            if (fit.converged)
+                r.settled = drift;
+            r.work += fit.work_done;
+            r.now = r.running ? p.evidence + penalty((int)r.free.size()) : HUGE_VAL;
+            if (r.now < r.best.score) {
+                r.best.point = r.point;
+                r.best.picture = p;
+                r.best.drift = drift;
+                r.best.score = r.now;
+                r.worse = 0;
+            } else if (r.now > r.best.score + 2.0) {
+                r.running = r.running && ++r.worse < 2;
+            }
+        });
+    };
+    auto leader = [&] {
+        double least = HUGE_VAL;
+        for (const Runner &r : runners)
+            least = std::min(least, r.now);
+        return least;
+    };
+    // Some take long to come to nothing: a few iterations at a time, and who is then too far behind
+    // the leader, and does not catch up, is not fitted to the end.
+    constexpr double CLOSE = 200.0, CATCHING_UP = 0.25; // of what is missing, in a few iterations
+    constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
+    for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
+        for (Runner &r : runners)
+            r.earlier = r.now;
+        run_all(first, FEW_ITERATIONS);
+        const double lead = std::min(leader(), beat);
+        for (Runner &r : runners) {
+            const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
+            const bool comes =
+                std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
+            r.running = r.running && (near || comes);
+        }
+    }
+    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
+        run_all(drift, ALL_ITERATIONS);
+        for (Runner &r : runners)
+            r.running = r.running && r.now < leader() + FAR_BEHIND;
+        tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
+    }
+    std::vector<Hypothesis> out;
+    for (Runner &r : runners) {
+        work += r.work;
+        if (std::isfinite(r.best.score) && !discredited(r.best))
+            out.push_back(std::move(r.best));
+    }
+    std::sort(out.begin(), out.end(),
+              [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    std::vector<Hypothesis> one_each;
+    for (Hypothesis &h : out)
+        if (std::none_of(one_each.begin(), one_each.end(),
+                         [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
+            one_each.push_back(std::move(h));
+    return one_each;
+}
+
+} // namespace mk

@@ -1,0 +1,140 @@
+// The search for what is missing: hypotheses, fitted together with all base parameters by maximum
+// likelihood, screened cheaply first.
+#ifndef MECHKIT_EXPLAIN_SEARCH_SEARCH_HPP
+#define MECHKIT_EXPLAIN_SEARCH_SEARCH_HPP
+
+#include <atomic>
+#include <cmath>
+#include <mutex>
+
+#include "explain/search/candidates.hpp"
+
+namespace mk
+{
+
+// A model fitted to the data.
+struct Hypothesis {
+    Candidate added = {}; // what it has beyond the model it grew from
+    FitPoint point;
+    FitPicture picture;
+    double drift = 0.0; // process noise of best evidence
+    double score =
+        0.0; // minus log likelihood with a penalty for parameters (BIC / 2); less is better
+    int free_count = 0;
+};
+
+struct SearchOptions {
+    const mk_model *given = nullptr; // base parameters are somewhere near these
+    int threads = 2;
+    int finalists = 8;     // candidates that get a full fit
+    double stretch = 0.25; // s, see FitOptions
+    mk_progress_fn progress = nullptr;
+    void *progress_context = nullptr;
+};
+
+// Play takes so much longer to fit than all else that it is looked for by itself.
+enum class Kind { all_but_play, play };
+
+struct ExtendOptions {
+    Kind kind = Kind::all_but_play;
+    const std::vector<Candidate> *only = nullptr; // no others than these
+    bool thorough = true;                         // else without those that are slow to fit
+    // The base follows its data: what it lacks is small, and shows in a few iterations from there.
+    // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
+    bool small = false;
+    double drift = 0.0; // at which it is looked for then; 0: that of the base
+    double least = 0.0;
+    double beat = HUGE_VAL; // score of a hypothesis to be compared with
+};
+
+class Search
+{
+  public:
+    Search(std::vector<const FitLog *> logs, const SearchOptions &options);
+
+    // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew.
+    bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
+    // A hypothesis' model fitted at one drift from another's parameters and states.
+    bool refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out);
+    // The model as it is, with the states, noise and drift (at most this) that go best with it;
+    // `from`: what to start from, of the same data, or NULL.
+    bool follow(const mk_model &model, const Hypothesis *from, double drift, Hypothesis &out);
+    // Carries a fit on until it stands still, its drift too.
+    void polish(Hypothesis &h, bool drift_too);
+    // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
+    // a joint.
+    std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
+    // Where a search for an effect at a joint starts.
+    std::vector<Candidate> starts(const mk_model &model, const char *effect, int joint) const;
+    // All that could be added to a model.
+    std::vector<Candidate> candidates_of(const mk_model &model) const
+    {
+        return candidates(model, data);
+    }
+    double error_at_nothing(const Hypothesis &base, const Candidate &candidate);
+    double penalty(int parameters) const; // of a likelihood, for so many more (BIC)
+    // Whether nothing is left to be explained: next to no drift, and white noise.
+    bool complete(const Hypothesis &h) const;
+    // Whether one stretch a log, which has no use for a drift, leaves the scatter of the readings.
+    bool meets_readings(const Hypothesis &h) const;
+    // Whether a fit has switched the added effect off, or made it larger than it can be.
+    static bool discredited(const Hypothesis &h);
+    // Standard error of a parameter of the model's effect number `effect`, over its value;
+    // infinite where the data say nothing of it, 0 where it is not fitted.
+    static double relative_error(const Hypothesis &h, int effect, int parameter);
+    int tried() const { return tried_count; } // candidates of the last extension
+    // All fits so far, in passes over the data (FitOptions::max_passes): counted, so that what is
+    // left out for want of time does not depend on the machine.
+    double work_done() const { return work; }
+
+    double readings() const { return reading_count; }
+    const std::vector<const FitLog *> &training() const { return logs; }
+    bool several_logs() const; // the training data are pieces of more than one
+    FitOptions usual_options() const { return fit_options(); }
+    const SearchOptions &settings() const { return options; }
+    std::atomic<bool> cancelled{false};
+    // Tells how far a part of the search is (0 to 1); false if it is to stop. From any thread.
+    bool tick(double done, const char *what);
+
+  private:
+    std::vector<const FitLog *> logs;
+    SearchOptions options;
+    DataRange data;
+    double reading_count = 0.0;
+    int tried_count = 0;
+    double work = 0.0;
+
+    struct Trial {
+        Candidate candidate = {};
+        FitPoint point;
+        double gain = -HUGE_VAL;
+        double work = 0.0;
+        bool begun = false;
+        bool half_way = false; // one of several starts of its cause
+    };
+    struct TryOptions {
+        int iterations;
+        bool size_only; // the shape stays as it starts
+    };
+    std::mutex talk;
+
+    void screen(const Hypothesis &base, const FitOptions &loose, const std::vector<Candidate> &all,
+                std::vector<double> &gain);
+    static double promised(const FitPicture &picture, const std::vector<int> &free,
+                           const std::vector<int> &wanted);
+    static bool worth_trying(const std::vector<Candidate> &all, size_t i);
+    void polish(Fit &fit, Hypothesis &h, bool drift_too) const;
+    void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
+    bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
+                 Trial &trial);
+    void thin_out(std::vector<Trial> &trials);
+    void try_plays(const Hypothesis &start, const FitOptions &loose,
+                   const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials);
+    std::vector<Hypothesis> compete(double from, double beat, double first_drift,
+                                    std::vector<Trial> &finalists);
+    FitOptions fit_options() const;
+    void finish(Fit &fit, Hypothesis &h) const;
+};
+
+} // namespace mk
+#endif

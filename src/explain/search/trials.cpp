@@ -1,0 +1,266 @@
+// Candidates on trial: what the slope of the likelihood promises, and a few iterations of a fit.
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "base/dense.hpp"
+#include "base/parallel.hpp"
+#include "explain/search/backlash_search.hpp"
+#include "explain/search/search.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
+
+// A point with the states of further effects, at rest; the others stay as they were fitted.
+FitPoint with_states(const FitPoint &from, const mk_model &model)
+{
+    FitPoint point = from;
+    point.model = model;
+    const long all = mk_model_state_count(&model), joints = mk_model_joints(&model);
+    for (FitNodes &nodes : point.nodes) {
+        const long known = nodes.x.rows();
+        nodes.x.conservativeResize(all, Eigen::NoChange);
+        for (long i = 0; i < nodes.x.cols() && known < all; i++) {
+            double rest[MK_MAX_STATES];
+            mk_model_initial_state(&model, &nodes.x(0, i), &nodes.x(joints, i), rest);
+            for (long s = known; s < all; s++)
+                nodes.x(s, i) = rest[s];
+        }
+    }
+    return point;
+}
+
+} // namespace
+
+// Gain in log likelihood that each linear candidate promises, from the slope of the cost where the
+// candidate is next to nothing. Many are looked at in one pass.
+void Search::screen(const Hypothesis &base, const FitOptions &loose,
+                    const std::vector<Candidate> &all, std::vector<double> &gain)
+{
+    // What has states is looked at alone.
+    constexpr size_t TOGETHER = 6;
+    std::vector<std::vector<size_t>> group;
+    for (size_t i = 0; i < all.size(); i++) {
+        if (!all[i].linear)
+            continue;
+        bool alone = all[i].effect->state_count > 0;
+        if (alone || group.empty() || group.back().size() == TOGETHER ||
+            all[group.back()[0]].effect->state_count > 0)
+            group.emplace_back();
+        group.back().push_back(i);
+    }
+    const size_t groups = group.size();
+    const std::vector<int> own = fitted_parameters(base.point.model);
+    std::atomic<size_t> done{0};
+    std::vector<double> spent(groups, 0.0);
+    Fit here(logs, loose);
+    here.options.threads = options.threads;
+    here.coarsen(base.point);
+    work += here.work_done;
+    parallel_for(options.threads, groups, [&](size_t g) {
+        mk_model model;
+        std::vector<size_t> members;
+        std::vector<int> free;
+        FitPicture p;
+        Fit fit(logs, loose);
+        fit.coarsen_as(here);
+        // So little of each that the trajectory stays where it is.
+        for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
+            model = base.point.model;
+            members.clear();
+            for (size_t k : group[g]) {
+                Candidate c = all[k];
+                c.value[c.size] *= share;
+                mk_model more;
+                if (with_candidate(model, c, more)) {
+                    model = more;
+                    members.push_back(k);
+                }
+            }
+            FitPoint point = with_states(base.point, model);
+            free = fitted_parameters(model);
+            p = fit.picture(point, free);
+            if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
+                break;
+        }
+        spent[g] = fit.work_done;
+        if (!p.finite)
+            return;
+        int first = mk_plant(model.plant)->parameter_count;
+        for (int e = 0; e < model.effect_count; e++) {
+            int count = mk_effect(model.effect[e].index)->parameter_count;
+            int member = e - base.point.model.effect_count;
+            if (member >= 0) {
+                const Candidate &c = all[members[(size_t)member]];
+                // The shape of a resonance has no slope where it is next to nothing.
+                bool size_only = c.effect->state_count > 0;
+                std::vector<int> wanted = own;
+                for (int number : free)
+                    if (number >= first && number < first + count &&
+                        (!size_only || number == first + c.size))
+                        wanted.push_back(number);
+                gain[members[(size_t)member]] =
+                    promised(p, free, wanted) - penalty((int)(wanted.size() - own.size()));
+            }
+            first += count;
+        }
+        tick(0.3 * (double)++done / (double)groups, "screening causes");
+    });
+    for (double one : spent)
+        work += one;
+}
+
+// Second-order reduction of the cost if only the wanted parameters move.
+double Search::promised(const FitPicture &p, const std::vector<int> &free,
+                        const std::vector<int> &wanted)
+{
+    std::vector<long> place;
+    for (int number : wanted)
+        place.push_back(std::find(free.begin(), free.end(), number) - free.begin());
+    long n = (long)place.size();
+    Eigen::MatrixXd h(n, n);
+    Eigen::VectorXd g(n);
+    for (long i = 0; i < n; i++) {
+        g(i) = p.gradient(place[(size_t)i]);
+        for (long k = 0; k < n; k++)
+            h(i, k) = p.information(place[(size_t)i], place[(size_t)k]);
+    }
+    // Scaled to unit diagonal with a trace of damping: candidates may be collinear with the base.
+    Eigen::VectorXd root = h.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    Eigen::MatrixXd unit = root.asDiagonal() * h * root.asDiagonal();
+    unit.diagonal().array() += 1e-9;
+    Eigen::VectorXd scaled = root.asDiagonal() * g;
+    return 0.5 * scaled.dot(dense::solve_symmetric(unit, scaled));
+}
+
+// A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.
+bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
+                     Trial &trial)
+{
+    const Candidate &candidate = trial.candidate;
+    mk_model model;
+    if (!with_candidate(base.point.model, candidate, model))
+        return false;
+    std::vector<int> free = fitted_parameters(model);
+    const int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
+    if (how.size_only && candidate.shape > 0) {
+        int shape =
+            mk_model_parameter_count(&model) - candidate.effect->parameter_count + candidate.shape;
+        free.erase(std::remove(free.begin(), free.end(), shape), free.end());
+    }
+    Fit fit(logs, loose);
+    fit.options.max_iterations = how.iterations;
+    // A resonance goes from one optimum to the next.
+    if (candidate.linear && candidate.effect->state_count > 0)
+        fit.options.max_iterations *= 2;
+    FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
+    const bool fitted = fit.minimise(p, free);
+    trial.work += fit.work_done;
+    trial.gain = -HUGE_VAL;
+    if (!fitted || !std::isfinite(p.cost))
+        return false;
+    trial.gain = base.point.cost - p.cost - penalty(extra);
+    trial.point = std::move(p);
+    trial.begun = true;
+    return true;
+}
+
+// Of several starts of one cause those that came furthest go on, and none that came nowhere beside
+// the best of all. Contact may begin far off.
+void Search::thin_out(std::vector<Trial> &trials)
+{
+    constexpr double SHARE = 0.5, CLOSE = 20.0; // of the best gain of the cause, log likelihood
+    constexpr double HOPELESS = 0.03;           // of the best of all
+    std::sort(trials.begin(), trials.end(),
+              [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
+    const double least = trials.empty() ? 0.0 : HOPELESS * trials[0].gain;
+    std::vector<Trial> left;
+    for (Trial &t : trials) {
+        auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
+        auto best = std::find_if(left.begin(), left.end(), beside);
+        const bool first = best == left.end();
+        const double ahead = first ? 0.0 : best->gain;
+        bool behind =
+            !first && t.gain < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
+        // The best start of a cause goes on all the same: a lag first undoes what a fit without it
+        // has bent to.
+        behind = behind || (!first && t.gain < least && least > CLOSE);
+        bool touches = t.candidate.effect->event_count > 0 &&
+                       std::count_if(left.begin(), left.end(), beside) < 2;
+        if (t.half_way && behind && !touches)
+            work += t.work;
+        else
+            left.push_back(std::move(t));
+    }
+    trials = std::move(left);
+}
+
+// All starts: those that have others beside them first for little, the promising ones for more.
+void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials)
+{
+    for (Trial &t : trials)
+        t.half_way = !t.candidate.linear &&
+                     std::count_if(trials.begin(), trials.end(), [&](const Trial &other) {
+                         return same_cause(other.candidate, t.candidate);
+                     }) > 1;
+    // What takes longest goes first, so that no thread is left with it alone at the end.
+    auto sort = [&] {
+        std::stable_sort(trials.begin(), trials.end(), [](const Trial &a, const Trial &b) {
+            const mk_effect_info *one = a.candidate.effect, *other = b.candidate.effect;
+            return one->event_count + one->state_count > other->event_count + other->state_count;
+        });
+    };
+    std::atomic<size_t> done{0};
+    const size_t steps = trials.size();
+    auto go = [&](Trial &t, const TryOptions &how) {
+        if (cancelled)
+            return;
+        try_out(start, loose, how, t);
+        tick(0.3 + 0.4 * (double)done / (double)steps, "trying causes");
+        done += !t.half_way;
+    };
+    sort();
+    parallel_for(options.threads, trials.size(), [&](size_t k) {
+        Trial &t = trials[k];
+        go(t,
+           t.half_way ? TryOptions{FIRST_ITERATIONS, true} : TryOptions{QUICK_ITERATIONS, false});
+    });
+    thin_out(trials);
+    sort();
+    parallel_for(options.threads, trials.size(), [&](size_t k) {
+        Trial &t = trials[k];
+        if (!t.half_way)
+            return;
+        go(t, {QUICK_ITERATIONS, false});
+    });
+    for (const Trial &t : trials)
+        work += t.work;
+}
+
+void Search::try_plays(const Hypothesis &start, const FitOptions &loose,
+                       const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials)
+{
+    if (plays.empty() || cancelled)
+        return;
+    PlaySearch search(logs, loose, start.point, std::min(start.picture.evidence, beat));
+    for (PlayFit &fit : search.run(plays, options.threads, [&](double done) {
+             return tick(0.3 + 0.4 * done, "trying play");
+         })) {
+        Trial t;
+        t.candidate = fit.start;
+        const size_t extra =
+            fitted_parameters(fit.point.model).size() - fitted_parameters(start.point.model).size();
+        t.gain = start.picture.evidence - fit.score - penalty((int)extra);
+        t.point = std::move(fit.point);
+        t.begun = true;
+        trials.push_back(std::move(t));
+    }
+    work += search.work;
+}
+
+} // namespace mk
