@@ -1,4 +1,4 @@
-/* Feed-forward from the effects of the believed model. */
+/* Feed-forward from the effects of the nominal model. */
 #include "suites.h"
 
 #include <math.h>
@@ -119,8 +119,8 @@ START_TEST(each_effect_within_reach_leaves_the_acceleration_wished_for)
         enum mk_plant_kind plant = (enum mk_plant_kind)kind;
         if (!(mk_effect_by_name(cancelled[_i].name)->plants & (1u << kind)))
             continue;
-        struct mk_model believed = with_cancelled(plant, (size_t)_i), full;
-        mk_compensated_model(&believed, &full);
+        struct mk_model nominal = with_cancelled(plant, (size_t)_i), full;
+        mk_compensated_model(&nominal, &full);
         if (out_of_reach(plant, cancelled[_i].name)) {
             ck_assert_int_eq(full.effect_count, 0);
             continue;
@@ -522,14 +522,14 @@ static double figure_of(const struct trial *t, enum figure figure)
 
 /* Mean of three runs on `rig`; all of them are held. */
 static double balanced(const char *setup, const struct mk_model *rig, const double *start_rad,
-                       const struct mk_model *believed, enum figure figure)
+                       const struct mk_model *nominal, enum figure figure)
 {
     struct mk_error err = MK_ERROR_INIT;
     struct mk_ctrl *ctrl;
     double sum = 0.0;
-    ck_assert_msg(
-        mk_ctrl_create(mk_ctrl_setup_by_name(setup), believed, 0.002, NULL, &ctrl, &err) == MK_OK,
-        "%s", err.message);
+    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setup), nominal, 0.002, NULL, &ctrl, &err) ==
+                      MK_OK,
+                  "%s", err.message);
     for (uint64_t seed = 1; seed <= 3; seed++) {
         struct trial_setting setting = {.rig = rig,
                                         .rate_hz = 500.0,
@@ -601,15 +601,15 @@ static const struct pulled {
 
 /* Mean time of the catches that hold, of eight runs. */
 static double caught_on_average(const char *setup, const struct mk_model *rig,
-                                const double *start_rad, const struct mk_model *believed)
+                                const double *start_rad, const struct mk_model *nominal)
 {
     enum { RUNS = 8 };
     struct mk_error err = MK_ERROR_INIT;
     struct mk_ctrl *ctrl;
     double sum = 0.0;
-    ck_assert_msg(
-        mk_ctrl_create(mk_ctrl_setup_by_name(setup), believed, 0.002, NULL, &ctrl, &err) == MK_OK,
-        "%s", err.message);
+    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setup), nominal, 0.002, NULL, &ctrl, &err) ==
+                      MK_OK,
+                  "%s", err.message);
     for (uint64_t seed = 1; seed <= RUNS; seed++) {
         struct trial_setting setting = {.rig = rig,
                                         .rate_hz = 500.0,

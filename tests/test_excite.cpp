@@ -1,4 +1,4 @@
-/* Excitation: the search, the foreseen errors, trajectories and inputs within limits. */
+/* Excitation: the search, the predicted errors, trajectories and inputs within limits. */
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -130,9 +130,9 @@ START_TEST(foreseen_errors_are_the_cramer_rao_bound)
     mk::InformationOptions o;
     o.noise[0] = COUNT;
     o.noise[1] = 2.0 * COUNT;
-    o.drift = 0.0;
+    o.process_noise = 0.0;
     o.step = 1.25e-3;
-    mk::Foresight f = mk::foresee(m, u, PERIOD, free, o);
+    mk::PredictedExperiment f = mk::predict_experiment(m, u, PERIOD, free, o);
     ck_assert(f.finite());
 
     Eigen::MatrixXd jac(2 * (long)u.size(), 11);
@@ -170,9 +170,10 @@ START_TEST(a_rig_further_from_its_model_tells_less)
     mk::InformationOptions o;
     o.noise[0] = o.noise[1] = COUNT;
     VectorXd last = VectorXd::Zero(6);
-    for (double drift : {0.0, 1e-4, 1e-3, 1e-2}) {
-        o.drift = drift;
-        VectorXd now = mk::foresee(m, u, 0.005, {0, 1, 2, 3, 4, 5}, o).covariance.diagonal();
+    for (double process_noise : {0.0, 1e-4, 1e-3, 1e-2}) {
+        o.process_noise = process_noise;
+        VectorXd now =
+            mk::predict_experiment(m, u, 0.005, {0, 1, 2, 3, 4, 5}, o).covariance.diagonal();
         ck_assert((now.array() > last.array()).all());
         last = now;
     }
@@ -323,7 +324,7 @@ START_TEST(the_inputs_that_ship_tell_three_times_as_much_as_the_report_s_sine)
     mk_excite_default(&m, &limits);
     mk::InformationOptions o;
     o.noise[0] = o.noise[1] = limits.noise[0];
-    o.drift = limits.drift;
+    o.process_noise = limits.process_noise;
     o.step = 2.5e-3;
     double worst[2];
     for (bool sine : {false, true}) {
@@ -332,7 +333,8 @@ START_TEST(the_inputs_that_ship_tell_three_times_as_much_as_the_report_s_sine)
             u.push_back(sine ? 1.5 * sin(6.0 * k / 500.0) : mk_signal_at(signal, k / 500.0));
             ck_assert_double_le(fabs(u.back()), 1.5);
         }
-        mk::Foresight f = mk::foresee(m, u, 0.002, mk::fitted_parameters(m), o);
+        mk::PredictedExperiment f =
+            mk::predict_experiment(m, u, 0.002, mk::fitted_parameters(m), o);
         ck_assert(f.finite());
         worst[sine] = sqrt(f.covariance.diagonal().maxCoeff());
         for (int j = 0; j < 2; j++)

@@ -32,13 +32,13 @@ constexpr double J = 0.0611, MGL = 6.9, C = 0.0123, F = 0.352;
 
 // What is hidden, in the pendulum's own terms.
 struct Hidden {
-    double drag = 0.0;   // v|v|
-    double cubic = 0.0;  // v^3
-    double dead = 0.0;   // of the amplifier
-    double delay = 0.0;  // s
-    double tilt = 0.0;   // rad
-    double slip = 0.0;   // rad, at two instants
-    bool bumper = false; // a stop at 0.6 rad
+    double drag = 0.0;         // v|v|
+    double cubic = 0.0;        // v^3
+    double dead = 0.0;         // of the amplifier
+    double delay = 0.0;        // s
+    double tilt = 0.0;         // rad
+    double missed_count = 0.0; // rad, at two instants
+    bool bumper = false;       // a stop at 0.6 rad
 };
 
 double balance(const Hidden &h, double q, double v, double u)
@@ -68,14 +68,14 @@ mk_log *record(const Hidden &h, int kind, double seconds)
     ck_assert_int_eq(mk_log_create(rows, &log), MK_OK);
     double *t = mk_log_add_column(log, "t"), *y = mk_log_add_column(log, "q1");
     double *u = mk_log_add_column(log, "u");
-    double q = 0.0, v = 0.0, lost = 0.0;
+    double q = 0.0, v = 0.0, correction = 0.0;
     int per_row = (int)std::lround(1.0 / (RATE * STEP));
     for (size_t k = 0; k < rows; k++) {
         t[k] = (double)k / RATE;
         u[k] = command_at(t[k], kind);
         if (k == rows / 3 || k == rows / 2)
-            lost += k == rows / 3 ? h.slip : -h.slip;
-        y[k] = COUNT * std::round((q + lost) / COUNT);
+            correction += k == rows / 3 ? h.missed_count : -h.missed_count;
+        y[k] = COUNT * std::round((q + correction) / COUNT);
         for (int i = 0; i < per_row; i++) {
             // The command is held from row to row; what acts is what was sent a delay ago.
             double held = std::floor((t[k] + i * STEP - h.delay) * RATE + 1e-9) / RATE;
@@ -311,7 +311,7 @@ START_TEST(samples_that_came_late_are_taken_for_when_they_came)
 {
     mk_explanation e = explained(pendulum(true), record_late(8.0), nullptr);
     ck_assert_msg(e.verdict == MK_VERDICT_NONE, "%s %s", mk_verdict_name(e.verdict), e.structure);
-    ck_assert_double_lt(e.drift_refit, 3e-4);
+    ck_assert_double_lt(e.process_noise_refit, 3e-4);
 }
 END_TEST
 
@@ -431,11 +431,11 @@ END_TEST
 START_TEST(lost_pulses_are_found)
 {
     Hidden h;
-    h.slip = 20.0 * 2.0 * M_PI / 4000.0;
+    h.missed_count = 20.0 * 2.0 * M_PI / 4000.0;
     mk_explanation e = explained(h);
     ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
     ck_assert_str_eq(e.cause[0].effect->name, "missed-counts");
-    ck_assert_double_eq_tol(e.cause[0].value[0], h.slip, 2.0 * M_PI / 4000.0);
+    ck_assert_double_eq_tol(e.cause[0].value[0], h.missed_count, 2.0 * M_PI / 4000.0);
 }
 END_TEST
 
@@ -453,7 +453,7 @@ START_TEST(small_steps_of_a_fast_reading_are_lost_pulses)
         log.t.push_back(t);
         log.q[0].push_back(k == at[1] + 1 ? (double)NAN : std::round(q / COUNT) * COUNT);
     }
-    std::vector<mk::Slip> found = mk::find_slips({&log}, 0);
+    std::vector<mk::MissedCount> found = mk::find_missed_counts({&log}, 0);
     ck_assert_uint_eq(found.size(), 3);
     for (size_t i = 0; i < 3; i++) {
         ck_assert_uint_eq(found[i].row, at[i]);
@@ -475,7 +475,7 @@ START_TEST(lost_pulses_beside_missing_rows_are_found)
             log.q[0].push_back(k == 200 + missing ? (double)NAN
                                                   : COUNT * std::round(angle / COUNT));
         }
-        std::vector<mk::Slip> found = mk::find_slips({&log}, 0);
+        std::vector<mk::MissedCount> found = mk::find_missed_counts({&log}, 0);
         ck_assert_msg(found.size() == 1, "row %d missing: %zu found", missing, found.size());
         ck_assert_double_eq_tol(found[0].step, STEP, COUNT);
     }
@@ -499,7 +499,7 @@ START_TEST(steps_of_a_wheel_s_acceleration_are_no_lost_pulses)
             q += DT / FINE * v, v += DT / FINE * a;
         }
     }
-    ck_assert_uint_eq(mk::find_slips({&log}, 0).size(), 0);
+    ck_assert_uint_eq(mk::find_missed_counts({&log}, 0).size(), 0);
 }
 END_TEST
 

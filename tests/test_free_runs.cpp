@@ -49,17 +49,17 @@ START_TEST(what_a_fit_to_the_other_logs_leaves_is_known_without_making_it)
     mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
     mk::RunPoint point = all.start(runs.model);
     const std::vector<int> free = mk::fitted_parameters(runs.model);
-    mk::RunPicture picture;
+    mk::RunQuadraticModel quadratic;
     all.take_scale(point);
-    ck_assert(all.minimise(point, free, 20, 1, picture));
+    ck_assert(all.minimise(point, free, 20, 1, quadratic));
     mk::HeldOutFigures left_out;
-    ck_assert(all.left_out(point, picture, free, false, left_out));
+    ck_assert(all.left_out(point, quadratic, free, false, left_out));
     for (size_t f = 0; f < LOGS; f++) {
         std::vector<std::vector<const mk_log *>> others = runs.folds, one = {runs.folds[f]};
         others.erase(others.begin() + (std::ptrdiff_t)f);
         mk::FreeRuns rest(others, runs.model, WINDOW, 1), alone(one, runs.model, WINDOW, 1);
         mk::RunPoint fitted = rest.start(point.model);
-        mk::RunPicture unused, there;
+        mk::RunQuadraticModel unused, there;
         rest.take_scale(fitted);
         ck_assert(rest.minimise(fitted, free, 20, 1, unused));
         mk::RunPoint judged = alone.start(fitted.model);
@@ -90,11 +90,11 @@ START_TEST(the_law_that_is_missing_is_what_the_left_out_logs_ask_for)
         mk::RunPoint point = all.start(m);
         if (i == 0)
             all.take_scale(point);
-        mk::RunPicture picture;
+        mk::RunQuadraticModel quadratic;
         mk::HeldOutFigures f;
         const std::vector<int> free = mk::fitted_parameters(m);
-        ck_assert(all.minimise(point, free, 20, 1, picture));
-        ck_assert(all.left_out(point, picture, free, false, f));
+        ck_assert(all.minimise(point, free, 20, 1, quadratic));
+        ck_assert(all.left_out(point, quadratic, free, false, f));
         left[i] = f.square[0];
     }
     ck_assert_msg(left[1] < 0.05 * left[0], "drag leaves %g of %g", left[1], left[0]);
@@ -112,14 +112,14 @@ START_TEST(what_errors_say_of_a_model_does_not_depend_on_what_was_usual)
     mk::RunPoint far = all.start(runs.model), near = far;
     for (int i = 0; i < mk_plant(MK_PLANT_PENDULUM)->parameter_count; i++)
         far.model.parameter[i] *= 1.5;
-    mk::RunPicture picture;
-    ck_assert(all.linearise(near, free, true, 1, picture));
-    near.cost = all.cost(near, picture);
-    const mk::FitPicture before = all.information(near, picture);
+    mk::RunQuadraticModel quadratic;
+    ck_assert(all.linearise(near, free, true, 1, quadratic));
+    near.cost = all.cost(near, quadratic);
+    const mk::QuadraticModel before = all.information(near, quadratic);
     all.take_scale(far);
-    const mk::FitPicture after = all.information(near, picture);
-    ck_assert_double_eq_tol(before.evidence, after.evidence, 1e-9 * std::fabs(before.evidence));
-    ck_assert_double_lt(all.cost(near, picture), 0.9 * near.cost); // while the cost does
+    const mk::QuadraticModel after = all.information(near, quadratic);
+    ck_assert_double_eq_tol(before.nlml, after.nlml, 1e-9 * std::fabs(before.nlml));
+    ck_assert_double_lt(all.cost(near, quadratic), 0.9 * near.cost); // while the cost does
 }
 END_TEST
 
@@ -137,8 +137,8 @@ START_TEST(a_window_that_nobody_predicts_does_not_decide)
                     log.columns[c].data[k] += KICK;
         const mk::FreeRuns all(runs.folds, runs.model, WINDOW, 1);
         mk::RunPoint point = all.start(runs.model);
-        mk::RunPicture picture;
-        ck_assert(all.settle(point, mk::fitted_parameters(runs.model), 1, picture));
+        mk::RunQuadraticModel quadratic;
+        ck_assert(all.converge(point, mk::fitted_parameters(runs.model), 1, quadratic));
         inertia[kicked] = point.model.parameter[0];
     }
     ck_assert_msg(std::fabs(inertia[1] / inertia[0] - 1.0) < 0.01, "inertia %g, with a kick %g",
@@ -164,8 +164,8 @@ START_TEST(a_settled_fit_gains_nothing_from_states_that_are_found_anew)
         m.parameter[i] *= i % 2 ? 1.3 : 0.7;
     mk::RunPoint point = all.start(m);
     all.take_scale(point);
-    mk::RunPicture picture, there;
-    ck_assert(all.settle(point, free, 1, picture));
+    mk::RunQuadraticModel quadratic, there;
+    ck_assert(all.converge(point, free, 1, quadratic));
     mk::RunPoint anew = all.start(point.model);
     ck_assert(all.minimise(anew, free, 20, 1, there));
     ck_assert_double_gt(anew.cost, point.cost - 1.0);
@@ -196,11 +196,11 @@ START_TEST(a_value_of_a_logs_own_comes_from_its_first_half)
         mk::RunPoint point = runs.start(one);
         if (i == 0)
             runs.take_scale(point);
-        mk::RunPicture picture;
+        mk::RunQuadraticModel quadratic;
         mk::HeldOutFigures f;
         const std::vector<int> free = mk::fitted_parameters(one);
-        ck_assert(runs.minimise(point, free, 30, 1, picture));
-        ck_assert(runs.left_out(point, picture, free, true, f));
+        ck_assert(runs.minimise(point, free, 30, 1, quadratic));
+        ck_assert(runs.left_out(point, quadratic, free, true, f));
         const double rounding = runs.relative(0, mk_model_count(&m, 0));
         left[i] = f.square[0] - f.rows[0] * rounding * rounding / 12.0;
         if (i == 1) {

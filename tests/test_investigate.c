@@ -165,8 +165,8 @@ START_TEST(the_rigs_setups_are_run_with_both_models_once)
         ck_assert(journal.control[i].held);
         ck_assert(journal.control[i].effort > 0.0);
     }
-    ck_assert_str_eq(journal.control[0].believed, "given");
-    ck_assert_str_eq(journal.control[1].believed, "final");
+    ck_assert_str_eq(journal.control[0].nominal, "given");
+    ck_assert_str_eq(journal.control[1].nominal, "final");
 }
 END_TEST
 
@@ -426,13 +426,13 @@ END_TEST
 START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
 {
     static const char *const rigs[] = {"cart-pole", "furuta"};
-    struct mk_model believed;
+    struct mk_model nominal;
     open_rig(rigs[_i]);
     const double size = mk_model_joint_scale(&rig_model, 0);
-    believed = rig_model;
+    nominal = rig_model;
     ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
     rig_let_calm(&rig);
-    struct rig_run run = {.believed = &believed, .log = scratch("wanders.csv")};
+    struct rig_run run = {.nominal = &nominal, .log = scratch("wanders.csv")};
     ck_assert_int_eq(rig_experiment(&rig, &run, "6*pulse(0,0.3)", 1.0, NULL), MK_OK);
     struct mk_log *log;
     ck_assert_int_eq(mk_log_read(run.log, &log, NULL), MK_OK);
@@ -454,7 +454,7 @@ START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
                            .spread = 0.03,
                            .seconds = 5.0,
                            .rate_hz = 500.0,
-                           .drift = 1e-3,
+                           .process_noise = 1e-3,
                            .seed = 1,
                            .limits = {1.5, {-1.0, -1.0}, {1.0, 1.0}, {20.0, 20.0}},
                            .noise = {5e-4, 5e-4}};

@@ -171,7 +171,7 @@ static double error_of_cogging(const Effects &effects)
     ck_assert(mk::with_candidate(learning.model, cogging, with));
     mk::RunFit fit;
     fit.point = learning.runs->start(with);
-    ck_assert(learning.runs->settle(fit.point, mk::fitted_parameters(with), 2, fit.picture));
+    ck_assert(learning.runs->converge(fit.point, mk::fitted_parameters(with), 2, fit.quadratic));
     mk::Hypothesis said;
     said.point.model = fit.point.model;
     learning.found->judge(fit, said);
@@ -210,8 +210,8 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
     causes.best = with;
     causes.rounds.push_back({{with}, {}});
     causes.simplify();
-    ck_assert_str_eq(causes.rounds[0].field[0].added.effect->name, "coulomb");
-    ck_assert_double_lt(causes.best.score, with.score);
+    ck_assert_str_eq(causes.rounds[0].ranked[0].added.effect->name, "coulomb");
+    ck_assert_double_lt(causes.best.penalised_nlml, with.penalised_nlml);
     ck_assert_double_eq_tol(causes.best.point.model.effect[0].value[0], 0.003, 3e-4);
 }
 END_TEST

@@ -1,4 +1,4 @@
-/* Encoders that lie, found by the believed model; and rigs that are off the model, left alone. */
+/* Encoders that lie, found by the nominal model; and rigs that are off the model, left alone. */
 #include "suites.h"
 
 #include <math.h>
@@ -98,11 +98,11 @@ START_TEST(rigs_that_are_off_the_model_are_not_stopped)
     struct trial_spread spread;
     trial_spread_default(&spread);
     for (uint64_t seed = 1; seed <= 12; seed++) {
-        struct mk_model believed;
+        struct mk_model nominal;
         struct trial t;
-        mk_model_default(setups[_i].plant, &believed);
+        mk_model_default(setups[_i].plant, &nominal);
         ck_assert_int_eq(
-            trial_run(mk_ctrl_setup_by_name(setups[_i].setup), &believed, &spread, seed, &t, NULL),
+            trial_run(mk_ctrl_setup_by_name(setups[_i].setup), &nominal, &spread, seed, &t, NULL),
             MK_OK);
         ck_assert_msg(strncmp(t.fault, "encoder", 7) != 0, "%s, seed %d: %s", setups[_i].setup,
                       (int)seed, t.fault);

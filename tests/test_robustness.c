@@ -17,12 +17,12 @@ static const struct {
 
 static struct trial run(int setup, const struct trial_spread *spread, uint64_t seed)
 {
-    struct mk_model believed;
+    struct mk_model nominal;
     struct mk_error err = MK_ERROR_INIT;
     struct trial t;
-    mk_model_default(balancing[setup].plant, &believed);
+    mk_model_default(balancing[setup].plant, &nominal);
     enum mk_status st =
-        trial_run(mk_ctrl_setup_by_name(balancing[setup].setup), &believed, spread, seed, &t, &err);
+        trial_run(mk_ctrl_setup_by_name(balancing[setup].setup), &nominal, spread, seed, &t, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     return t;
 }
@@ -84,14 +84,14 @@ END_TEST
 START_TEST(rigs_are_off_by_no_more_than_was_said)
 {
     struct trial_spread spread;
-    struct mk_model believed, rig;
+    struct mk_model nominal, rig;
     trial_spread_default(&spread);
-    mk_model_default(MK_PLANT_PENDUBOT, &believed);
+    mk_model_default(MK_PLANT_PENDUBOT, &nominal);
     double widest[2] = {0.0, 0.0};
     for (uint64_t seed = 1; seed <= 200; seed++) {
-        ck_assert_int_eq(trial_rig(&believed, &spread, seed, &rig, NULL), MK_OK);
+        ck_assert_int_eq(trial_rig(&nominal, &spread, seed, &rig, NULL), MK_OK);
         for (int i = 0; i < 7; i++) {
-            double off = fabs(rig.parameter[i] / believed.parameter[i] - 1.0);
+            double off = fabs(rig.parameter[i] / nominal.parameter[i] - 1.0);
             ck_assert_double_le(off, i < 5 ? 0.1 : 0.3);
             widest[i >= 5] = fmax(widest[i >= 5], off);
         }
@@ -103,9 +103,9 @@ START_TEST(rigs_are_off_by_no_more_than_was_said)
     /* Far off, some draws are of no rig; others take their place. */
     spread.parameters = 0.4;
     for (uint64_t seed = 1; seed <= 2000; seed++)
-        ck_assert_int_eq(trial_rig(&believed, &spread, seed, &rig, NULL), MK_OK);
-    ck_assert_int_eq(trial_rig(&believed, &spread, 0, &rig, NULL), MK_OK);
-    ck_assert_mem_eq(&rig, &believed, sizeof rig);
+        ck_assert_int_eq(trial_rig(&nominal, &spread, seed, &rig, NULL), MK_OK);
+    ck_assert_int_eq(trial_rig(&nominal, &spread, 0, &rig, NULL), MK_OK);
+    ck_assert_mem_eq(&rig, &nominal, sizeof rig);
 }
 END_TEST
 

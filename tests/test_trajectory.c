@@ -218,16 +218,16 @@ END_TEST
 static struct trial trial_of(int rig, uint64_t seed)
 {
     struct trial_spread spread;
-    struct mk_model believed;
+    struct mk_model nominal;
     struct mk_error err = MK_ERROR_INIT;
     struct trial t;
     const struct mk_ctrl_ops *setup = mk_ctrl_setup_by_name(rigs[rig].setup);
     trial_spread_default(&spread);
     spread.swingup = file_of(rig);
     struct mk_swingup *s = load(rig);
-    believed = s->model;
+    nominal = s->model;
     mk_swingup_free(s);
-    enum mk_status st = trial_run(setup, &believed, &spread, seed, &t, &err);
+    enum mk_status st = trial_run(setup, &nominal, &spread, seed, &t, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     return t;
 }

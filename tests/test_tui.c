@@ -43,7 +43,7 @@ static void choose(const char *setup, enum mk_plant_kind plant)
     static const double values[] = {80, 8, 100, 13};
     status.setup = mk_ctrl_setup_by_name(setup);
     mk_model_default(plant, &status.model);
-    status.believed = status.model;
+    status.nominal = status.model;
     mk_loop_config_default(&status.model, &status.config);
     int gain = 0;
     for (int i = 0; i < status.setup->param_count; i++) {

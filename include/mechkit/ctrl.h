@@ -41,7 +41,7 @@ struct mk_ctrl_param {
     const char *help;
     double min, max;
     double initial; /* Meesters' or designed value for the default model; NAN: designed from the
-                       believed model at creation */
+                       nominal model at creation */
     bool gain;
 };
 
@@ -72,7 +72,7 @@ struct mk_ctrl_ops {
     size_t private_size;
     int param_count;
     struct mk_ctrl_param param[MK_CTRL_MAX_PARAMS];
-    /* Fills the NAN initial values from the believed model (gain design) and prepares the private
+    /* Fills the NAN initial values from the nominal model (gain design) and prepares the private
      * memory. Not RT. Optional. */
     enum mk_status (*create)(struct mk_ctrl *ctrl, struct mk_error *err);
     /* Before start: forget everything but parameters. RT. */
@@ -108,7 +108,7 @@ const struct mk_ctrl_ops *mk_ctrl_setup_by_name(const char *name);
 /* MK_ERR_INVALID when the setup is not for this plant (the message says which rigs it is for),
  * MK_ERR_NUMERIC when gains cannot be designed. `signal` is kept, not owned. */
 MK_NODISCARD enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops,
-                                           const struct mk_model *believed, double dt,
+                                           const struct mk_model *nominal, double dt,
                                            const struct mk_signal *signal, struct mk_ctrl **out,
                                            struct mk_error *err);
 void mk_ctrl_destroy(struct mk_ctrl *ctrl);
@@ -119,7 +119,7 @@ int mk_ctrl_gain_count(const struct mk_ctrl_ops *ops);
 MK_NODISCARD enum mk_status mk_ctrl_check(const struct mk_ctrl_ops *ops, int index, double value,
                                           struct mk_error *err);
 
-/* RT. The law sees the rig as its base parameters describe it: what the believed model has in
+/* RT. The law sees the rig as its base parameters describe it: what the nominal model has in
  * effects is made up for, as far as it can be, by the share `compensate` of setups that have such a
  * row (docs/theory.md, section 6). */
 void mk_ctrl_reset(struct mk_ctrl *ctrl);

@@ -48,7 +48,7 @@ struct mk_excite_options {
     double v_max[MK_MAX_JOINTS];
     double noise[MK_MAX_JOINTS]; /* standard deviation of a reading, rad */
     /* Process noise of the speeds, rad/s per sqrt(s): how far the rig is from its model. */
-    double drift;
+    double process_noise;
     /* How far the parameters may be off, relative: the input must do well on the mean of the model
      * and MK_EXCITE_RIGS models drawn around it, and keep to the limits on all. 0: trust the model.
      * Information criteria only. */

@@ -79,7 +79,7 @@ struct mk_suspect {
 #define MK_MAX_SUSPECTS 5
 
 /* What pushed the rig beyond the refitted model during one stretch of the training data. */
-struct mk_push {
+struct mk_residual_torque {
     double t;                                  /* s from the start of its log */
     double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS]; /* in the middle of the stretch */
     double u;
@@ -87,7 +87,7 @@ struct mk_push {
      * units, or N m where u_to_torque is 1). */
     double torque[MK_MAX_JOINTS];
 };
-#define MK_MAX_PUSHES 400
+#define MK_MAX_RESIDUAL_TORQUES 400
 
 /* What one-step predictions miss, held against something that is known then. */
 struct mk_residual_test {
@@ -240,7 +240,7 @@ struct mk_explanation {
     double noise[MK_MAX_JOINTS];      /* of the readings, rad */
     /* Process noise of the speeds that each model needs to follow the data, rad/s per sqrt(s): how
      * much it lacks. */
-    double drift_refit, drift_extended;
+    double process_noise_refit, process_noise_extended;
     /* In log likelihood: of refitting (from the estimate's covariance), of the causes on top. */
     double gain_refit, gain_extended;
     int tried; /* causes looked at */
@@ -261,8 +261,8 @@ struct mk_explanation {
     double trained[MK_MAX_JOINTS];
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
-    int push_count;
-    struct mk_push push[MK_MAX_PUSHES];
+    int residual_torque_count;
+    struct mk_residual_torque residual_torque[MK_MAX_RESIDUAL_TORQUES];
     double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation, same units */
     /* One-step predictions of the readings by both models with the process noise that the best one
      * needs: rms error over its predicted standard deviation, 1 for a right model; 0: not found. */

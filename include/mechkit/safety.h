@@ -51,7 +51,7 @@ struct mk_safety_limits {
     double stuck_u;   /* .. at |u| above this: stuck; motor joint only */
     double runaway_s; /* motor joint leaving its rest against u after so long .. */
     double runaway_u; /* .. of |u| above this with one sign */
-    /* How far the believed model may be off before a reading that contradicts it is a fault
+    /* How far the nominal model may be off before a reading that contradicts it is a fault
      * (docs/safety.md); from a share of 1 on readings are not held against the model. */
     double model_share;              /* of every parameter */
     double model_reserve;            /* torque at every joint that it knows nothing of */

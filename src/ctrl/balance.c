@@ -13,7 +13,7 @@ static double param(const struct mk_balance *b, const struct mk_ctrl *ctrl, int 
     return ctrl->value[b->first + row];
 }
 
-/* The law's world is the one that the believed model has, or the textbook's. RT. */
+/* The law's world is the one that the nominal model has, or the textbook's. RT. */
 static void see(struct mk_balance *b, const struct mk_ctrl *ctrl, bool remaining)
 {
     b->world = remaining ? b->remaining : ctrl->model;
@@ -39,7 +39,7 @@ static void estimate_other_turns(struct mk_balance *b)
     }
 }
 
-/* False: the believed model has nothing that remains, or the law holds nothing in it. Then the law
+/* False: the nominal model has nothing that remains, or the law holds nothing in it. Then the law
  * goes on as if it were the textbook plant. */
 static bool estimate_in_what_remains(struct mk_balance *b, const struct mk_ctrl *ctrl)
 {
@@ -125,7 +125,7 @@ static bool lost(const struct mk_balance *b, const double *x)
 }
 
 /* In the region of attraction, also if the speeds are not quite what the observer says. Without
- * that doubt a catch is made on the first tick that the believed model forgives, at the very edge.
+ * that doubt a catch is made on the first tick that the nominal model forgives, at the very edge.
  */
 static bool in_region(const struct mk_balance *b, const struct mk_ctrl *ctrl, const double *x)
 {

@@ -87,7 +87,7 @@ enum mk_phase mk_balance_phase(const struct mk_balance *b, const struct mk_ctrl 
                                enum mk_phase phase, const double *x);
 
 /* LQR of the law's world without friction, sampled, where it stands near `equilibrium`: of what the
- * believed model leaves to the law (mk_remaining_model), or of the textbook plant when that is
+ * nominal model leaves to the law (mk_remaining_model), or of the textbook plant when that is
  * nothing or no gains can be made for it. Weights and k in joint order, P for the region of
  * attraction. `r` weighs the command of a rig with |u| <= 10. */
 MK_NODISCARD enum mk_status mk_balance_design(const struct mk_ctrl *ctrl, const double *equilibrium,

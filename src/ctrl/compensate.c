@@ -46,9 +46,9 @@ static bool leaves_other_joint(const struct mk_model *model)
 
 /* Not for delays and lags, which have to be known before; not for limits, beyond which there is
  * nothing; not for contact. Within its limits `back-emf-limit` asks for nothing. */
-static bool can_make_up_for(const struct mk_model *believed, const struct mk_effect_use *use)
+static bool can_make_up_for(const struct mk_model *nominal, const struct mk_effect_use *use)
 {
-    struct mk_model alone = *believed;
+    struct mk_model alone = *nominal;
     if (!mk_effect(use->index)->invertible)
         return false;
     alone.effect_count = 1;
@@ -56,20 +56,20 @@ static bool can_make_up_for(const struct mk_model *believed, const struct mk_eff
     return leaves_other_joint(&alone);
 }
 
-/* `believed` with those of its effects that `keep` says. */
-static void filter(const struct mk_model *believed, struct mk_model *out,
+/* `nominal` with those of its effects that `keep` says. */
+static void filter(const struct mk_model *nominal, struct mk_model *out,
                    bool (*keep)(const struct mk_model *, const struct mk_effect_use *))
 {
-    *out = *believed;
+    *out = *nominal;
     out->effect_count = 0;
-    for (int i = 0; i < believed->effect_count; i++)
-        if (keep(believed, &believed->effect[i]))
-            out->effect[out->effect_count++] = believed->effect[i];
+    for (int i = 0; i < nominal->effect_count; i++)
+        if (keep(nominal, &nominal->effect[i]))
+            out->effect[out->effect_count++] = nominal->effect[i];
 }
 
-void mk_compensated_model(const struct mk_model *believed, struct mk_model *out)
+void mk_compensated_model(const struct mk_model *nominal, struct mk_model *out)
 {
-    filter(believed, out, can_make_up_for);
+    filter(nominal, out, can_make_up_for);
 }
 
 /* --- the command --------------------------------------------------------------------------- */
@@ -136,45 +136,45 @@ static double told_to_law(const struct mk_compensator *c, double t, const double
 
 /* --- the law's world ----------------------------------------------------------------------- */
 
-static bool remains(const struct mk_model *believed, const struct mk_effect_use *use)
+static bool remains(const struct mk_model *nominal, const struct mk_effect_use *use)
 {
     unsigned stages = mk_effect(use->index)->stages;
     return (stages & (MK_STAGE_FRAME | MK_STAGE_TORQUE)) && !(stages & MK_STAGE_STATE) &&
-           !can_make_up_for(believed, use);
+           !can_make_up_for(nominal, use);
 }
 
-void mk_remaining_model(const struct mk_model *believed, struct mk_model *out)
+void mk_remaining_model(const struct mk_model *nominal, struct mk_model *out)
 {
-    filter(believed, out, remains);
+    filter(nominal, out, remains);
 }
 
-static bool known(const struct mk_model *believed, const struct mk_effect_use *use)
+static bool known(const struct mk_model *nominal, const struct mk_effect_use *use)
 {
-    return remains(believed, use) || can_make_up_for(believed, use);
+    return remains(nominal, use) || can_make_up_for(nominal, use);
 }
 
 /* --- around a step of the law -------------------------------------------------------------- */
 
-enum mk_status mk_compensator_create(const struct mk_model *believed, double dt,
+enum mk_status mk_compensator_create(const struct mk_model *nominal, double dt,
                                      struct mk_compensator **out, struct mk_error *err)
 {
     *out = NULL;
     struct mk_compensator *c = calloc(1, sizeof *c);
     if (!c)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for feed-forward");
-    c->believed = *believed;
+    c->nominal = *nominal;
     c->dt = dt;
-    mk_remaining_model(believed, &c->plant);
-    filter(believed, &c->full, known);
-    for (int i = 0; i < believed->effect_count; i++)
-        if (mk_effect(believed->effect[i].index)->stages & MK_STAGE_MEASUREMENT)
+    mk_remaining_model(nominal, &c->plant);
+    filter(nominal, &c->full, known);
+    for (int i = 0; i < nominal->effect_count; i++)
+        if (mk_effect(nominal->effect[i].index)->stages & MK_STAGE_MEASUREMENT)
             c->corrects_readings = true;
     if (c->full.effect_count == 0 && !c->corrects_readings) {
         mk_compensator_destroy(c);
         return MK_OK;
     }
     mk_observer_init(&c->observer, &c->plant, dt, OBSERVER_HZ);
-    c->observer.delays = mk_delays_of(believed, dt);
+    c->observer.delays = mk_delays_of(nominal, dt);
     mk_compensator_reset(c);
     *out = c;
     return MK_OK;
@@ -195,17 +195,17 @@ void mk_compensator_reset(struct mk_compensator *c)
 static void correct_readings(const struct mk_compensator *c, struct mk_ctrl_input *in)
 {
     const double h = 1e-4; /* rad */
-    int n = mk_model_joints(&c->believed);
+    int n = mk_model_joints(&c->nominal);
     double q[MK_MAX_JOINTS], x[MK_MAX_STATES], above[MK_MAX_JOINTS], below[MK_MAX_JOINTS];
     static const double still[MK_MAX_JOINTS];
-    mk_model_unmeasure(&c->believed, in->t, in->q, q);
-    mk_model_initial_state(&c->believed, q, still, x);
+    mk_model_unmeasure(&c->nominal, in->t, in->q, q);
+    mk_model_initial_state(&c->nominal, q, still, x);
     for (int j = 0; j < n; j++)
         x[j] = q[j] + h;
-    mk_model_measure(&c->believed, in->t, x, above);
+    mk_model_measure(&c->nominal, in->t, x, above);
     for (int j = 0; j < n; j++)
         x[j] = q[j] - h;
-    mk_model_measure(&c->believed, in->t, x, below);
+    mk_model_measure(&c->nominal, in->t, x, below);
     for (int j = 0; j < n; j++) {
         double slope = (above[j] - below[j]) / (2.0 * h);
         in->q[j] = q[j];

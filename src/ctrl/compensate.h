@@ -1,4 +1,4 @@
-/* Feed-forward from the effects of the believed model: a controller's law is written for the
+/* Feed-forward from the effects of the nominal model: a controller's law is written for the
  * textbook plant, and this makes the rig look like one.
  *
  * Around each step of the law
@@ -27,9 +27,9 @@
         1.0, 1.0, false
 
 struct mk_compensator {
-    struct mk_model plant;    /* the law's world: base parameters and what remains */
-    struct mk_model full;     /* and the effects that a command can make up for */
-    struct mk_model believed; /* all of it, for the readings */
+    struct mk_model plant;   /* the law's world: base parameters and what remains */
+    struct mk_model full;    /* and the effects that a command can make up for */
+    struct mk_model nominal; /* all of it, for the readings */
     double dt;
     bool corrects_readings;
 
@@ -39,8 +39,8 @@ struct mk_compensator {
     double last_q[MK_MAX_JOINTS];
 };
 
-/* *out is NULL when the believed model has nothing to make up for. */
-MK_NODISCARD enum mk_status mk_compensator_create(const struct mk_model *believed, double dt,
+/* *out is NULL when the nominal model has nothing to make up for. */
+MK_NODISCARD enum mk_status mk_compensator_create(const struct mk_model *nominal, double dt,
                                                   struct mk_compensator **out,
                                                   struct mk_error *err);
 void mk_compensator_destroy(struct mk_compensator *c);
@@ -54,12 +54,12 @@ void mk_compensator_after(struct mk_compensator *c, const struct mk_ctrl_input *
 
 /* The parts ----------------------------------------------------------------------------------- */
 
-/* The effects of `believed` that a command can make up for, on its base parameters. */
-void mk_compensated_model(const struct mk_model *believed, struct mk_model *out);
+/* The effects of `nominal` that a command can make up for, on its base parameters. */
+void mk_compensated_model(const struct mk_model *nominal, struct mk_model *out);
 
 /* What else of it the law can know beforehand, on its base parameters: torques and the frame that
  * they act in, but nothing with a memory. It is the world that the law predicts with. */
-void mk_remaining_model(const struct mk_model *believed, struct mk_model *out);
+void mk_remaining_model(const struct mk_model *nominal, struct mk_model *out);
 
 /* Command under which the motor joint of `full` accelerates in state x as that of `plant` does
  * under `wish`; the limit where that takes more than there is. At most MK_COMPENSATE_EVALUATIONS of

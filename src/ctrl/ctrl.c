@@ -106,13 +106,13 @@ enum mk_plant_kind mk_ctrl_first_rig(const struct mk_ctrl_ops *ops)
     return (enum mk_plant_kind)kind;
 }
 
-static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
+static enum mk_status check_fit(const struct mk_ctrl_ops *ops, const struct mk_model *nominal,
                                 double dt, struct mk_error *err)
 {
-    enum mk_status st = mk_model_check(believed, err);
+    enum mk_status st = mk_model_check(nominal, err);
     if (st != MK_OK)
         return st;
-    st = mk_ctrl_check_rig(ops, believed->plant, err);
+    st = mk_ctrl_check_rig(ops, nominal->plant, err);
     if (st != MK_OK)
         return st;
     if (!(dt > 0.0 && dt <= 0.1))
@@ -147,12 +147,12 @@ static double compensated_share(const struct mk_ctrl *ctrl)
     return ctrl->compensator ? ctrl->value[mk_ctrl_param_index(ctrl->ops, COMPENSATE)] : 0.0;
 }
 
-enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_model *believed,
+enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_model *nominal,
                               double dt, const struct mk_signal *signal, struct mk_ctrl **out,
                               struct mk_error *err)
 {
     *out = NULL;
-    enum mk_status st = check_fit(ops, believed, dt, err);
+    enum mk_status st = check_fit(ops, nominal, dt, err);
     if (st != MK_OK)
         return st;
 
@@ -160,7 +160,7 @@ enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops, const struct mk_mod
     if (!ctrl)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for setup %s", ops->name);
     ctrl->ops = ops;
-    ctrl->model = *believed;
+    ctrl->model = *nominal;
     ctrl->dt = dt;
     ctrl->ref = signal;
     for (int i = 0; i < ops->param_count; i++)

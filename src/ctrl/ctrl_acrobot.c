@@ -7,7 +7,7 @@
  * too much, so that link 2 comes to rest along link 1 as E reaches its value at the top. At rest
  * below there is no motion to bend against: the first push. A run that has not been caught for
  * `patience` seconds goes on with another strength. Balance: u = -K (x - x_top), K an LQR of the
- * believed model without friction. */
+ * nominal model without friction. */
 #include "ctrl/balance.h"
 #include "ctrl/link_pump.h"
 

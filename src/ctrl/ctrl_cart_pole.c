@@ -2,7 +2,7 @@
  *
  * Swing-up: the energy of the pole is pumped through the acceleration of the carriage
  * (link_pump.h), which turns back to the middle beyond `reach`: the track has ends. Balance: u = -K
- * [x dx b db], b from the upward vertical, K an LQR of the believed model without friction. The
+ * [x dx b db], b from the upward vertical, K an LQR of the nominal model without friction. The
  * carriage may go anywhere on the track, so the run ends by the safety limits and not by this law.
  */
 #include "ctrl/balance.h"

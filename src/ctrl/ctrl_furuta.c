@@ -1,7 +1,7 @@
 /* Setup furuta: energy swing-up and balance of the Furuta pendulum.
  *
  * Swing-up: the energy of the pendulum is pumped through the acceleration of the arm (link_pump.h).
- * Balance: u = -K [a da b db], b from the upward vertical, K an LQR of the believed model without
+ * Balance: u = -K [a da b db], b from the upward vertical, K an LQR of the nominal model without
  * friction. The equations are those of the errata (2.24), not of the report. */
 #include "ctrl/balance.h"
 #include "ctrl/link_pump.h"

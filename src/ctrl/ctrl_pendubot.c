@@ -1,7 +1,7 @@
 /* Setups pendubot-mid and pendubot-top: swing link 2 up onto a hanging or a standing link 1.
  *
  * Balance (report 4.1): u = -K (x - x_eq), x = [q1 dq1 q2 dq2], predicted to when u acts. K is an
- * LQR of the believed model; Meesters' (4.6), (4.7) and the designers' (4.12), (4.14) are taken
+ * LQR of the nominal model; Meesters' (4.6), (4.7) and the designers' (4.12), (4.14) are taken
  * by `gains`.
  *
  * Swing-up, by `method`:

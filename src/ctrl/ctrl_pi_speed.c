@@ -5,7 +5,7 @@
  * r is the reference signal (steps and ramps), or the parameter `speed` when there is none. The
  * wheel is p1 dv/dt + f(v) = u (report 2.1, errata 2.1): with kp = 2 w J - p2 and ki = J w^2 both
  * poles lie at -w. The integral is clamped at the limit of the command (no wind-up), so Coulomb
- * friction and its asymmetry cost no steady-state error; c is the share of the believed friction
+ * friction and its asymmetry cost no steady-state error; c is the share of the nominal friction
  * that is fed forward.
  */
 #include "ctrl/compensate.h"

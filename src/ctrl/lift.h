@@ -2,7 +2,7 @@
  * weight, a tilted base take and give energy that a swing-up by energy has to count.
  *
  * With the driven joint where the setup wants it and everything at rest, what remains in the
- * believed model (mk_remaining_model) puts a torque tau(q) on the free joint; its potential is
+ * nominal model (mk_remaining_model) puts a torque tau(q) on the free joint; its potential is
  * U(q) = - integral of tau dq. A link hangs between two uprights, and these may lie at different
  * heights: a cable is wound up one way. A swing-up aims at the lower one, which is reached first
  * with an energy that is the same on either side of hanging; there energy counts from. Of a turn in

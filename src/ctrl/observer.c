@@ -80,19 +80,19 @@ static void correct(struct mk_observer *obs, const struct mk_ctrl_input *in)
     }
 }
 
-struct mk_delays mk_delays_of(const struct mk_model *believed, double dt)
+struct mk_delays mk_delays_of(const struct mk_model *nominal, double dt)
 {
-    int n = mk_model_joints(believed);
+    int n = mk_model_joints(nominal);
     double read[MK_MAX_JOINTS] = {0.0, 0.0}, most = (MK_OBSERVER_PAST - 2) * dt;
-    for (int i = 0; i < believed->effect_count; i++) {
-        const struct mk_effect_use *use = &believed->effect[i];
+    for (int i = 0; i < nominal->effect_count; i++) {
+        const struct mk_effect_use *use = &nominal->effect[i];
         for (int j = 0; j < n; j++)
             if ((mk_effect(use->index)->stages & MK_STAGE_SENSOR_DELAY) &&
                 (use->joint == 0 || use->joint == j + 1))
                 read[j] += use->value[0];
     }
     double common = n > 1 ? fmin(read[0], read[1]) : read[0];
-    struct mk_delays d = {fmin(mk_model_command_delay(believed) + common, most), {0.0, 0.0}};
+    struct mk_delays d = {fmin(mk_model_command_delay(nominal) + common, most), {0.0, 0.0}};
     for (int j = 0; j < n; j++)
         d.more[j] = read[j] - common;
     return d;

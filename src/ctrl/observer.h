@@ -1,10 +1,10 @@
-/* State estimate of a two-joint rig by the believed model, and prediction with it.
+/* State estimate of a two-joint rig by the nominal model, and prediction with it.
  *
  * The speeds that come with the readings are a filter's: at 40 Hz bandwidth they lag by about
  * 8 ms, which at the accelerations of a swing-up (100 rad/s^2) is 0.8 rad/s, more than a catch
- * forgives. This observer moves the state on by the believed model under the command that was in
+ * forgives. This observer moves the state on by the nominal model under the command that was in
  * force, and corrects it by the angles read: what the model knows of the acceleration does not
- * lag. Where the believed model has delays, it runs in the time that the readings show, under the
+ * lag. Where the nominal model has delays, it runs in the time that the readings show, under the
  * commands of that time, and is predicted from there. States are in joint order, [q1 q2 v1 v2].
  * Everything is RT-safe.
  */
@@ -24,13 +24,13 @@ extern "C" {
 /* Commands that are remembered: for delays of so many samples. */
 #define MK_OBSERVER_PAST 24
 
-/* What acts late, and what is read late, by the believed model. */
+/* What acts late, and what is read late, by the nominal model. */
 struct mk_delays {
     double all;                 /* s: from a command until every reading shows it */
     double more[MK_MAX_JOINTS]; /* s: what the reading of a joint is older than that */
 };
 /* Of effects with a delay; as much of it as an observer at `dt` remembers. */
-struct mk_delays mk_delays_of(const struct mk_model *believed, double dt);
+struct mk_delays mk_delays_of(const struct mk_model *nominal, double dt);
 
 struct mk_observer {
     const struct mk_model *model; /* borrowed */

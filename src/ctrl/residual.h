@@ -1,4 +1,4 @@
-/* Readings held against the believed model: what one encoder says cannot be true if, of what the
+/* Readings held against the nominal model: what one encoder says cannot be true if, of what the
  * others say and what the motor is told, the model says otherwise by more than it can be wrong.
  *
  *  - An encoder that stands still. As long as a reading does not change by a single count, its

@@ -78,7 +78,7 @@ bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, do
     return false;
 }
 
-/* Runs the believed closed loop from error e0; the law sees its state one step ahead, as it does
+/* Runs the nominal closed loop from error e0; the law sees its state one step ahead, as it does
  * on a board with its one sample of delay. */
 static bool recovers(const struct mk_roa *roa, const double *e0, double level)
 {

@@ -2,13 +2,13 @@
  *
  * The estimate is a level set { e : e' P e <= level } of the error e from the equilibrium. P comes
  * from the design (Riccati or Lyapunov); the level is calibrated when the controller is created, by
- * simulating the believed model under the law with everything that makes the region small: the
+ * simulating the nominal model under the law with everything that makes the region small: the
  * limit of the command, friction, the one sample of delay. Directions are drawn from a fixed
  * sequence, so the level is the same each time.
  *
  * A level set is easily checked and easily trusted, but an ellipsoid is a poor fit of a region
  * that is long in the directions that fall towards the equilibrium. mk_roa_leads_in() enlarges it:
- * a state belongs to the region too if the believed model, under the law, carries it into the level
+ * a state belongs to the region too if the nominal model, under the law, carries it into the level
  * set within the horizon.
  *
  * States in joint order [q1 q2 v1 v2]; a row of P that is zero leaves a coordinate out (the angle
@@ -58,7 +58,7 @@ double mk_roa_value(const struct mk_roa *roa, const double *e); /* e' P e */
 /* Is x in the level set, shrunk to `share` of the level? */
 bool mk_roa_holds(const struct mk_roa *roa, const double *x, double share);
 
-/* Does the believed model carry x into it within `horizon_s`, with no more than `u_share` of the
+/* Does the nominal model carry x into it within `horizon_s`, with no more than `u_share` of the
  * command? What is held back is for what the model does not know. */
 bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, double horizon_s,
                      double u_share);

@@ -64,8 +64,8 @@ void move_by(const Dynamics &d, S *x, const S &u, double h)
 } // namespace
 
 // The fastest mode is that of friction's smoothed sign at rest.
-Dynamics::Dynamics(const mk_model &believed, double longest_s)
-    : model(believed), motor(mk_plant(believed.plant)->motor_joint)
+Dynamics::Dynamics(const mk_model &nominal, double longest_s)
+    : model(nominal), motor(mk_plant(nominal.plant)->motor_joint)
 {
     constexpr double STABLE = 2.0; // of Runge-Kutta's 2.78
     double a[N * N], b[N];

@@ -39,7 +39,7 @@ struct Dynamics {
     double step_s;  // the longest Runge-Kutta step
 
     // Steps of at most `longest_s`, and short enough for the motor's friction.
-    explicit Dynamics(const mk_model &believed, double longest_s = FINE_STEP_S);
+    explicit Dynamics(const mk_model &nominal, double longest_s = FINE_STEP_S);
     // x after h seconds under the command u, by equal Runge-Kutta steps of order 4.
     State move(const State &x, double u, double h) const;
     // The same, with a = dx+/dx and b = dx+/du.

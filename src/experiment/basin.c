@@ -89,22 +89,22 @@ static enum mk_status watch(struct bench *b, const struct basin_start *start, st
     return st;
 }
 
-enum mk_status basin_run(const struct mk_ctrl_ops *setup, const struct mk_model *believed,
+enum mk_status basin_run(const struct mk_ctrl_ops *setup, const struct mk_model *nominal,
                          const struct trial_spread *spread, const struct basin_start *start,
                          uint64_t seed, struct basin_run *out, struct mk_error *err)
 {
     struct mk_model rig;
     struct bench b = {.rig = &rig, .in = {.dt = 1.0 / spread->rate_hz}};
     memset(out, 0, sizeof *out);
-    enum mk_status st = trial_rig(believed, spread, seed, &rig, err);
+    enum mk_status st = trial_rig(nominal, spread, seed, &rig, err);
     if (st == MK_OK)
-        st = mk_ctrl_create(setup, believed, b.in.dt, NULL, &b.ctrl, err);
+        st = mk_ctrl_create(setup, nominal, b.in.dt, NULL, &b.ctrl, err);
     if (st == MK_OK)
         st = trial_change(spread, b.ctrl, err);
     if (st == MK_OK)
         st = mk_sim_create(&rig, NULL, &b.sim, err);
     if (st == MK_OK)
-        st = put_rig(&b, linear_equilibrium(believed->plant, setup->name)->q, start);
+        st = put_rig(&b, linear_equilibrium(nominal->plant, setup->name)->q, start);
     if (st == MK_OK) {
         mk_ctrl_reset(b.ctrl);
         st = watch(&b, start, out, err);

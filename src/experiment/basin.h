@@ -23,7 +23,7 @@ struct basin_run {
 
 /* `spread` and `seed` say what rig it is, as in trial_run. */
 MK_NODISCARD enum mk_status basin_run(const struct mk_ctrl_ops *setup,
-                                      const struct mk_model *believed,
+                                      const struct mk_model *nominal,
                                       const struct trial_spread *spread,
                                       const struct basin_start *start, uint64_t seed,
                                       struct basin_run *out, struct mk_error *err);

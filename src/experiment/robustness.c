@@ -77,18 +77,18 @@ static enum mk_status add_effect(struct mk_model *rig, const char *name, int joi
 
 /* Parameters that are far off may be of no rig at all, with a mass matrix that is not one: then
  * others are drawn. */
-static enum mk_status draw_parameters(const struct mk_model *believed,
+static enum mk_status draw_parameters(const struct mk_model *nominal,
                                       const struct trial_spread *spread, struct mk_random *random,
                                       struct mk_model *out, struct mk_error *err)
 {
     const int tries = 1000;
-    const struct mk_plant_info *plant = mk_plant(believed->plant);
+    const struct mk_plant_info *plant = mk_plant(nominal->plant);
     enum mk_status st = MK_ERR_RANGE;
     for (int k = 0; k < tries && st == MK_ERR_RANGE; k++) {
         for (int i = 0; i < plant->parameter_count; i++) {
             bool friction = i >= plant->parameter_count - 2; /* of every plant the last two */
             out->parameter[i] =
-                believed->parameter[i] *
+                nominal->parameter[i] *
                 (1.0 + off_by(random, friction ? spread->friction : spread->parameters));
         }
         st = mk_model_check(out, err);
@@ -96,15 +96,15 @@ static enum mk_status draw_parameters(const struct mk_model *believed,
     return st;
 }
 
-enum mk_status trial_rig(const struct mk_model *believed, const struct trial_spread *spread,
+enum mk_status trial_rig(const struct mk_model *nominal, const struct trial_spread *spread,
                          uint64_t seed, struct mk_model *out, struct mk_error *err)
 {
-    *out = *believed;
+    *out = *nominal;
     if (seed == 0)
         return MK_OK;
-    const struct mk_plant_info *plant = mk_plant(believed->plant);
+    const struct mk_plant_info *plant = mk_plant(nominal->plant);
     struct mk_random random = {seed};
-    enum mk_status st = draw_parameters(believed, spread, &random, out, err);
+    enum mk_status st = draw_parameters(nominal, spread, &random, out, err);
     for (int j = 0; j < plant->joints && st == MK_OK; j++) {
         st = add_effect(out, "encoder-offset", j + 1,
                         off_by(&random, spread->offset_counts) * mk_model_count(out, j), err);
@@ -310,7 +310,7 @@ enum mk_status trial_run_on(struct mk_ctrl *ctrl, const struct trial_setting *se
     return st;
 }
 
-enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model *believed,
+enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model *nominal,
                          const struct trial_spread *spread, uint64_t seed, struct trial *out,
                          struct mk_error *err)
 {
@@ -321,9 +321,9 @@ enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model 
                                     .catch_s = seed ? spread->catch_s : NOMINAL_CATCH_S,
                                     .hold_s = seed ? spread->hold_s : NOMINAL_HOLD_S,
                                     .seed = seed};
-    enum mk_status st = trial_rig(believed, spread, seed, &rig, err);
+    enum mk_status st = trial_rig(nominal, spread, seed, &rig, err);
     if (st == MK_OK)
-        st = mk_ctrl_create(setup, believed, 1.0 / spread->rate_hz, NULL, &ctrl, err);
+        st = mk_ctrl_create(setup, nominal, 1.0 / spread->rate_hz, NULL, &ctrl, err);
     if (st == MK_OK && spread->swingup)
         st = mk_ctrl_load_swingup(ctrl, spread->swingup, err);
     if (st == MK_OK)

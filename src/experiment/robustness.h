@@ -65,14 +65,14 @@ MK_NODISCARD enum mk_status trial_change(const struct trial_spread *spread, stru
 /* The upright link's angle from the upward vertical. */
 double trial_tilt(enum mk_plant_kind plant, const double *q);
 
-/* The rig of a seed: `believed` with its parameters, friction, encoders and delay off. */
-MK_NODISCARD enum mk_status trial_rig(const struct mk_model *believed,
+/* The rig of a seed: `nominal` with its parameters, friction, encoders and delay off. */
+MK_NODISCARD enum mk_status trial_rig(const struct mk_model *nominal,
                                       const struct trial_spread *spread, uint64_t seed,
                                       struct mk_model *out, struct mk_error *err);
 
 /* One run from hanging rest. A run that fails is an outcome, not an error. */
 MK_NODISCARD enum mk_status trial_run(const struct mk_ctrl_ops *setup,
-                                      const struct mk_model *believed,
+                                      const struct mk_model *nominal,
                                       const struct trial_spread *spread, uint64_t seed,
                                       struct trial *out, struct mk_error *err);
 

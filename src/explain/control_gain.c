@@ -73,13 +73,13 @@ struct virtual_rig {
     struct mk_signal *steps;
 };
 
-static enum mk_status try_belief(const struct mk_ctrl_ops *setup, const struct mk_model *believed,
-                                 const struct virtual_rig *rig, struct mk_control_figures *out,
-                                 struct mk_error *err)
+static enum mk_status try_nominal(const struct mk_ctrl_ops *setup, const struct mk_model *nominal,
+                                  const struct virtual_rig *rig, struct mk_control_figures *out,
+                                  struct mk_error *err)
 {
     struct mk_ctrl *ctrl = NULL;
     struct trial trial[RUNS];
-    enum mk_status st = mk_ctrl_create(setup, believed, 1.0 / RATE_HZ, rig->steps, &ctrl, err);
+    enum mk_status st = mk_ctrl_create(setup, nominal, 1.0 / RATE_HZ, rig->steps, &ctrl, err);
     int done = 0, well = 0;
     while (st == MK_OK && done < RUNS && (well > 0 || done < HOPELESS)) {
         const int i = done++;
@@ -107,9 +107,9 @@ static bool try_setup(const struct mk_ctrl_ops *setup, const struct mk_explanati
                       const struct virtual_rig *rig, struct mk_control_gain *out)
 {
     *out = (struct mk_control_gain){.setup = setup->name, .runs = RUNS};
-    if (try_belief(setup, &e->given, rig, &out->given, NULL) != MK_OK ||
-        try_belief(setup, &e->refit, rig, &out->refit, NULL) != MK_OK ||
-        try_belief(setup, &e->extended, rig, &out->extended, NULL) != MK_OK)
+    if (try_nominal(setup, &e->given, rig, &out->given, NULL) != MK_OK ||
+        try_nominal(setup, &e->refit, rig, &out->refit, NULL) != MK_OK ||
+        try_nominal(setup, &e->extended, rig, &out->extended, NULL) != MK_OK)
         return false;
     return out->given.held + out->refit.held + out->extended.held > 0.0;
 }

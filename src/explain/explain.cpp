@@ -92,7 +92,7 @@ void describe_input(const Hypothesis &best, mk_input_comparison &input)
     if (!input.changed || input.taken != MK_INPUT_COMMANDED)
         return;
     const std::vector<int> free = fitted_parameters(m);
-    const Eigen::MatrixXd cov = Fit::covariance(m, best.picture, free);
+    const Eigen::MatrixXd cov = Fit::covariance(m, best.quadratic, free);
     int number = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);
@@ -151,7 +151,7 @@ class Explainer
             return st;
         plain = refit;
         search_beside_values(so);
-        if (drop_log_values(so))
+        if (reject_log_values(so))
             search_beside_values(so);
         if (causes_first && !search->cancelled)
             st = ask_input_again(learn, held, so, refit, err);
@@ -164,10 +164,10 @@ class Explainer
         FinalFit last(data, training, *causes, *search);
         if (by_predictions) {
             last.fit_runs(data, so, all_runs ? *all_runs : *free_runs);
-        } else if (lost.joint == 0 && !data.whole.empty()) {
+        } else if (correction.joint == 0 && !data.whole.empty()) {
             last.fit_all(data, so, out.window_s);
         }
-        Verdict verdict(values.model, *causes, last, lost, out);
+        Verdict verdict(values.model, *causes, last, correction, out);
         verdict.decide();
         out.given = given;
         if (!values.found.empty() || out.input.changed)
@@ -179,7 +179,7 @@ class Explainer
         clock.enter("detection limits");
         find_detection_limits(last.search(), last.best, out);
         clock.enter("residuals");
-        find_pushes(last.logs(), model, last.refit, last.best, options.threads, out);
+        find_residual_torques(last.logs(), model, last.refit, last.best, options.threads, out);
         test_innovations(last.logs(), last.refit, last.best, out);
         clock.enter("held-out data");
         enum mk_status measured =
@@ -203,11 +203,11 @@ class Explainer
     mk_explain_options options;
     StageClock clock;
     TrainingData data;
-    std::vector<const FitLog *> training; // of `data`, or with lost counts put back
+    std::vector<const FitLog *> training; // of `data`, or with missed counts put back
     std::unique_ptr<Search> search;
     Hypothesis plain; // the refitted model without values per log
     LogValues values;
-    LostCounts lost;
+    CountCorrection correction;
     std::unique_ptr<CauseSearch> causes;
     std::unique_ptr<Folds> folds;        // of `data`
     std::unique_ptr<FreeRuns> free_runs; // over the same data
@@ -362,7 +362,7 @@ class Explainer
         start = other;
         auto second = std::make_unique<Search>(training, so);
         if (second->refit(start, nullptr, again) &&
-            (!fitted || again.score < refit.score - ENOUGH)) {
+            (!fitted || again.penalised_nlml < refit.penalised_nlml - ACCEPT_FIRST)) {
             search = std::move(second);
             refit = std::move(again);
             return true;
@@ -386,10 +386,10 @@ class Explainer
         constexpr double FAR = 5.0;
         const bool far = prediction && prediction->times_noise() > FAR;
         if (!far)
-            put_back_lost_counts(so, refit);
+            correct_counts(so, refit);
         clock.enter("search");
         search_causes(refit, far);
-        if (lost.joint > 0 && !causes->rounds.empty() && tune_lost_counts(so, refit))
+        if (correction.joint > 0 && !causes->rounds.empty() && tune_count_correction(so, refit))
             search_causes(refit, false);
         if (!speaks_for_itself()) {
             if (!prediction)
@@ -408,12 +408,12 @@ class Explainer
         clock.enter("rivals");
         causes->polish_rivals();
         ask_held_out();
-        shed_what_misleads();
+        reject_misleading();
     }
     // Whether likelihood has found what is missing, or most of it.
     bool speaks_for_itself() const
     {
-        return lost.joint > 0 || causes->follows(causes->best) ||
+        return correction.joint > 0 || causes->follows(causes->best) ||
                CauseSearch::likelihood_counts(causes->best);
     }
     // Where what improves predictions brings the model near to its data, likelihood says the rest.
@@ -519,7 +519,7 @@ class Explainer
     // What differs from log to log is looked for before the causes, and can then stand in for a
     // part of one. With the causes in the model it no longer differs, and the search is to be
     // repeated without it. True if so.
-    bool drop_log_values(SearchOptions &so)
+    bool reject_log_values(SearchOptions &so)
     {
         if (values.found.empty() || search->cancelled || !causes->follows(causes->best))
             return false;
@@ -527,7 +527,7 @@ class Explainer
             that_still_differ(values, causes->best, training, search->usual_options());
         if (left.size() == values.found.size())
             return false;
-        lost = {};
+        correction = {};
         training.clear();
         for (const FitLog &log : data.logs)
             training.push_back(&log);
@@ -540,51 +540,55 @@ class Explainer
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
         // Predictions are asked then; of long logs in any case.
-        constexpr double LITTLE = 0.5;
-        if (lost.joint == 0 && folds->enough())
-            causes->gives_up_below = data.whole.empty() ? LITTLE : HUGE_VAL;
+        constexpr double GIVES_UP_BELOW = 0.5;
+        if (correction.joint == 0 && folds->enough())
+            causes->gives_up_below = data.whole.empty() ? GIVES_UP_BELOW : HUGE_VAL;
         if (!far)
             causes->run();
     }
-    void put_back_lost_counts(const SearchOptions &so, Hypothesis &refit)
+    void correct_counts(const SearchOptions &so, Hypothesis &refit)
     {
-        constexpr double FAR_FROM_DATA = 0.1; // drift that no fraction of a count makes up for
-        lost = find_lost_counts(values.model, training, so, refit, ENOUGH, FAR_FROM_DATA);
+        constexpr double FAR_FROM_DATA =
+            0.1; // process noise that no fraction of a count makes up for
+        correction =
+            find_count_correction(values.model, training, so, refit, ACCEPT_FIRST, FAR_FROM_DATA);
         // Where the model still misses its data, steps in the readings make up for that.
-        if (lost.joint > 0 && !CauseSearch::likelihood_counts(lost.fit))
-            lost = {};
-        if (lost.joint > 0)
-            use_mended_logs(so, refit);
+        if (correction.joint > 0 && !CauseSearch::likelihood_counts(correction.fit))
+            correction = {};
+        if (correction.joint > 0)
+            use_corrected_logs(so, refit);
     }
     // How large the steps are was seen by a model that lacked other causes: again with those. True
     // if that makes another search worth while.
-    bool tune_lost_counts(const SearchOptions &so, Hypothesis &refit)
+    bool tune_count_correction(const SearchOptions &so, Hypothesis &refit)
     {
         constexpr double SAME = 0.05; // counts
         std::vector<const FitLog *> raw;
         for (const FitLog &log : data.logs)
             raw.push_back(&log);
         const mk_model extended = causes->best.point.model;
-        LostCounts again = find_lost_counts(extended, raw, so, causes->refit, -HUGE_VAL, HUGE_VAL);
-        double moved = std::fabs(again.step - lost.step);
-        if (again.joint != lost.joint || moved < SAME * training[0]->count[lost.joint - 1])
+        CountCorrection again =
+            find_count_correction(extended, raw, so, causes->refit, -HUGE_VAL, HUGE_VAL);
+        double moved = std::fabs(again.step - correction.step);
+        if (again.joint != correction.joint ||
+            moved < SAME * training[0]->count[correction.joint - 1])
             return false;
-        again.gain = lost.gain;
-        lost = std::move(again);
-        use_mended_logs(so, refit);
+        again.gain = correction.gain;
+        correction = std::move(again);
+        use_corrected_logs(so, refit);
         return true;
     }
-    void use_mended_logs(const SearchOptions &so, Hypothesis &refit)
+    void use_corrected_logs(const SearchOptions &so, Hypothesis &refit)
     {
         training.clear();
-        for (const FitLog &log : lost.logs)
+        for (const FitLog &log : correction.logs)
             training.push_back(&log);
         causes.reset();
         search = std::make_unique<Search>(training, so);
         mk_model from = values.model;
         std::copy_n(start.parameter, MK_MAX_PARAMETERS, from.parameter);
         if (!search->refit(from, nullptr, refit))
-            refit = lost.fit;
+            refit = correction.fit;
     }
     // Of rivals that the training data cannot tell apart, the one that predicts held-out data
     // clearly better.
@@ -593,19 +597,19 @@ class Explainer
         if (causes->rounds.size() != 1 || search->cancelled)
             return;
         const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
-        std::vector<Hypothesis> &field = causes->rounds[0].field;
+        std::vector<Hypothesis> &ranked = causes->rounds[0].ranked;
         HeldOutFigures best;
-        if (is_library(field[0].added.effect) ||
-            held.figures(field[0].point.model, best, nullptr) != MK_OK)
+        if (is_library(ranked[0].added.effect) ||
+            held.figures(ranked[0].point.model, best, nullptr) != MK_OK)
             return;
         size_t chosen = 0;
-        for (size_t i = 1; i < field.size(); i++) {
+        for (size_t i = 1; i < ranked.size(); i++) {
             HeldOutFigures other;
-            // A field may be from when there was another cause beside.
-            if (is_library(field[i].added.effect) ||
-                field[i].point.model.effect_count != field[0].point.model.effect_count ||
-                field[i].score > field[0].score + INSEPARABLE ||
-                held.figures(field[i].point.model, other, nullptr) != MK_OK ||
+            // A ranking may be from when there was another cause beside.
+            if (is_library(ranked[i].added.effect) ||
+                ranked[i].point.model.effect_count != ranked[0].point.model.effect_count ||
+                ranked[i].penalised_nlml > ranked[0].penalised_nlml + INSEPARABLE ||
+                held.figures(ranked[i].point.model, other, nullptr) != MK_OK ||
                 !clearly_worse(best, other))
                 continue;
             best = other;
@@ -613,24 +617,24 @@ class Explainer
         }
         if (chosen == 0)
             return;
-        std::swap(field[0], field[chosen]);
-        causes->best = field[0];
+        std::swap(ranked[0], ranked[chosen]);
+        causes->best = ranked[0];
     }
 
     // Where not all is explained, a term that helps the training data alone may spoil for held-out
     // data what the others gain.
-    void shed_what_misleads()
+    void reject_misleading()
     {
         const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         HeldOutFigures refitted;
         if (search->cancelled || causes->explained() ||
             held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)
             return;
-        while (causes->rounds.size() > 1 && shed_one(held, refitted))
+        while (causes->rounds.size() > 1 && reject_one(held, refitted))
             continue;
     }
     // False where all may stay, or none is better left out.
-    bool shed_one(const HeldOut &held, const HeldOutFigures &refitted)
+    bool reject_one(const HeldOut &held, const HeldOutFigures &refitted)
     {
         HeldOutFigures all, least = refitted;
         const bool runs = held.figures(causes->best.point.model, all, nullptr) == MK_OK;
@@ -722,10 +726,10 @@ bool mk_explanation_misses_held_out(const mk_explanation *e)
         misses = misses || (least > NOISE * e->floor[j] && least > TRAINED * e->trained[j]);
     }
     // Nobody predicts when a pulse is lost.
-    const bool slips = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
+    const bool missed = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
         return std::strcmp(c.effect->name, "missed-counts") == 0;
     });
-    return misses && !slips && e->verdict != MK_VERDICT_UNKNOWN;
+    return misses && !missed && e->verdict != MK_VERDICT_UNKNOWN;
 }
 
 enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,

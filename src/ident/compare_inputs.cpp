@@ -31,7 +31,7 @@ constexpr int ITERATIONS = 12, MORE = 6;
 constexpr double FIRST_LAG = 0.003; // s, to start from
 constexpr double LATE = 3.0;        // standard errors: less is not late
 constexpr double LEAST_LAG = 0.2;   // of the time between rows: less is a delay
-constexpr double ENOUGH = 12.0;     // log likelihood that makes a difference
+constexpr double ACCEPT = 12.0;     // log likelihood that makes a difference
 
 int place_of(const mk_model &m, const char *effect)
 {
@@ -65,8 +65,8 @@ struct Column {
     std::vector<int> free;
     double period = HUGE_VAL; // between rows, s
     RunPoint point;
-    RunPicture picture;
-    FitPicture said; // by all logs
+    RunQuadraticModel quadratic;
+    QuadraticModel said; // by all logs
     HeldOutFigures left_out;
 
     double standard_error(const char *effect) const
@@ -91,7 +91,7 @@ bool predicts_better(const Column &a, const Column &b)
 {
     constexpr double LESS = 0.05; // of the squared error must go, at least
     const LogRatio r = ratio_by_log(a.left_out, b.left_out);
-    const bool likelier = a.said.evidence < b.said.evidence - ENOUGH && 2 * r.better > r.logs;
+    const bool likelier = a.said.nlml < b.said.nlml - ACCEPT && 2 * r.better > r.logs;
     return surely_better(r) || ((likelier || r.better == r.logs) && r.mean < std::log(1.0 - LESS));
 }
 
@@ -194,7 +194,7 @@ class Comparison
         if (st != MK_OK)
             return st;
         RunPoint point = out.runs->start(out.start);
-        return settle(std::move(point), out, err);
+        return converge(std::move(point), out, err);
     }
     // The pieces of every log, which is a fold of its own.
     enum mk_status load(const mk_model &m, bool first, Column &out, mk_error *err) const
@@ -218,7 +218,7 @@ class Comparison
         return MK_OK;
     }
     // From a point of the column's runs to where they are met best, and what that says.
-    enum mk_status settle(RunPoint point, Column &out, mk_error *err) const
+    enum mk_status converge(RunPoint point, Column &out, mk_error *err) const
     {
         out.free.clear();
         for (int number : fitted_parameters(point.model))
@@ -230,14 +230,15 @@ class Comparison
             if (options.progress && !options.progress(options.progress_context, 0.0, "fitting"))
                 return mk_error_set(err, MK_ERR_INTR, "stopped");
             out.runs->take_scale(out.point);
-            if (!out.runs->minimise(out.point, out.free, iterations, options.threads, out.picture))
+            if (!out.runs->minimise(out.point, out.free, iterations, options.threads,
+                                    out.quadratic))
                 return mk_error_set(err, MK_ERR_NUMERIC,
                                     "the model cannot follow the data with the %s column",
                                     mk_input_name(out.start.input));
         }
-        out.said = out.runs->information(out.point, out.picture);
+        out.said = out.runs->information(out.point, out.quadratic);
         const bool halves = mk_model_has_own_values(&model);
-        return out.runs->left_out(out.point, out.picture, out.free, halves, out.left_out)
+        return out.runs->left_out(out.point, out.quadratic, out.free, halves, out.left_out)
                    ? MK_OK
                    : mk_error_set(err, MK_ERR_NUMERIC,
                                   "the model cannot follow a part of the data with the %s column",
@@ -259,10 +260,10 @@ class Comparison
         mk_model lagging = out->point.model;
         add(lagging, "actuator-lag", FIRST_LAG);
         if (st == MK_OK)
-            st = settle(slow->runs->adopt(out->point, lagging, options.threads), *slow, err);
+            st = converge(slow->runs->adopt(out->point, lagging, options.threads), *slow, err);
         if (st == MK_OK && slow->is_late("actuator-lag") &&
             slow->value("actuator-lag") > LEAST_LAG * slow->period &&
-            slow->said.evidence < out->said.evidence - ENOUGH && predicts_better(*slow, *out))
+            slow->said.nlml < out->said.nlml - ACCEPT && predicts_better(*slow, *out))
             out = std::move(slow);
         return st == MK_ERR_NUMERIC ? MK_OK : st;
     }

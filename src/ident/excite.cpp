@@ -116,12 +116,12 @@ class Excitation
     bool led;
     int threads;
 
-    InformationOptions picture(double rate) const
+    InformationOptions readings(double rate) const
     {
         InformationOptions i;
         std::copy(o.noise, o.noise + MK_MAX_JOINTS, i.noise);
         i.readings_a_row = o.rate_hz / rate;
-        i.drift = o.drift;
+        i.process_noise = o.process_noise;
         i.step = rate > SEARCH_RATE_HZ ? 2.5e-3 : 5e-3;
         return i;
     }
@@ -160,7 +160,7 @@ class Excitation
         std::vector<double> u = sampled(wave, o.seconds, rate);
         double sum = 0.0;
         for (const mk_model &rig : rigs) {
-            Foresight f = foresee(rig, u, 1.0 / rate, free, picture(rate));
+            PredictedExperiment f = predict_experiment(rig, u, 1.0 / rate, free, readings(rate));
             if (!f.finite())
                 return HUGE_VAL;
             over += beyond_limits(rig, o, extent_of(f));
@@ -269,7 +269,8 @@ class Excitation
         f.u_max = 0.0;
         for (double v : u)
             f.u_max = std::max(f.u_max, std::fabs(v));
-        Foresight s = foresee(model, u, 1.0 / o.rate_hz, free, picture(o.rate_hz));
+        PredictedExperiment s =
+            predict_experiment(model, u, 1.0 / o.rate_hz, free, readings(o.rate_hz));
         if (!s.finite())
             return;
         for (size_t i = 0; i < free.size(); i++)
@@ -290,7 +291,8 @@ class Excitation
     {
         double worst = 0.0;
         for (const mk_model &rig : rigs) {
-            Foresight f = foresee(rig, u, 1.0 / o.rate_hz, free, picture(o.rate_hz));
+            PredictedExperiment f =
+                predict_experiment(rig, u, 1.0 / o.rate_hz, free, readings(o.rate_hz));
             worst =
                 std::max(worst, f.finite() ? value_of(MK_EXCITE_WORST, f.covariance) : HUGE_VAL);
         }
@@ -336,8 +338,8 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
         return mk_error_set(err, MK_ERR_RANGE, "%d tries: at least 100", o.evaluations);
     if (!(o.spread >= 0.0 && o.spread <= 0.5))
         return mk_error_set(err, MK_ERR_RANGE, "spread %g: from 0 to 0.5", o.spread);
-    if (!(o.drift >= 0.0))
-        return mk_error_set(err, MK_ERR_RANGE, "drift %g: not negative", o.drift);
+    if (!(o.process_noise >= 0.0))
+        return mk_error_set(err, MK_ERR_RANGE, "drift %g: not negative", o.process_noise);
     const mk_plant_info *plant = mk_plant(model.plant);
     for (int j = 0; j < plant->joints; j++) {
         bool wheel = plant->joint_is_wheel[j];
@@ -408,7 +410,7 @@ void mk_excite_default(const mk_model *model, mk_excite_options *out)
         // Rounding to whole counts.
         out->noise[j] = mk_model_count(model, j) / std::sqrt(12.0);
     }
-    out->drift = 1e-4;
+    out->process_noise = 1e-4;
     out->evaluations = 9000;
     out->seed = 1;
 }

@@ -63,7 +63,7 @@ Led lead(const mk_model &model, const Series &series, int points)
     return led;
 }
 
-Extent extent_of(const Foresight &f)
+Extent extent_of(const PredictedExperiment &f)
 {
     Extent e;
     for (int j = 0; j < MK_MAX_JOINTS; j++) {

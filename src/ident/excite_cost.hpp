@@ -14,7 +14,7 @@ namespace mk
 struct Extent {
     double q_min[MK_MAX_JOINTS] = {}, q_max[MK_MAX_JOINTS] = {}, v_max[MK_MAX_JOINTS] = {};
 };
-Extent extent_of(const Foresight &f);
+Extent extent_of(const PredictedExperiment &f);
 
 // By how much of itself a value lies beyond a limit.
 double excess(double value, double limit);

@@ -51,7 +51,7 @@ class Contest
         for (const FitLog &log : logs)
             views.push_back(&log);
         options.max_iterations = STATES_ALONE;
-        options.drift[0] = options.drift[1] = 1.0;
+        options.process_noise[0] = options.process_noise[1] = 1.0;
     }
     double error_of(const mk_model &model) const
     {

@@ -21,10 +21,10 @@ namespace
 
 constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
 constexpr double MOUNT = 0.1;         // what a base does, of what the other states do
-constexpr double POSITION_STD = 1e-5; // continuity of angles between stretches, rad
+constexpr double POSITION_STD = 1e-5; // continuity of angles between shooting intervals, rad
 constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
 constexpr double PASS_STEP = 2.5e-3;  // of the passes that work is counted in, s
-constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of drift
+constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of process noise
 
 } // namespace
 // How far effects' states are left to themselves: standard deviations over those of a joint's
@@ -144,13 +144,13 @@ void Fit::lay_data(const FitPoint &point)
     }
 }
 
-// Buffers of stretches that are shot together.
+// Buffers of shooting intervals that are shot together.
 struct Fit::Batch {
     std::vector<ShootTask> task;
     std::vector<double> jac, scale;
 };
 
-// Stretches first .. last - 1 of `jobs`.
+// Shooting intervals first .. last - 1 of `jobs`.
 void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
                      const Job *last, bool derivatives)
 {
@@ -168,7 +168,7 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
     for (const Job *job = first; job < last; job++) {
         const auto [l, i] = *job;
         Segment &s = work[l][i];
-        const FitNodes &nodes = point.nodes[l];
+        const ShootingNodes &nodes = point.nodes[l];
         size_t stop = s.last ? logs[l]->rows() : nodes.row[i + 1];
         while (stop < logs[l]->rows() && logs[l]->t[stop] < s.end + late + 1e-6)
             stop++;
@@ -213,7 +213,7 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         compress(batch.task[(size_t)(job - first)], point.noise, job->first, job->second);
 }
 
-// What a stretch's fit needs to know of how it went.
+// What a shooting interval's fit needs to know of how it went.
 void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t i)
 {
     Segment &s = work[l][i];
@@ -285,7 +285,7 @@ double Fit::longest_step(const mk_model &model) const
 
 void Fit::coarsen(const FitPoint &point)
 {
-    constexpr double SMALL = 0.02; // of the noise: so much may long steps change a reading
+    constexpr double READING_CHANGE = 0.02; // of the noise: so much may long steps change a reading
     correction.reset();
     const double longest = longest_step(point.model);
     if (!(point.step > 0.0 && point.step < longest))
@@ -296,7 +296,7 @@ void Fit::coarsen(const FitPoint &point)
     FitPoint coarse = point;
     for (coarse.step = longest; coarse.step > 1.1 * point.step; coarse.step *= SHORTER) {
         shoot_all(coarse, {}, false);
-        if (correct(point, fine, *all) < SMALL) {
+        if (correct(point, fine, *all) < READING_CHANGE) {
             all->step = coarse.step;
             correction = all;
             return;
@@ -304,8 +304,8 @@ void Fit::coarsen(const FitPoint &point)
     }
 }
 
-// What makes of the work's stretches fine ones. Returns its root mean square, in readings' standard
-// deviations.
+// What makes of the work's shooting intervals fine ones. Returns its root mean square, in readings'
+// standard deviations.
 double Fit::correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
                     Corrections &out) const
 {
@@ -328,11 +328,11 @@ double Fit::correct(const FitPoint &point, const std::vector<std::vector<Segment
     return std::sqrt(sum / count);
 }
 
-// --- the quadratic picture ---
+// --- the local quadratic model ---
 
 // What is not known of the command (rows that were not recorded, digits that were not written)
-// moves the speeds: variances by joint at the end of a stretch.
-void Fit::doubt_command(const FitPoint &point, size_t l, size_t node)
+// moves the speeds: variances by joint at the end of a shooting interval.
+void Fit::add_input_uncertainty(const FitPoint &point, size_t l, size_t node)
 {
     Segment &s = work[l][node];
     const FitLog &log = *logs[l];
@@ -365,12 +365,13 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     long joints = mk_model_joints(&m);
     const Segment &s = work[l][node];
     double span = s.end - s.begin;
-    double loose = std::max(POSITION_STD, LOOSE * std::max(options.drift[0], options.drift[1]));
+    double loose = std::max(POSITION_STD,
+                            LOOSE * std::max(options.process_noise[0], options.process_noise[1]));
     VectorXd q = (loose * state_freedom(m)).cwiseAbs2();
     for (long j = 0; j < joints; j++) {
         const double size = mk_model_joint_scale(&m, (int)j);
         q(j) *= size * size;
-        q(joints + j) = std::pow(options.drift[j] * size, 2) * span;
+        q(joints + j) = std::pow(options.process_noise[j] * size, 2) * span;
     }
     // A wheel at full speed shows the digits in which a simulation or a board computes.
     for (long j = 0; j < joints; j++)
@@ -409,7 +410,8 @@ double Fit::surprise(const FitPoint &point, int number, double &slope) const
     return options.near ? surprise(*options.near, point.model, number, slope) : 0.0;
 }
 
-void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const
+void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free,
+                       QuadraticModel &out) const
 {
     for (size_t i = 0; i < free.size(); i++) {
         double slope = 0.0, s = surprise(point, free[i], slope);
@@ -451,9 +453,9 @@ double Fit::total_cost(const FitPoint &point) const
 // The states of one log are eliminated one after the other: with (A, C, a) what is known of the
 // next state x and its coupling to the parameters p,
 //     x'A x/2 + x'C p - a'x ,
-// each stretch adds its normal equations, x is eliminated, and what is known is carried through the
-// stretch's end (jacobian F) and widened by the process noise.
-void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPicture &out)
+// each shooting interval adds its normal equations, x is eliminated, and what is known is carried
+// through the shooting interval's end (jacobian F) and widened by the process noise.
+void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, QuadraticModel &out)
 {
     MatrixXd &D = out.information;
     VectorXd &d = out.gradient;
@@ -479,12 +481,12 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPict
         if (damping > 0.0)
             A.diagonal() += damping * s.normal.diagonal().head(ns);
         d += s.right.tail(nf);
-        out.volume += dense::invert_positive(A, s.P);
+        out.log_determinant += dense::invert_positive(A, s.P);
         s.C = C;
         s.a = a;
         D -= C.transpose() * s.P * C;
         d -= C.transpose() * s.P * a;
-        out.relief += 0.5 * a.dot(s.P * a);
+        out.state_decrease += 0.5 * a.dot(s.P * a);
         if (s.last)
             break;
         s.F = s.jac_end.topRows(ns).transpose();
@@ -492,11 +494,12 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPict
         MatrixXd B = s.jac_end.bottomRows(nf).transpose();
         VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
         MatrixXd S = F * s.P * F.transpose();
-        const VectorXd push = process_variance(point, l, i);
-        S.diagonal() += push;
-        out.volume += dense::invert_positive(S, s.A_next);
+        const VectorXd variance = process_variance(point, l, i);
+        S.diagonal() += variance;
+        out.log_determinant += dense::invert_positive(S, s.A_next);
         s.mu = gap + F * s.P * a;
-        out.relief += 0.5 * (gap.cwiseAbs2().cwiseQuotient(push).sum() - s.mu.dot(s.A_next * s.mu));
+        out.state_decrease +=
+            0.5 * (gap.cwiseAbs2().cwiseQuotient(variance).sum() - s.mu.dot(s.A_next * s.mu));
         s.G = B - F * s.P * C;
         D += s.G.transpose() * s.A_next * s.G;
         d -= s.G.transpose() * s.A_next * s.mu;
@@ -506,9 +509,9 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, FitPict
     }
 }
 
-FitPicture Fit::eliminate(const FitPoint &point, const std::vector<int> &free, double damping)
+QuadraticModel Fit::eliminate(const FitPoint &point, const std::vector<int> &free, double damping)
 {
-    FitPicture out;
+    QuadraticModel out;
     const long nf = (long)free.size();
     out.information.setZero(nf, nf);
     out.gradient.setZero(nf);
@@ -522,12 +525,12 @@ FitPicture Fit::eliminate(const FitPoint &point, const std::vector<int> &free, d
             eliminate_log(point, l, damping, out);
             continue;
         }
-        FitPicture part;
+        QuadraticModel part;
         part.information.setZero(nf, nf);
         part.gradient.setZero(nf);
         eliminate_log(point, l, damping, part);
-        out.volume += part.volume;
-        out.relief += part.relief;
+        out.log_determinant += part.log_determinant;
+        out.state_decrease += part.state_decrease;
         Source &source = sources[(size_t)logs[l]->source];
         if (source.d.size() == 0)
             source.D = part.information, source.d = part.gradient;
@@ -540,13 +543,13 @@ FitPicture Fit::eliminate(const FitPoint &point, const std::vector<int> &free, d
     for (size_t l = 0; l < logs.size(); l++)
         for (int j = 0; j < mk_model_joints(&point.model); j++)
             for (double w : logs[l]->weight[j])
-                out.volume += w * w * std::log(point.noise[j]);
-    out.finite = D.allFinite() && out.gradient.allFinite() && std::isfinite(out.volume);
+                out.log_determinant += w * w * std::log(point.noise[j]);
+    out.finite = D.allFinite() && out.gradient.allFinite() && std::isfinite(out.log_determinant);
     return out;
 }
 
 // Steps of own values are in the same scaled units as those of their means.
-void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, FitPicture &out)
+void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, QuadraticModel &out)
 {
     const std::vector<int> own = own_parameters(point.model);
     for (size_t n = 0; n < sources.size(); n++) {
@@ -571,12 +574,12 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Fit
             M((long)i, (long)i) += unit * unit;
             s.beta((long)i) -= point.own[n]((long)s.which[i]) /
                                mk_model_parameter_spread(&point.model, number) * unit;
-            out.volume -= std::log(unit);
+            out.log_determinant -= std::log(unit);
         }
-        out.volume += dense::invert_positive(M, s.P);
+        out.log_determinant += dense::invert_positive(M, s.P);
         out.information -= s.K * s.P * s.K.transpose();
         out.gradient -= s.K * s.P * s.beta;
-        out.relief += 0.5 * s.beta.dot(s.P * s.beta);
+        out.state_decrease += 0.5 * s.beta.dot(s.P * s.beta);
     }
 }
 
@@ -632,13 +635,13 @@ double Fit::cost(const FitPoint &point)
     return total_cost(point);
 }
 
-FitPicture Fit::picture(const FitPoint &point, const std::vector<int> &free)
+QuadraticModel Fit::quadratic(const FitPoint &point, const std::vector<int> &free)
 {
     shoot_all(point, free, true);
-    FitPicture p = eliminate(point, free, 0.0);
+    QuadraticModel p = eliminate(point, free, 0.0);
     add_surprise(point, free, p);
     p.cost = total_cost(point);
-    p.evidence = p.cost + p.volume;
+    p.nlml = p.cost + p.log_determinant;
     return p;
 }
 
@@ -652,13 +655,13 @@ static MatrixXd inverse_of(const MatrixXd &information)
     return root.asDiagonal() * inverse * root.asDiagonal();
 }
 
-MatrixXd Fit::covariance(const mk_model &model, const FitPicture &picture,
+MatrixXd Fit::covariance(const mk_model &model, const QuadraticModel &quadratic,
                          const std::vector<int> &free)
 {
     VectorXd scale((long)free.size());
     for (size_t i = 0; i < free.size(); i++)
         scale((long)i) = scale_of(model, free[i]);
-    return scale.asDiagonal() * inverse_of(picture.information) * scale.asDiagonal();
+    return scale.asDiagonal() * inverse_of(quadratic.information) * scale.asDiagonal();
 }
 
 FitResiduals Fit::residuals(const FitPoint &point)
@@ -667,15 +670,15 @@ FitResiduals Fit::residuals(const FitPoint &point)
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     shoot_all(point, {}, false);
     for (size_t l = 0; l < logs.size(); l++) {
-        MatrixXd jump = MatrixXd::Zero(ns, (long)work[l].size());
+        MatrixXd defect = MatrixXd::Zero(ns, (long)work[l].size());
         for (size_t i = 0; i < work[l].size(); i++) {
             const Segment &s = work[l][i];
             for (int j = 0; j < joints; j++)
                 out.chi2[j] += s.sum2[j];
             if (!s.last && s.finite)
-                jump.col((long)i + 1) = point.nodes[l].x.col((long)i + 1) - s.x_end;
+                defect.col((long)i + 1) = point.nodes[l].x.col((long)i + 1) - s.x_end;
         }
-        out.jump.push_back(std::move(jump));
+        out.defect.push_back(std::move(defect));
     }
     return out;
 }
@@ -699,11 +702,11 @@ double Fit::update_noise(FitPoint &point)
     return change;
 }
 
-std::vector<OwnValue> Fit::own_values(const FitPoint &point, const FitPicture &picture) const
+std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticModel &quadratic) const
 {
     std::vector<OwnValue> all;
     const std::vector<int> own = own_parameters(point.model);
-    const MatrixXd cov = own.empty() ? MatrixXd() : inverse_of(picture.information);
+    const MatrixXd cov = own.empty() ? MatrixXd() : inverse_of(quadratic.information);
     for (size_t n = 0; n < sources.size(); n++) {
         const Source &s = sources[n];
         if (s.place.empty())
@@ -731,11 +734,11 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const FitPicture &p
 // The spread of largest marginal likelihood, by MacKay's fixed point: spread^2 = sum b^2 / sum
 // (1 - var b / spread^2), the numerator what the own values are, the denominator how many of them
 // the data determine. (With well determined values and a free mean: the sample variance.)
-double Fit::update_spreads(FitPoint &point, const FitPicture &picture)
+double Fit::update_spreads(FitPoint &point, const QuadraticModel &quadratic)
 {
     constexpr double LEAST = 1e-3; // of the parameter's scale: next to no spread
     double change = 0.0;
-    const std::vector<OwnValue> values = own_values(point, picture);
+    const std::vector<OwnValue> values = own_values(point, quadratic);
     for (int number : own_parameters(point.model)) {
         const double before = mk_model_parameter_spread(&point.model, number);
         double squares = 0.0, determined = 0.0;

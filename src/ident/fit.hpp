@@ -1,12 +1,13 @@
 // Maximum likelihood of measured angles: multiple shooting with a Gauss-Newton method.
 //
-// Unknowns are the parameters and, for each stretch of each log, the state it starts from. The
-// trajectory of a stretch must end where the next one starts, up to a process noise that acts on
-// the speeds (`drift`): nearly none makes it one trajectory per log, still solvable when that is
-// chaotic because every stretch is pinned by its own readings; more lets a wrong model follow the
-// data and shows where it had to be pushed. Stretches are eliminated one after the other (a
-// square-root-free information filter and smoother with the parameters as a border), so that the
-// work grows with the length of the data. H. G. Bock 1987; J. Rauch, F. Tung, C. Striebel 1965.
+// Unknowns are the parameters and, for each shooting interval of each log, the state it starts
+// from. The trajectory of a shooting interval must end where the next one starts, up to a process
+// noise that acts on the speeds (`process_noise`, an intensity): nearly none makes it one
+// trajectory per log, still solvable when that is chaotic because every shooting interval is pinned
+// by its own readings; more lets a wrong model follow the data and shows where it had to be pushed.
+// Shooting intervals are eliminated one after the other (a square-root-free information filter and
+// smoother with the parameters as a border), so that the work grows with the length of the data. H.
+// G. Bock 1987; J. Rauch, F. Tung, C. Striebel 1965.
 //
 // A parameter that the model says to have a value of its own in every log (a spread above 0) is a
 // random effect: value_l = mean + b_l, b_l ~ N(0, spread^2). The mean is one of the free
@@ -31,11 +32,12 @@ namespace mk
 struct ShootTask;
 
 struct FitOptions {
-    double drift[MK_MAX_JOINTS] = {1e-4, 1e-4}; // process noise of the speeds, rad/s per sqrt(s)
-    double stretch = 0.25;                      // s
-    double hidden_stretch = 60.0; // s, of models that hide one side of a joint from the readings
-    double step = 5e-3;           // longest integration step, s
-    double tolerance = 1e-3;      // stop when a step gains less, in log likelihood
+    double process_noise[MK_MAX_JOINTS] = {1e-4,
+                                           1e-4}; // process noise of the speeds, rad/s per sqrt(s)
+    double interval = 0.25;                       // s
+    double hidden_interval = 60.0; // s, of models that hide one side of a joint from the readings
+    double step = 5e-3;            // longest integration step, s
+    double tolerance = 1e-3;       // stop when a step gains less, in log likelihood
     int max_iterations = 40;
     // Most work of one minimisation, in passes over the data with steps of 2.5 ms and without
     // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
@@ -47,8 +49,8 @@ struct FitOptions {
     const mk_model *near = nullptr;
 };
 
-// Where the stretches of one log start, and the states there.
-struct FitNodes {
+// Where the shooting intervals of one log start, and the states there.
+struct ShootingNodes {
     std::vector<size_t> row; // of the FitLog
     Eigen::MatrixXd x;       // states x nodes
 };
@@ -56,7 +58,7 @@ struct FitNodes {
 // A point of the search: model with its parameters, and all states.
 struct FitPoint {
     mk_model model;
-    std::vector<FitNodes> nodes; // one a log
+    std::vector<ShootingNodes> nodes; // one a log
     // By source: what its own values are beyond the model's, in the order of own_parameters(model).
     std::vector<Eigen::VectorXd> own;
     double noise[MK_MAX_JOINTS] = {0.0, 0.0};
@@ -64,24 +66,27 @@ struct FitPoint {
     double cost = 0.0; // minus log likelihood, up to a constant
 };
 
-// Second-order picture of the cost around a point in the free parameters, states eliminated:
+// Local quadratic model of the cost around a point in the free parameters, states eliminated:
 // cost(d) = cost - gradient' d + d' information d / 2, per scaled parameter.
-struct FitPicture {
+struct QuadraticModel {
     Eigen::MatrixXd information;
     Eigen::VectorXd gradient;
     double cost = 0.0;
-    double relief = 0.0; // what the states would take off the cost with the parameters as they are
-    // Minus the log likelihood of the readings with the states integrated out (Laplace), up to a
-    // constant: comparable between drifts, noises and models.
-    double evidence = 0.0;
-    double volume = 0.0; // its part beyond the cost
+    // What the states alone would take off the cost, the parameters as they are.
+    double state_decrease = 0.0;
+    // Negative log marginal likelihood of the readings, the states integrated out by Laplace's
+    // method, up to a constant: nlml = cost + log_determinant. Comparable between process noises,
+    // readings' noises and models; less is better.
+    double nlml = 0.0;
+    double log_determinant = 0.0; // half that of the states' information, and the noises' norms
     bool finite = false;
 };
 
 // What is left at a point.
 struct FitResiduals {
-    std::vector<Eigen::MatrixXd>
-        jump; // by log: of the state at each node (states x nodes; first 0)
+    // Continuity defects, by log: the state at each shooting node less the end of the interval
+    // before it (states x nodes; of the first one 0).
+    std::vector<Eigen::MatrixXd> defect;
     double chi2[MK_MAX_JOINTS] = {0.0, 0.0}; // sum of squares of the weighted residuals
 };
 
@@ -117,50 +122,52 @@ class Fit
     // Minimises over states and the free parameters (numbers as in mechkit/ident.h), within their
     // ranges. False when the model cannot even be integrated from the start.
     bool minimise(FitPoint &point, const std::vector<int> &free);
-    // Cost and its picture at a point. Columns: `free`.
-    FitPicture picture(const FitPoint &point, const std::vector<int> &free);
+    // Cost and its quadratic model at a point. Columns: `free`.
+    QuadraticModel quadratic(const FitPoint &point, const std::vector<int> &free);
     double cost(const FitPoint &point);
-    // From here on pictures near this point are made with long steps, corrected by what the point's
-    // own step changes here: slopes are good enough that way, readings are met as before.
+    // From here on quadratic models near this point are made with long steps, corrected by what the
+    // point's own step changes here: slopes are good enough that way, readings are met as before.
     void coarsen(const FitPoint &point);
     void coarsen_as(const Fit &other) { correction = other.correction; } // near the same point
     FitResiduals residuals(const FitPoint &point);
     // Sets the noise of each joint to what the residuals show; returns the largest relative change.
     double update_noise(FitPoint &point);
-    // The same for the spreads of own values, after a picture of the point.
-    double update_spreads(FitPoint &point, const FitPicture &picture);
-    // Own values at a point of which a picture has just been taken.
-    std::vector<OwnValue> own_values(const FitPoint &point, const FitPicture &picture) const;
+    // The same for the spreads of own values, after a quadratic model of the point.
+    double update_spreads(FitPoint &point, const QuadraticModel &quadratic);
+    // Own values at a point of which a quadratic model has just been taken.
+    std::vector<OwnValue> own_values(const FitPoint &point, const QuadraticModel &quadratic) const;
 
     FitOptions options;
     int iterations = 0;     // of the last minimise
     double work_done = 0.0; // in passes, see FitOptions::max_passes, since the fit was made
-    // Of the last minimise: where it began, and what its pictures promised beyond where it ended.
+    // Of the last minimise: where it began, and what its quadratic models promised beyond where it
+    // ended.
     double start_cost = 0.0, left = 0.0;
     bool converged = false;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
     bool cancelled = false;
 
-    // Minimises with less and less drift, re-estimating the noise, and ends at the drift with the
-    // best evidence: an honest model ends with next to none, a wrong one with what it lacks. `last`
-    // is the least drift tried. The picture belongs to the result.
-    bool descend(FitPoint &point, const std::vector<int> &free, double first, double last,
-                 FitPicture &result);
-    // The same from the first drift to the last at once: true where that is the best there is, so
-    // for honest models.
-    bool plunge(FitPoint &point, const std::vector<int> &free, double first, double last,
-                FitPicture &result);
-    // One step of both: minimum at a given drift, noise re-estimated. False when it fails.
-    bool settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result);
+    // Minimises with less and less process noise, re-estimating the noise, and ends at the process
+    // noise with the best evidence: an honest model ends with next to none, a wrong one with what
+    // it lacks. `last` is the least process noise tried. The quadratic model belongs to the result.
+    bool continue_over_process_noise(FitPoint &point, const std::vector<int> &free, double first,
+                                     double last, QuadraticModel &result);
+    // The same from the first process noise to the last at once: true where that is the best there
+    // is, so for honest models.
+    bool solve_directly(FitPoint &point, const std::vector<int> &free, double first, double last,
+                        QuadraticModel &result);
+    // One step of both: minimum at a given process noise, noise re-estimated. False when it fails.
+    bool solve_at(FitPoint &point, const std::vector<int> &free, double process_noise,
+                  QuadraticModel &result);
 
     // Covariance of the free parameters in their units, from their information.
-    static Eigen::MatrixXd covariance(const mk_model &model, const FitPicture &picture,
+    static Eigen::MatrixXd covariance(const mk_model &model, const QuadraticModel &quadratic,
                                       const std::vector<int> &free);
     // The model one Gauss-Newton step further, within the ranges of its parameters; false where
     // that makes no rig.
-    static bool step(const mk_model &model, const FitPicture &picture, const std::vector<int> &free,
-                     mk_model &out);
+    static bool step(const mk_model &model, const QuadraticModel &quadratic,
+                     const std::vector<int> &free, mk_model &out);
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
     // How far a base parameter of `now` is from that of `near`, in standard deviations of the prior
@@ -168,8 +175,8 @@ class Fit
     static double surprise(const mk_model &near, const mk_model &now, int number, double &slope);
 
   private:
-    struct Segment;     // one stretch at one point
-    struct Batch;       // stretches that are shot together
+    struct Segment;     // one shooting interval at one point
+    struct Batch;       // shooting intervals that are shot together
     struct Corrections; // of what long steps make
     struct LogData;
     struct Source; // of own values, at one point
@@ -179,7 +186,7 @@ class Fit
     std::vector<std::vector<Segment>> work; // by log
     std::vector<Source> sources;            // by number
     std::shared_ptr<const Corrections> correction;
-    double settled_by = HUGE_VAL; // work_done at which settle() shall have an end
+    double work_limit = HUGE_VAL; // work_done at which solve_at() shall have an end
 
     double correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
                    Corrections &out) const;
@@ -187,12 +194,12 @@ class Fit
     void prepare(const FitPoint &point);
     void lay_data(const FitPoint &point);
     void adopt_own(const FitPoint &from, FitPoint &to) const;
-    void doubt_command(const FitPoint &point, size_t log, size_t node);
+    void add_input_uncertainty(const FitPoint &point, size_t log, size_t node);
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
-    void thin(FitNodes &nodes) const;
+    void thin(ShootingNodes &nodes) const;
     bool minimise_finely(FitPoint &point, const std::vector<int> &free);
-    bool refine_step(FitPoint &point, bool pushed);
+    bool refine_step(FitPoint &point, bool needs_process_noise);
     double longest_step(const mk_model &model) const;
     using Job = std::pair<size_t, size_t>; // log, node
     void shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
@@ -202,11 +209,12 @@ class Fit
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
     double total_cost(const FitPoint &point) const;
     double surprise(const FitPoint &point, int number, double &slope) const;
-    void add_surprise(const FitPoint &point, const std::vector<int> &free, FitPicture &out) const;
+    void add_surprise(const FitPoint &point, const std::vector<int> &free,
+                      QuadraticModel &out) const;
     Eigen::VectorXd process_variance(const FitPoint &point, size_t log, size_t node) const;
-    FitPicture eliminate(const FitPoint &point, const std::vector<int> &free, double damping);
-    void eliminate_log(const FitPoint &point, size_t log, double damping, FitPicture &out);
-    void eliminate_own(const FitPoint &point, const std::vector<int> &free, FitPicture &out);
+    QuadraticModel eliminate(const FitPoint &point, const std::vector<int> &free, double damping);
+    void eliminate_log(const FitPoint &point, size_t log, double damping, QuadraticModel &out);
+    void eliminate_own(const FitPoint &point, const std::vector<int> &free, QuadraticModel &out);
     const mk_model &model_of(const FitPoint &point, size_t log) const;
     double own_cost(const FitPoint &point) const;
     void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;

@@ -1,4 +1,4 @@
-// Fit: the way to the minimum, and from drift to drift.
+// Fit: the way to the minimum, and from process noise to process noise.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -13,7 +13,7 @@ namespace mk
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double EXACTING = 0.02; // drift below which errors of the integration show
+constexpr double EXACTING = 0.02; // process noise below which errors of the integration show
 // Gains far below what evidence is weighed in: again and again they are kinks of friction, not
 // progress.
 constexpr double CREEP = 0.1;
@@ -21,23 +21,23 @@ constexpr double CREEP = 0.1;
 namespace
 {
 
-// What the next step would gain if the cost were as its picture.
-double promise(const mk_model &model, const std::vector<int> &free, const FitPicture &p)
+// What the next step would gain if the cost were as its quadratic model.
+double promise(const mk_model &model, const std::vector<int> &free, const QuadraticModel &p)
 {
     const Stepper stepper(model, free);
     const VectorXd step = stepper.parameters(stepper.solve(p, 1e-4));
-    return p.relief + p.gradient.dot(step) - 0.5 * step.dot(p.information * step);
+    return p.state_decrease + p.gradient.dot(step) - 0.5 * step.dot(p.information * step);
 }
 
 } // namespace
 
-bool Fit::step(const mk_model &model, const FitPicture &picture, const std::vector<int> &free,
+bool Fit::step(const mk_model &model, const QuadraticModel &quadratic, const std::vector<int> &free,
                mk_model &out)
 {
     constexpr double TRACE = 1e-6; // damping: parameters may be collinear
     constexpr int HALVINGS = 6;
     const Stepper stepper(model, free);
-    VectorXd step = stepper.solve(picture, TRACE);
+    VectorXd step = stepper.solve(quadratic, TRACE);
     for (int i = 0; i <= HALVINGS; i++, step *= 0.5) {
         out = model;
         stepper.apply(out, step);
@@ -54,8 +54,8 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     double damping = 1e-4;
     converged = false;
     iterations = 0;
-    const double most_work = std::min(work_done + options.max_passes, settled_by);
-    FitPicture p = picture(point, free);
+    const double most_work = std::min(work_done + options.max_passes, work_limit);
+    QuadraticModel p = quadratic(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
     point.cost = start_cost = p.cost;
@@ -113,7 +113,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             break;
         }
         if (!converged) {
-            p = picture(point, free);
+            p = quadratic(point, free);
             if (!p.finite)
                 return false;
         }
@@ -147,11 +147,14 @@ bool Fit::minimise_finely(FitPoint &point, const std::vector<int> &free)
 
 // Shortens the step until that changes the cost no more; false when it was short enough. A model
 // that is pushed hard is spared the last of it.
-bool Fit::refine_step(FitPoint &point, bool pushed)
+bool Fit::refine_step(FitPoint &point, bool needs_process_noise)
 {
     // Contact changes with every step length a little; its instants are found anyway.
     const bool contact = mk_model_event_count(&point.model) > 0;
-    const double shortest = pushed ? 2.5e-3 : contact ? 5e-4 : 2e-4, much = pushed ? 10.0 : 1.0;
+    const double shortest = needs_process_noise ? 2.5e-3
+                            : contact           ? 5e-4
+                                                : 2e-4,
+                 much = needs_process_noise ? 10.0 : 1.0;
     if (!(point.step > 0.0))
         point.step = longest_step(point.model);
     double now = point.cost;
@@ -176,25 +179,26 @@ bool Fit::refine_step(FitPoint &point, bool pushed)
     return refined;
 }
 
-bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, FitPicture &result)
+bool Fit::solve_at(FitPoint &point, const std::vector<int> &free, double process_noise,
+                   QuadraticModel &result)
 {
-    for (double &d : options.drift)
-        d = drift;
+    for (double &d : options.process_noise)
+        d = process_noise;
     // All ways to the minimum together.
     constexpr double SHARE = 1.5; // of what one may cost
-    settled_by = work_done + SHARE * options.max_passes;
-    const bool pushed = drift >= EXACTING;
-    if (pushed)
+    work_limit = work_done + SHARE * options.max_passes;
+    const bool needs_process_noise = process_noise >= EXACTING;
+    if (needs_process_noise)
         point.step = longest_step(point.model);
     bool found = minimise_finely(point, free);
     // What the step length changes must not be taken for what the model lacks.
-    if (found && refine_step(point, pushed))
+    if (found && refine_step(point, needs_process_noise))
         found = minimise_finely(point, free);
     // The noise belongs to the estimate; a second round where it changed.
     if (found && update_noise(point) > 0.02)
         found = minimise_finely(point, free);
     if (found)
-        result = picture(point, free);
+        result = quadratic(point, free);
     constexpr int SPREAD_ROUNDS = 4;
     constexpr double SAME_SPREAD = 0.02;
     for (int round = 0; found && !point.own.empty() && round < SPREAD_ROUNDS; round++) {
@@ -202,62 +206,63 @@ bool Fit::settle(FitPoint &point, const std::vector<int> &free, double drift, Fi
             break;
         found = minimise_finely(point, free);
         if (found)
-            result = picture(point, free);
+            result = quadratic(point, free);
     }
     correction.reset();
-    settled_by = HUGE_VAL;
+    work_limit = HUGE_VAL;
     return found && result.finite;
 }
 
-bool Fit::plunge(FitPoint &point, const std::vector<int> &free, double first, double last,
-                 FitPicture &result)
+bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double first, double last,
+                         QuadraticModel &result)
 {
-    constexpr double MORE = 1.5; // drift, to see whether the data ask for it
+    constexpr double MORE = 1.5; // process noise, to see whether the data ask for it
     constexpr double NOISY = 3.0;
     constexpr int ITERATIONS = 12;
     const int usual = std::exchange(options.max_iterations, ITERATIONS);
-    FitPicture above;
-    above.evidence = HUGE_VAL;
-    bool found = (first < MORE * last || settle(point, free, first, above)) &&
-                 settle(point, free, last, result) && converged && result.evidence < above.evidence;
+    QuadraticModel above;
+    above.nlml = HUGE_VAL;
+    bool found = (first < MORE * last || solve_at(point, free, first, above)) &&
+                 solve_at(point, free, last, result) && converged && result.nlml < above.nlml;
     options.max_iterations = usual;
-    // What a model is off by may pass for noise where there is no drift to take it.
+    // What a model is off by may pass for noise where there is no process noise to take it.
     if (!found || beyond_scatter(logs, point.noise) > NOISY)
         return false;
     // States and parameters are where the cost does not change with them: it tells at once how the
-    // evidence goes with the drift.
-    for (double &d : options.drift)
+    // evidence goes with the process noise.
+    for (double &d : options.process_noise)
         d = MORE * last;
-    const FitPicture more = eliminate(point, free, 0.0);
-    found = total_cost(point) + more.volume > result.evidence;
-    for (double &d : options.drift)
+    const QuadraticModel more = eliminate(point, free, 0.0);
+    found = total_cost(point) + more.log_determinant > result.nlml;
+    for (double &d : options.process_noise)
         d = last;
     return found;
 }
 
-bool Fit::descend(FitPoint &point, const std::vector<int> &free, double first, double last,
-                  FitPicture &result)
+bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &free, double first,
+                                      double last, QuadraticModel &result)
 {
     FitPoint trial = point;
     bool any = false;
-    double best_drift = first;
+    double best_process_noise = first;
     int worse = 0;
-    for (double drift = first; drift > 0.9 * last && worse < 2; drift *= 0.1) {
-        FitPicture p;
-        if (!settle(trial, free, drift, p))
+    for (double process_noise = first; process_noise > 0.9 * last && worse < 2;
+         process_noise *= 0.1) {
+        QuadraticModel p;
+        if (!solve_at(trial, free, process_noise, p))
             break;
-        if (!any || p.evidence < result.evidence) {
+        if (!any || p.nlml < result.nlml) {
             result = p;
             point = trial;
-            best_drift = drift;
+            best_process_noise = process_noise;
             worse = 0;
             any = true;
-        } else if (p.evidence > result.evidence + 2.0) {
+        } else if (p.nlml > result.nlml + 2.0) {
             worse++;
         }
     }
-    for (double &d : options.drift)
-        d = best_drift;
+    for (double &d : options.process_noise)
+        d = best_process_noise;
     return any;
 }
 

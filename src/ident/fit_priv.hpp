@@ -16,7 +16,8 @@ struct Fit::LogData {
     std::vector<double> weight[MK_MAX_JOINTS];
 };
 
-// One stretch: what shooting gave, compressed to normal equations in (start state, parameters).
+// One shooting interval: what shooting gave, compressed to normal equations in (start state,
+// parameters).
 struct Fit::Segment {
     double begin = 0.0, end = 0.0;
     bool last = false, finite = false;
@@ -48,7 +49,7 @@ struct Fit::Source {
     Eigen::VectorXd beta;
 };
 
-// What short steps change in a stretch.
+// What short steps change in a shooting interval.
 struct Correction {
     Eigen::VectorXd x_end;
     std::vector<double> residual; // rad

@@ -1,4 +1,4 @@
-// Fit: where stretches start, and the states there.
+// Fit: where shooting intervals start, and the states there.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -25,10 +25,10 @@ static int joint_of(const mk_model &model, int number)
     return -1;
 }
 
-static std::vector<size_t> node_rows(const FitLog &log, double stretch)
+static std::vector<size_t> node_rows(const FitLog &log, double interval)
 {
     std::vector<size_t> rows;
-    long count = std::lround(log.duration() / stretch);
+    long count = std::lround(log.duration() / interval);
     if (count < 1)
         count = 1;
     for (long i = 0; i < count; i++) {
@@ -60,8 +60,8 @@ FitPoint Fit::start(const mk_model &model)
     p.model.effect_count = 0; // states of effects come with them, below
     int ns = 2 * mk_model_joints(&model);
     for (const FitLog *log : logs) {
-        FitNodes nodes;
-        nodes.row = node_rows(*log, options.stretch);
+        ShootingNodes nodes;
+        nodes.row = node_rows(*log, options.interval);
         nodes.x.resize(ns, (long)nodes.row.size());
         mk_record record = record_of(*log);
         double x[MK_MAX_STATES] = {0.0};
@@ -132,7 +132,7 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     }
     if (ns > 2 * joints) {
         if (hidden && !was_hidden)
-            for (FitNodes &nodes : p.nodes)
+            for (ShootingNodes &nodes : p.nodes)
                 thin(nodes);
         prepare(p);
         parallel_for(options.threads, p.nodes.size(), [&](size_t l) {
@@ -145,14 +145,14 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     return p;
 }
 
-// With short stretches hidden states can explain readings that the model does not: false optima,
-// one for each side that a joint may touch. Where the trajectory is not chaotic, long stretches
-// have none of them.
-void Fit::thin(FitNodes &nodes) const
+// With short shooting intervals hidden states can explain readings that the model does not: false
+// optima, one for each side that a joint may touch. Where the trajectory is not chaotic, long
+// shooting intervals have none of them.
+void Fit::thin(ShootingNodes &nodes) const
 {
     size_t step =
-        std::max<size_t>(1, (size_t)std::lround(options.hidden_stretch / options.stretch));
-    FitNodes kept;
+        std::max<size_t>(1, (size_t)std::lround(options.hidden_interval / options.interval));
+    ShootingNodes kept;
     for (size_t i = 0; i < nodes.row.size(); i += step) {
         kept.row.push_back(nodes.row[i]);
         kept.x.conservativeResize(nodes.x.rows(), (long)kept.row.size());
@@ -166,7 +166,7 @@ void Fit::thin(FitNodes &nodes) const
 // both are.
 void Fit::carry_apart(FitPoint &point, size_t l)
 {
-    FitNodes &nodes = point.nodes[l];
+    ShootingNodes &nodes = point.nodes[l];
     const mk_model &m = point.model;
     long joints = mk_model_joints(&m);
     for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
@@ -193,10 +193,10 @@ void Fit::carry_apart(FitPoint &point, size_t l)
     }
 }
 
-// Effects that only listen hand their states on from stretch to stretch.
+// Effects that only listen hand their states on from shooting interval to shooting interval.
 void Fit::carry_states(FitPoint &point, size_t l)
 {
-    FitNodes &nodes = point.nodes[l];
+    ShootingNodes &nodes = point.nodes[l];
     long own = 2 * mk_model_joints(&point.model), ns = nodes.x.rows();
     for (size_t i = 0; i + 1 < nodes.row.size(); i++) {
         shoot_one(point, l, i);
@@ -213,14 +213,14 @@ void Fit::prepare(const FitPoint &point)
     lay_data(point);
     work.resize(logs.size());
     for (size_t l = 0; l < logs.size(); l++) {
-        const FitNodes &nodes = point.nodes[l];
+        const ShootingNodes &nodes = point.nodes[l];
         work[l].resize(nodes.row.size());
         for (size_t i = 0; i < nodes.row.size(); i++) {
             Segment &s = work[l][i];
             s.begin = logs[l]->t[nodes.row[i]];
             s.last = i + 1 == nodes.row.size();
             s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
-            doubt_command(point, l, i);
+            add_input_uncertainty(point, l, i);
         }
     }
 }

@@ -303,7 +303,7 @@ bool FreeRuns::first_state(const mk_start_finder &finder, const RunPoint &point,
 // the one before it leaves what that found.
 void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finders,
                               const std::vector<double> &unit, const std::vector<size_t> &which,
-                              Pass pass, RunPicture &out) const
+                              Pass pass, RunQuadraticModel &out) const
 {
     std::vector<WindowFit> fits;
     std::vector<VectorXd> x;
@@ -335,8 +335,8 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
 
 // Start states as they are, then fitted from there where they are not at their best, and anew where
 // that leads nowhere.
-bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool settle,
-                         int threads_now, RunPicture &out) const
+bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool converge,
+                         int threads_now, RunQuadraticModel &out) const
 {
     constexpr double LOST = 30.0; // times the usual squared error
     out.free = free;
@@ -357,7 +357,7 @@ bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool set
         std::vector<size_t> left;
         for (size_t w : which) {
             const WindowQuadratic &q = out.window[w];
-            if (settle &&
+            if (converge &&
                 (pass == Pass::AS_THEY_ARE ? off_its_best(q) : error_of(q, q.squares) > LOST))
                 left.push_back(w);
         }
@@ -371,11 +371,11 @@ bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool set
 
 double FreeRuns::take_scale(RunPoint &point)
 {
-    RunPicture picture;
+    RunQuadraticModel quadratic;
     double change = 0.0, usual[MK_MAX_JOINTS];
-    if (!linearise(point, {}, true, threads, picture))
+    if (!linearise(point, {}, true, threads, quadratic))
         return change;
-    usual_errors(picture, usual);
+    usual_errors(quadratic, usual);
     for (int j = 0; j < mk_model_joints(&near); j++) {
         change = std::max(change, std::fabs(std::log(usual[j] / scale[j])));
         scale[j] = usual[j];
@@ -462,11 +462,11 @@ double FreeRuns::rows_of(size_t window) const
 }
 
 // Of the readings in units of what is usual, and of what is known beforehand.
-double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
+double FreeRuns::cost(const RunPoint &point, const RunQuadraticModel &quadratic) const
 {
-    double sum = prior(point, picture.free);
-    for (size_t w = 0; w < windows.size(); w += picture.stride) {
-        const WindowQuadratic &q = picture.window[w];
+    double sum = prior(point, quadratic.free);
+    for (size_t w = 0; w < windows.size(); w += quadratic.stride) {
+        const WindowQuadratic &q = quadratic.window[w];
         sum += 0.5 * independent * rows_of(w) * in_proportion(error_of(q, q.before));
     }
     return sum;
@@ -474,14 +474,14 @@ double FreeRuns::cost(const RunPoint &point, const RunPicture &picture) const
 
 // What errors are usual, joint by joint, s^2: at its best it is the mean over all readings of their
 // windows' weights times their squares.
-void FreeRuns::usual_errors(const RunPicture &picture, double *usual) const
+void FreeRuns::usual_errors(const RunQuadraticModel &quadratic, double *usual) const
 {
     constexpr int ROUNDS = 20;
     const int joints = mk_model_joints(&near);
     for (int round = 0; round < ROUNDS; round++) {
         double squares[MK_MAX_JOINTS] = {0.0, 0.0}, n[MK_MAX_JOINTS] = {0.0, 0.0};
-        for (size_t w = 0; w < windows.size(); w += picture.stride) {
-            const WindowQuadratic &q = picture.window[w];
+        for (size_t w = 0; w < windows.size(); w += quadratic.stride) {
+            const WindowQuadratic &q = quadratic.window[w];
             if (!q.finite)
                 continue;
             double e = 0.0, all = 0.0;
@@ -499,14 +499,14 @@ void FreeRuns::usual_errors(const RunPicture &picture, double *usual) const
 
 // What errors are usual is a parameter by itself, at its best: N independent errors make N/2 log
 // s^2 beside what they are in units of it. Windows that cannot be run are as bad as the worst.
-double FreeRuns::surprise_of_readings(const RunPicture &picture) const
+double FreeRuns::surprise_of_readings(const RunQuadraticModel &quadratic) const
 {
     double usual[MK_MAX_JOINTS], worst = 0.0, sum = 0.0;
-    usual_errors(picture, usual);
+    usual_errors(quadratic, usual);
     const int joints = mk_model_joints(&near);
     for (const bool finite : {true, false})
-        for (size_t w = 0; w < windows.size(); w += picture.stride) {
-            const WindowQuadratic &q = picture.window[w];
+        for (size_t w = 0; w < windows.size(); w += quadratic.stride) {
+            const WindowQuadratic &q = quadratic.window[w];
             if (q.finite != finite)
                 continue;
             double e = 0.0, n = 0.0, log_usual = 0.0;
@@ -522,15 +522,16 @@ double FreeRuns::surprise_of_readings(const RunPicture &picture) const
     return sum;
 }
 
-FreeRuns::Normal FreeRuns::normal_of(const RunPicture &picture, const std::vector<long> &columns,
-                                     size_t fold, bool first_half) const
+FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
+                                     const std::vector<long> &columns, size_t fold,
+                                     bool first_half) const
 {
     const long n = (long)columns.size();
     Normal out;
     out.A = MatrixXd::Zero(n, n);
     out.a = VectorXd::Zero(n);
     for (size_t w = 0; w < windows.size(); w++) {
-        const WindowQuadratic &q = picture.window[w];
+        const WindowQuadratic &q = quadratic.window[w];
         if (windows[w].fold != (int)fold || !q.finite || (first_half && windows[w].second_half))
             continue;
         const double share = weight_of(error_of(q, q.before));
@@ -594,11 +595,11 @@ static VectorXd pull_of_prior(const RunPoint &point, size_t fold)
 }
 
 // All folds but one, own values eliminated, and what is known of base parameters.
-FitPicture FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted,
-                           const std::vector<Normal> &parts, size_t but) const
+QuadraticModel FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted,
+                               const std::vector<Normal> &parts, size_t but) const
 {
     const long n = (long)wanted.size();
-    FitPicture p;
+    QuadraticModel p;
     p.information = MatrixXd::Zero(n, n);
     p.gradient = VectorXd::Zero(n);
     for (size_t f = 0; f < parts.size(); f++) {
@@ -617,13 +618,14 @@ FitPicture FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted
     return p;
 }
 
-std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point, const RunPicture &picture,
+std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point,
+                                                   const RunQuadraticModel &quadratic,
                                                    const std::vector<int> &wanted) const
 {
-    const std::vector<long> columns = columns_of(wanted, picture.free);
+    const std::vector<long> columns = columns_of(wanted, quadratic.free);
     std::vector<Normal> parts;
     for (size_t f = 0; f < folds; f++) {
-        parts.push_back(normal_of(picture, columns, f, false));
+        parts.push_back(normal_of(quadratic, columns, f, false));
         eliminate_own(point, wanted, parts.back());
         parts.back().beta -= pull_of_prior(point, f);
     }
@@ -631,12 +633,12 @@ std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point, const 
 }
 
 // Expectation and maximisation: spread^2 = mean over folds of b^2 + var(b).
-void FreeRuns::update_spreads(RunPoint &point, const RunPicture &picture) const
+void FreeRuns::update_spreads(RunPoint &point, const RunQuadraticModel &quadratic) const
 {
     const std::vector<int> own = own_parameters(point.model);
     if (own.empty())
         return;
-    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
+    const std::vector<Normal> parts = normals_of(point, quadratic, quadratic.free);
     for (size_t i = 0; i < own.size(); i++) {
         const double unit = Fit::scale_of(point.model, own[i]);
         double sum = 0.0;
@@ -644,33 +646,34 @@ void FreeRuns::update_spreads(RunPoint &point, const RunPicture &picture) const
             sum += std::pow(point.own[f]((long)i), 2) + unit * unit * parts[f].M((long)i, (long)i);
         mk_model_set_parameter_spread(&point.model, own[i], std::sqrt(sum / (double)folds));
     }
-    point.cost = cost(point, picture);
+    point.cost = cost(point, quadratic);
 }
 
-FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunPicture &picture,
+FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunQuadraticModel &quadratic,
                                  double damping) const
 {
-    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
-    const Stepper stepper(point.model, picture.free);
+    const std::vector<Normal> parts = normals_of(point, quadratic, quadratic.free);
+    const Stepper stepper(point.model, quadratic.free);
     Step step;
-    step.coordinates = stepper.solve(whole(point, picture.free, parts, folds), damping);
+    step.coordinates = stepper.solve(whole(point, quadratic.free, parts, folds), damping);
     step.scaled = stepper.parameters(step.coordinates);
     for (const Normal &part : parts)
         step.own.push_back(part.M * (part.beta - part.K.transpose() * step.scaled));
     return step;
 }
 
-RunPoint FreeRuns::moved(const RunPoint &from, const RunPicture &picture, const Step &step) const
+RunPoint FreeRuns::moved(const RunPoint &from, const RunQuadraticModel &quadratic,
+                         const Step &step) const
 {
     RunPoint to = from;
     const std::vector<int> own = own_parameters(from.model);
-    const std::vector<long> place = columns_of(own, picture.free);
-    Stepper(from.model, picture.free).apply(to.model, step.coordinates);
+    const std::vector<long> place = columns_of(own, quadratic.free);
+    Stepper(from.model, quadratic.free).apply(to.model, step.coordinates);
     for (size_t f = 0; f < folds; f++)
         for (size_t i = 0; i < own.size(); i++)
             to.own[f]((long)i) += step.own[f]((long)i) * Fit::scale_of(from.model, own[i]);
     for (size_t w = 0; w < windows.size(); w++) {
-        const WindowQuadratic &q = picture.window[w];
+        const WindowQuadratic &q = quadratic.window[w];
         if (!q.finite)
             continue;
         VectorXd d = step.scaled;
@@ -683,21 +686,21 @@ RunPoint FreeRuns::moved(const RunPoint &from, const RunPicture &picture, const 
 
 // Levenberg and Marquardt.
 bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int iterations,
-                        int threads_now, RunPicture &picture) const
+                        int threads_now, RunQuadraticModel &quadratic) const
 {
     constexpr double SETTLED = 0.05; // log likelihood
     constexpr double FIRST = 1e-2, HARDER = 10.0, EASIER = 0.1, MOST_DAMPING = 50.0;
-    if (!linearise(point, free, true, threads_now, picture))
+    if (!linearise(point, free, true, threads_now, quadratic))
         return false;
-    point.cost = cost(point, picture);
+    point.cost = cost(point, quadratic);
     double damping = FIRST, gain = HUGE_VAL;
     for (int i = 0; i < iterations && gain > SETTLED && damping < MOST_DAMPING; i++) {
-        RunPoint trial = moved(point, picture, step_of(point, picture, damping));
-        RunPicture there;
-        there.stride = picture.stride;
+        RunPoint trial = moved(point, quadratic, step_of(point, quadratic, damping));
+        RunQuadraticModel there;
+        there.stride = quadratic.stride;
         trial.cost = HUGE_VAL;
         // A trial on some of the windows is not worth a run along all that was before them.
-        if (picture.stride == 1)
+        if (quadratic.stride == 1)
             recall(trial, threads_now);
         if (mk_model_check(&trial.model, nullptr) == MK_OK &&
             linearise(trial, free, true, threads_now, there))
@@ -709,45 +712,46 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
         gain = point.cost - trial.cost;
         damping = std::max(TRACE, EASIER * damping);
         point = std::move(trial);
-        picture = std::move(there);
-        update_spreads(point, picture);
+        quadratic = std::move(there);
+        update_spreads(point, quadratic);
     }
     return true;
 }
 
-bool FreeRuns::settle(RunPoint &point, const std::vector<int> &free, int threads_now,
-                      RunPicture &picture) const
+bool FreeRuns::converge(RunPoint &point, const std::vector<int> &free, int threads_now,
+                        RunQuadraticModel &quadratic) const
 {
     constexpr int MOST_ROUNDS = 4, MOST_ITERATIONS = 30;
-    constexpr double LITTLE = 1.0; // log likelihood
-    if (!minimise(point, free, MOST_ITERATIONS, threads_now, picture))
+    constexpr double SAME_COST = 1.0; // log likelihood
+    if (!minimise(point, free, MOST_ITERATIONS, threads_now, quadratic))
         return false;
     for (int i = 1; i < MOST_ROUNDS; i++) {
         RunPoint anew = point;
         find_states(anew, threads_now);
-        RunPicture there;
+        RunQuadraticModel there;
         if (!linearise(anew, free, true, threads_now, there) ||
-            cost(anew, there) > point.cost - LITTLE)
+            cost(anew, there) > point.cost - SAME_COST)
             break;
         point = std::move(anew);
-        if (!minimise(point, free, MOST_ITERATIONS, threads_now, picture))
+        if (!minimise(point, free, MOST_ITERATIONS, threads_now, quadratic))
             return false;
     }
     return true;
 }
 
-FitPicture FreeRuns::information(const RunPoint &point, const RunPicture &picture) const
+QuadraticModel FreeRuns::information(const RunPoint &point,
+                                     const RunQuadraticModel &quadratic) const
 {
-    const std::vector<Normal> parts = normals_of(point, picture, picture.free);
-    FitPicture out = whole(point, picture.free, parts, folds);
+    const std::vector<Normal> parts = normals_of(point, quadratic, quadratic.free);
+    QuadraticModel out = whole(point, quadratic.free, parts, folds);
     // Own values integrated out: their prior's and their posterior's widths.
-    out.cost = out.evidence = surprise_of_readings(picture) + prior(point, picture.free);
+    out.cost = out.nlml = surprise_of_readings(quadratic) + prior(point, quadratic.free);
     const std::vector<int> own = own_parameters(point.model);
     for (const Normal &part : parts)
         for (size_t i = 0; i < own.size(); i++)
-            out.evidence += std::log(mk_model_parameter_spread(&point.model, own[i]) /
-                                     Fit::scale_of(point.model, own[i])) -
-                            0.5 * std::log(part.M((long)i, (long)i));
+            out.nlml += std::log(mk_model_parameter_spread(&point.model, own[i]) /
+                                 Fit::scale_of(point.model, own[i])) -
+                        0.5 * std::log(part.M((long)i, (long)i));
     out.finite = true;
     return out;
 }
@@ -761,16 +765,16 @@ double FreeRuns::independent_errors() const
 }
 
 // Squared errors of a fold's windows after a step, over the variance of the readings.
-void FreeRuns::add_errors(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
-                          bool halves, const VectorXd &step, HeldOutFigures &out) const
+void FreeRuns::add_errors(const RunQuadraticModel &quadratic, const std::vector<long> &columns,
+                          size_t fold, bool halves, const VectorXd &step, HeldOutFigures &out) const
 {
-    VectorXd d = VectorXd::Zero((long)picture.free.size());
+    VectorXd d = VectorXd::Zero((long)quadratic.free.size());
     for (size_t i = 0; i < columns.size(); i++)
         d(columns[i]) = step((long)i);
     for (size_t w = 0; w < windows.size(); w++) {
         if (windows[w].fold != (int)fold || (halves && !windows[w].second_half))
             continue;
-        const WindowQuadratic &q = picture.window[w];
+        const WindowQuadratic &q = quadratic.window[w];
         double sum = 0.0;
         for (int j = 0; j < MK_MAX_JOINTS; j++) {
             double square = 0.0;
@@ -788,13 +792,13 @@ void FreeRuns::add_errors(const RunPicture &picture, const std::vector<long> &co
     }
 }
 
-bool FreeRuns::left_out(const RunPoint &point, const RunPicture &picture,
+bool FreeRuns::left_out(const RunPoint &point, const RunQuadraticModel &quadratic,
                         const std::vector<int> &wanted, bool halves, HeldOutFigures &out) const
 {
-    const std::vector<long> columns = columns_of(wanted, picture.free);
+    const std::vector<long> columns = columns_of(wanted, quadratic.free);
     const std::vector<int> own = own_parameters(point.model);
     const std::vector<long> place = columns_of(own, wanted);
-    const std::vector<Normal> parts = normals_of(point, picture, wanted);
+    const std::vector<Normal> parts = normals_of(point, quadratic, wanted);
     const Stepper stepper(point.model, wanted);
     out = {};
     for (size_t f = 0; f < folds; f++) {
@@ -802,14 +806,14 @@ bool FreeRuns::left_out(const RunPoint &point, const RunPicture &picture,
         if (!step.allFinite())
             return false;
         if (!own.empty()) {
-            Normal begin = normal_of(picture, columns, f, true);
+            Normal begin = normal_of(quadratic, columns, f, true);
             eliminate_own(point, wanted, begin);
             begin.beta -= pull_of_prior(point, f);
             const VectorXd b = begin.M * (begin.beta - begin.K.transpose() * step);
             for (size_t i = 0; i < own.size(); i++)
                 step(place[i]) += b((long)i);
         }
-        add_errors(picture, columns, f, halves, step, out);
+        add_errors(quadratic, columns, f, halves, step, out);
     }
     return true;
 }

@@ -31,7 +31,7 @@ struct RunPoint {
 };
 
 // Errors about a point, in the scaled parameters `free` (numbers as in mechkit/ident.h).
-struct RunPicture {
+struct RunQuadraticModel {
     std::vector<int> free;
     size_t stride = 1; // one in so many windows is looked at
     std::vector<WindowQuadratic> window;
@@ -57,26 +57,26 @@ class FreeRuns
     // An error in a joint's unit over the deviation of its readings.
     double relative(int joint, double error) const;
 
-    // False where too many windows cannot be run. `settle`: start states that are not where they
+    // False where too many windows cannot be run. `converge`: start states that are not where they
     // fit best are fitted again.
-    bool linearise(RunPoint &point, const std::vector<int> &free, bool settle, int threads,
-                   RunPicture &out) const;
-    double cost(const RunPoint &point, const RunPicture &picture) const;
-    // Gauss-Newton in parameters, own values and start states together; the picture is that of
-    // where it ends.
+    bool linearise(RunPoint &point, const std::vector<int> &free, bool converge, int threads,
+                   RunQuadraticModel &out) const;
+    double cost(const RunPoint &point, const RunQuadraticModel &quadratic) const;
+    // Gauss-Newton in parameters, own values and start states together; the quadratic model is that
+    // of where it ends.
     bool minimise(RunPoint &point, const std::vector<int> &free, int iterations, int threads,
-                  RunPicture &picture) const;
+                  RunQuadraticModel &quadratic) const;
     // The same until nothing is gained any more, from start states that are found anew where those
     // of the point are stuck.
-    bool settle(RunPoint &point, const std::vector<int> &free, int threads,
-                RunPicture &picture) const;
+    bool converge(RunPoint &point, const std::vector<int> &free, int threads,
+                  RunQuadraticModel &quadratic) const;
     // Errors that fits to all folds but one leave in that one, one step from the point in those of
-    // the picture's parameters that are `wanted`. `halves`: in second halves.
-    bool left_out(const RunPoint &point, const RunPicture &picture, const std::vector<int> &wanted,
-                  bool halves, HeldOutFigures &out) const;
-    // What the errors about a point say of the picture's parameters, own values eliminated; its
-    // evidence does not depend on the scale.
-    FitPicture information(const RunPoint &point, const RunPicture &picture) const;
+    // the quadratic model's parameters that are `wanted`. `halves`: in second halves.
+    bool left_out(const RunPoint &point, const RunQuadraticModel &quadratic,
+                  const std::vector<int> &wanted, bool halves, HeldOutFigures &out) const;
+    // What the errors about a point say of the quadratic model's parameters, own values eliminated;
+    // its evidence does not depend on the scale.
+    QuadraticModel information(const RunPoint &point, const RunQuadraticModel &quadratic) const;
     size_t fold_count() const { return folds; }
     // Errors that are worth one each.
     double independent_errors() const;
@@ -116,33 +116,35 @@ class FreeRuns
     double prior(const RunPoint &point, const std::vector<int> &free) const;
     double error_of(const WindowQuadratic &q, const double *squares) const;
     double rows_of(size_t window) const;
-    void usual_errors(const RunPicture &picture, double *usual) const;
-    double surprise_of_readings(const RunPicture &picture) const;
-    void update_spreads(RunPoint &point, const RunPicture &picture) const;
-    std::vector<Normal> normals_of(const RunPoint &point, const RunPicture &picture,
+    void usual_errors(const RunQuadraticModel &quadratic, double *usual) const;
+    double surprise_of_readings(const RunQuadraticModel &quadratic) const;
+    void update_spreads(RunPoint &point, const RunQuadraticModel &quadratic) const;
+    std::vector<Normal> normals_of(const RunPoint &point, const RunQuadraticModel &quadratic,
                                    const std::vector<int> &wanted) const;
     double surprise(const mk_model &model, int number, double &slope) const;
     void add_windows(int log, double window_s);
     void measure_readings();
     std::vector<mk_model> models_of(const RunPoint &point) const;
-    Normal normal_of(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
-                     bool first_half) const;
+    Normal normal_of(const RunQuadraticModel &quadratic, const std::vector<long> &columns,
+                     size_t fold, bool first_half) const;
     void eliminate_own(const RunPoint &point, const std::vector<int> &wanted, Normal &n) const;
-    FitPicture whole(const RunPoint &point, const std::vector<int> &wanted,
-                     const std::vector<Normal> &parts, size_t but) const;
-    Step step_of(const RunPoint &point, const RunPicture &picture, double damping) const;
-    RunPoint moved(const RunPoint &from, const RunPicture &picture, const Step &step) const;
+    QuadraticModel whole(const RunPoint &point, const std::vector<int> &wanted,
+                         const std::vector<Normal> &parts, size_t but) const;
+    Step step_of(const RunPoint &point, const RunQuadraticModel &quadratic, double damping) const;
+    RunPoint moved(const RunPoint &from, const RunQuadraticModel &quadratic,
+                   const Step &step) const;
     // Which start state a window is linearised from: its own, one fitted from there, or one fitted
     // from what its readings say.
     enum class Pass { AS_THEY_ARE, NEAR, ANEW };
     void linearise_some(RunPoint &point, const std::vector<Finder> &finders,
                         const std::vector<double> &unit, const std::vector<size_t> &which,
-                        Pass pass, RunPicture &out) const;
+                        Pass pass, RunQuadraticModel &out) const;
     bool off_its_best(const WindowQuadratic &q) const;
     bool first_state(const mk_start_finder &finder, const RunPoint &point, size_t window,
                      Eigen::VectorXd &x) const;
-    void add_errors(const RunPicture &picture, const std::vector<long> &columns, size_t fold,
-                    bool halves, const Eigen::VectorXd &step, HeldOutFigures &out) const;
+    void add_errors(const RunQuadraticModel &quadratic, const std::vector<long> &columns,
+                    size_t fold, bool halves, const Eigen::VectorXd &step,
+                    HeldOutFigures &out) const;
 };
 
 } // namespace mk

@@ -20,9 +20,10 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 // Standard deviations before the experiment: so large that the readings decide.
 constexpr double STATE_PRIOR = 1.0, PARAMETER_PRIOR = 30.0;
 
-// Runs the model from stretch to stretch with derivatives by the state at the stretch's start and
-// by the parameters, and carries a square root of their joint covariance along (a Kalman filter
-// around the foreseen trajectory: P. Maybeck, Stochastic Models, vol. 1, ch. 7).
+// Runs the model from shooting interval to shooting interval with derivatives by the state at the
+// shooting interval's start and by the parameters, and carries a square root of their joint
+// covariance along (a Kalman filter around the predicted trajectory: P. Maybeck, Stochastic Models,
+// vol. 1, ch. 7).
 class Forecast
 {
   public:
@@ -46,10 +47,10 @@ class Forecast
         lay_task();
     }
 
-    Foresight run()
+    PredictedExperiment run()
     {
-        Foresight out;
-        size_t per = std::max<size_t>(2, (size_t)std::lround(options.stretch / period));
+        PredictedExperiment out;
+        size_t per = std::max<size_t>(2, (size_t)std::lround(options.interval / period));
         for (size_t first = 0; first + 1 < u.size(); first += per) {
             size_t last = std::min(first + per, u.size() - 1);
             task.begin = t[first];
@@ -96,7 +97,7 @@ class Forecast
             data.w[j] = weight[j].data();
         }
         size_t columns = (size_t)(ns + np);
-        size_t rows = ((size_t)std::lround(options.stretch / period) + 4) * (size_t)joints;
+        size_t rows = ((size_t)std::lround(options.interval / period) + 4) * (size_t)joints;
         x_end.resize((size_t)ns);
         jac_end.resize((size_t)ns * columns);
         residual.resize(rows);
@@ -118,7 +119,7 @@ class Forecast
     }
 
     // Readings were given as 0: what is left is the prediction.
-    void keep_readings(Foresight &out) const
+    void keep_readings(PredictedExperiment &out) const
     {
         for (size_t i = 0; i < task.row_count; i++) {
             int j = joint[i];
@@ -147,11 +148,12 @@ class Forecast
         wide.block(ns, 0, np, ns + np) = root.bottomRows(np);
         // A random walk of the speed over dt, and the angle that it makes.
         for (int j = 0; j < joints; j++) {
-            double push = options.drift * mk_model_joint_scale(&model, j) * std::sqrt(dt);
+            double variance =
+                options.process_noise * mk_model_joint_scale(&model, j) * std::sqrt(dt);
             long column = ns + np + 2 * j;
-            wide(joints + j, column) = push;
-            wide(j, column) = 0.5 * dt * push;
-            wide(j, column + 1) = dt * push / std::sqrt(12.0);
+            wide(joints + j, column) = variance;
+            wide(j, column) = 0.5 * dt * variance;
+            wide(j, column + 1) = dt * variance / std::sqrt(12.0);
         }
         root = dense::lower_root(wide, ns + np);
         chain = end.leftCols(ns) * chain + end.rightCols(np);
@@ -164,7 +166,7 @@ class Forecast
         return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
     }
 
-    void judge(Foresight &out) const
+    void judge(PredictedExperiment &out) const
     {
         out.covariance = root.bottomRows(np) * root.bottomRows(np).transpose();
         VectorXd unit = sensitivity.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
@@ -184,8 +186,9 @@ class Forecast
 
 } // namespace
 
-Foresight foresee(const mk_model &model, const std::vector<double> &u, double period,
-                  const std::vector<int> &free, const InformationOptions &options)
+PredictedExperiment predict_experiment(const mk_model &model, const std::vector<double> &u,
+                                       double period, const std::vector<int> &free,
+                                       const InformationOptions &options)
 {
     return Forecast(model, u, period, free, options).run();
 }

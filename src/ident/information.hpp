@@ -16,13 +16,13 @@ namespace mk
 struct InformationOptions {
     double noise[MK_MAX_JOINTS]; // standard deviation of a reading, rad
     double readings_a_row = 1.0; // readings that one row stands for
-    double drift = 1e-3;         // process noise of the speeds, rad/s per sqrt(s)
-    double stretch = 0.25;       // s between its pushes
+    double process_noise = 1e-3; // process noise of the speeds, rad/s per sqrt(s)
+    double interval = 0.25;      // s between its pushes
     double step = 5e-3;          // longest integration step, s
 };
 
-// The experiment as foreseen. Empty covariance: the trajectory ran away.
-struct Foresight {
+// The experiment as predicted. Empty covariance: the trajectory ran away.
+struct PredictedExperiment {
     // Of the free parameters, each over its scale (Fit::scale_of): standard errors are relative.
     Eigen::MatrixXd covariance;
     // Of the sensitivity matrix, in the parameters' units and with columns of unit norm.
@@ -34,8 +34,9 @@ struct Foresight {
 };
 
 // From rest, hanging. `u` is held from row to row, `period` s apart. Re-entrant.
-Foresight foresee(const mk_model &model, const std::vector<double> &u, double period,
-                  const std::vector<int> &free, const InformationOptions &options);
+PredictedExperiment predict_experiment(const mk_model &model, const std::vector<double> &u,
+                                       double period, const std::vector<int> &free,
+                                       const InformationOptions &options);
 
 } // namespace mk
 #endif

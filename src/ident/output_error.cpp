@@ -37,27 +37,28 @@ double condition(const Eigen::MatrixXd &information)
 }
 
 // Standard errors, correlations and what the data do not say, from the information matrix.
-void judge(const FitPoint &point, const FitPicture &picture, const std::vector<int> &free,
+void judge(const FitPoint &point, const QuadraticModel &quadratic, const std::vector<int> &free,
            mk_ident_result &r)
 {
     long n = (long)free.size();
     Eigen::VectorXd scale(n), root(n);
     for (long i = 0; i < n; i++) {
         scale(i) = Fit::scale_of(point.model, free[(size_t)i]);
-        root(i) = std::sqrt(std::max(picture.information(i, i), 1e-300));
+        root(i) = std::sqrt(std::max(quadratic.information(i, i), 1e-300));
     }
     Eigen::MatrixXd unit =
-        root.cwiseInverse().asDiagonal() * picture.information * root.cwiseInverse().asDiagonal();
-    Eigen::MatrixXd physical =
-        scale.cwiseInverse().asDiagonal() * picture.information * scale.cwiseInverse().asDiagonal();
+        root.cwiseInverse().asDiagonal() * quadratic.information * root.cwiseInverse().asDiagonal();
+    Eigen::MatrixXd physical = scale.cwiseInverse().asDiagonal() * quadratic.information *
+                               scale.cwiseInverse().asDiagonal();
     r.condition_number = condition(physical);
     r.condition_number_scaled = condition(unit);
-    Eigen::MatrixXd cov = Fit::covariance(point.model, picture, free);
+    Eigen::MatrixXd cov = Fit::covariance(point.model, quadratic, free);
     int count = r.parameter_count;
     for (long i = 0; i < n; i++) {
         mk_ident_parameter &p = r.parameter[free[(size_t)i]];
         double variance = cov(i, i);
-        bool known = std::isfinite(variance) && variance > 0.0 && picture.information(i, i) > 1e-6;
+        bool known =
+            std::isfinite(variance) && variance > 0.0 && quadratic.information(i, i) > 1e-6;
         p.std_error = p.crb = known ? std::sqrt(variance) : UNKNOWN;
         p.excited = known && p.std_error < std::max(std::fabs(p.value), 0.3 * scale(i));
         const mk_parameter_info *info =
@@ -109,29 +110,30 @@ constexpr size_t SCOUT_ROWS = 8000;
 // Relative standard error up to which they may start the fit of all.
 constexpr double SCOUT_ERROR = 0.1;
 // At which a log is one trajectory.
-constexpr double LEAST_DRIFT = 1e-5;
+constexpr double LEAST_PROCESS_NOISE = 1e-5;
 
 // The whole way from a point; false when the model cannot follow the data at all.
 bool go_down(Fit &fit, const std::vector<int> &free, double first, FitPoint &point,
-             FitPicture &picture)
+             QuadraticModel &quadratic)
 {
-    constexpr double LEAST = 1.5 * LEAST_DRIFT;
+    constexpr double LEAST = 1.5 * LEAST_PROCESS_NOISE;
     FitPoint straight = point;
     if ((first >= 1.0 || first < LEAST) &&
-        fit.plunge(straight, free, first, LEAST_DRIFT, picture)) {
+        fit.solve_directly(straight, free, first, LEAST_PROCESS_NOISE, quadratic)) {
         point = std::move(straight);
         return true;
     }
-    // What the scouts' logs followed without drift these do not: from the top.
+    // What the scouts' logs followed without process noise these do not: from the top.
     const double top = first < LEAST ? 1.0 : std::min(10.0 * first, 1.0);
-    return !fit.cancelled && fit.descend(point, free, top, LEAST_DRIFT, picture);
+    return !fit.cancelled &&
+           fit.continue_over_process_noise(point, free, top, LEAST_PROCESS_NOISE, quadratic);
 }
 
 // What the first logs say: where the model's parameters, the noise and the step ended, and the
-// drift at which it follows them. False when there is too little beyond them to be worth it, or
-// when they do not know every parameter well.
+// process noise at which it follows them. False when there is too little beyond them to be worth
+// it, or when they do not know every parameter well.
 bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &free,
-           const FitOptions &options, const mk_model &model, FitPoint &point, double &drift)
+           const FitOptions &options, const mk_model &model, FitPoint &point, double &process_noise)
 {
     std::vector<const FitLog *> first;
     size_t rows = 0, all = 0;
@@ -146,31 +148,31 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
         return false;
     Fit fit(first, options);
     point = fit.start(model);
-    FitPicture picture;
-    if (!go_down(fit, free, 1.0, point, picture))
+    QuadraticModel quadratic;
+    if (!go_down(fit, free, 1.0, point, quadratic))
         return false;
-    Eigen::MatrixXd cov = Fit::covariance(point.model, picture, free);
+    Eigen::MatrixXd cov = Fit::covariance(point.model, quadratic, free);
     for (size_t i = 0; i < free.size(); i++) {
         double variance = cov((long)i, (long)i);
         double most = SCOUT_ERROR * Fit::scale_of(point.model, free[i]);
         if (!(variance > 0.0 && variance < most * most))
             return false;
     }
-    drift = fit.options.drift[0];
+    process_noise = fit.options.process_noise[0];
     return true;
 }
 
 // Drift beyond which the model is not the whole truth: an honest rig's plays and cables stay below.
-constexpr double SUSPICIOUS_DRIFT = 0.009, HOPELESS_DRIFT = 0.9;
+constexpr double SUSPICIOUS_PROCESS_NOISE = 0.009, HOPELESS_PROCESS_NOISE = 0.9;
 constexpr double NOISY = 3.0; // times what the readings scatter
 
-void warn_of_drift(double drift, mk_ident_result &r)
+void warn_of_drift(double process_noise, mk_ident_result &r)
 {
     const int motor = mk_plant(r.model.plant)->motor_joint;
     warn(r,
          "the model follows these data only with pushes of %.0e %s: "
          "mechkit explain looks for what it lacks",
-         drift * mk_model_joint_scale(&r.model, motor),
+         process_noise * mk_model_joint_scale(&r.model, motor),
          mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
 }
 
@@ -210,29 +212,29 @@ size_t unknown(const std::vector<int> &free, const mk_ident_result &r)
 
 // A fit that starts from a model's values; false when it cannot follow the data from there.
 bool fit_from(Fit &fit, const std::vector<const FitLog *> &views, const std::vector<int> &free,
-              const mk_model &start, FitPoint &point, FitPicture &picture)
+              const mk_model &start, FitPoint &point, QuadraticModel &quadratic)
 {
     FitPoint scouted;
-    double drift = 1.0;
-    const bool known = scout(views, free, fit.options, start, scouted, drift);
+    double process_noise = 1.0;
+    const bool known = scout(views, free, fit.options, start, scouted, process_noise);
     point = fit.start(known ? scouted.model : start);
     if (known) {
         std::copy(std::begin(scouted.noise), std::end(scouted.noise), std::begin(point.noise));
         point.step = scouted.step;
     }
-    return go_down(fit, free, drift, point, picture);
+    return go_down(fit, free, process_noise, point, quadratic);
 }
 
 constexpr double RUN_S = 0.5; // of a free run
 
 // Squared errors of free runs over those of the readings about their mean; the worst joint's root.
-double missed_by(const FreeRuns &runs, const RunPicture &picture, const mk_model &model)
+double missed_by(const FreeRuns &runs, const RunQuadraticModel &quadratic, const mk_model &model)
 {
     double most = 0.0;
     for (int j = 0; j < mk_model_joints(&model); j++) {
         const double count = mk_model_count(&model, j);
         double squares = 0.0, readings = 0.0; // in counts
-        for (const WindowQuadratic &q : picture.window)
+        for (const WindowQuadratic &q : quadratic.window)
             if (q.finite)
                 squares += q.before[j], readings += (double)q.readings[j];
         if (readings > 0.0)
@@ -251,7 +253,7 @@ struct RunCheck {
 // noise that is as large as the motion. Free runs over windows show it, and are fitted then, from
 // the given values on.
 RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free, int threads,
-                       FitPoint &point, FitPicture &picture)
+                       FitPoint &point, QuadraticModel &quadratic)
 {
     constexpr double ASTRAY = 50.0; // log likelihood of independent errors: beyond doubt
     std::vector<std::vector<const mk_log *>> folds;
@@ -264,7 +266,7 @@ RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free
     for (size_t log = 0; log < std::min(point.own.size(), fitted.own.size()); log++)
         if (point.own[log].size() == fitted.own[log].size())
             fitted.own[log] = point.own[log];
-    RunPicture about_fitted;
+    RunQuadraticModel about_fitted;
     const bool runs_at_all = runs.linearise(fitted, free, true, threads, about_fitted);
     if (runs_at_all)
         check.missed = missed_by(runs, about_fitted, problem.model);
@@ -274,20 +276,20 @@ RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free
         return check;
     RunPoint given = runs.start(problem.model);
     runs.take_scale(given);
-    RunPicture about_given;
+    RunQuadraticModel about_given;
     if (!runs.linearise(given, free, true, threads, about_given) ||
         (runs_at_all && runs.cost(fitted, about_fitted) < runs.cost(given, about_given) + ASTRAY) ||
-        !runs.settle(given, free, threads, about_given))
+        !runs.converge(given, free, threads, about_given))
         return check;
     point.model = given.model;
-    picture = runs.information(given, about_given);
+    quadratic = runs.information(given, about_given);
     check.missed = missed_by(runs, about_given, problem.model);
     check.instead = true;
     return check;
 }
 
-void warn_of_misfit(const RunCheck &runs, double drift, const std::vector<const FitLog *> &views,
-                    mk_ident_result &r)
+void warn_of_misfit(const RunCheck &runs, double process_noise,
+                    const std::vector<const FitLog *> &views, mk_ident_result &r)
 {
     constexpr double MUCH = 0.3; // nrmse from which it is another rig
     if (runs.instead)
@@ -298,13 +300,13 @@ void warn_of_misfit(const RunCheck &runs, double drift, const std::vector<const 
     if (!(runs.missed < MUCH))
         warn(r, "the model does not follow these data: is it this rig, with these units, signs "
                 "and columns?");
-    else if (runs.instead || drift >= HOPELESS_DRIFT)
+    else if (runs.instead || process_noise >= HOPELESS_PROCESS_NOISE)
         warn(r,
              "free runs of %g s miss %.2g %% of the motion, far more than the readings' noise, "
              "and standard errors do not count it: mechkit explain looks for what the model lacks",
              RUN_S, 100.0 * runs.missed);
-    else if (drift >= SUSPICIOUS_DRIFT)
-        warn_of_drift(drift, r);
+    else if (process_noise >= SUSPICIOUS_PROCESS_NOISE)
+        warn_of_drift(process_noise, r);
     else
         warn_of_noise(views, r);
 }
@@ -334,11 +336,11 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
                             "no %zu rows without a hole: there is nothing to fit",
                             Piece::FEWEST_ROWS);
     FitPoint point;
-    FitPicture picture;
+    QuadraticModel quadratic;
     bool found = false;
     for (const mk_model &start : first_values(problem, views, options, BETTER_START))
         if (!found && !fit.cancelled)
-            found = fit_from(fit, views, free, start, point, picture);
+            found = fit_from(fit, views, free, start, point, quadratic);
     if (!found) {
         if (fit.cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
@@ -346,14 +348,15 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
                             "the model cannot follow the data from these parameters: are the units "
                             "and the rig right?");
     }
-    const double drift = fit.options.drift[0];
-    const std::vector<OwnValue> own = fit.own_values(point, picture);
-    const bool follows = drift < SUSPICIOUS_DRIFT && beyond_scatter(views, point.noise) < NOISY;
+    const double process_noise = fit.options.process_noise[0];
+    const std::vector<OwnValue> own = fit.own_values(point, quadratic);
+    const bool follows =
+        process_noise < SUSPICIOUS_PROCESS_NOISE && beyond_scatter(views, point.noise) < NOISY;
     RunCheck runs;
     if (!follows)
-        runs = check_by_runs(problem, free, options.threads, point, picture);
+        runs = check_by_runs(problem, free, options.threads, point, quadratic);
     r.model = point.model;
-    r.cost = picture.cost;
+    r.cost = quadratic.cost;
     r.iterations = fit.iterations;
     r.converged = fit.converged;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
@@ -366,17 +369,17 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
         if (r.own_count < MK_MAX_OWN_VALUES)
             r.own[r.own_count++] = {v.number, (size_t)v.source, v.value, v.std_error};
     if (!follows)
-        warn_of_misfit(runs, drift, views, r);
-    if (drift < SUSPICIOUS_DRIFT)
+        warn_of_misfit(runs, process_noise, views, r);
+    if (process_noise < SUSPICIOUS_PROCESS_NOISE)
         warn_of_repetition(views, r);
-    judge(point, picture, free, r);
+    judge(point, quadratic, free, r);
     for (int j = 0; j < mk_model_joints(&r.model); j++)
-        if (drift >= HOPELESS_DRIFT && !problem.moves[j])
+        if (process_noise >= HOPELESS_PROCESS_NOISE && !problem.moves[j])
             return mk_error_set(err, MK_ERR_NUMERIC,
                                 "the model does not follow these data, in which q%d does not move: "
                                 "is the joint stuck, or its encoder?",
                                 j + 1);
-    if (drift >= SUSPICIOUS_DRIFT && 2 * unknown(free, r) > free.size())
+    if (process_noise >= SUSPICIOUS_PROCESS_NOISE && 2 * unknown(free, r) > free.size())
         return mk_error_set(err, MK_ERR_NUMERIC,
                             "the model does not follow these data, which say little about most of "
                             "its parameters: is it this rig, with these units, signs and columns?");

@@ -36,7 +36,7 @@ Stepper::Stepper(const mk_model &m, const std::vector<int> &f) : model(m), free(
     find_pairs();
 }
 
-VectorXd Stepper::solve(const FitPicture &p, double damping) const
+VectorXd Stepper::solve(const QuadraticModel &p, double damping) const
 {
     MatrixXd information = turn.transpose() * p.information * turn;
     VectorXd gradient = turn.transpose() * p.gradient;

@@ -16,7 +16,7 @@ class Stepper
     // Both must outlive it; `free`: numbers as in mechkit/ident.h.
     Stepper(const mk_model &model, const std::vector<int> &free);
     // (H + damping diag H) d = g within the ranges.
-    Eigen::VectorXd solve(const FitPicture &p, double damping) const;
+    Eigen::VectorXd solve(const QuadraticModel &p, double damping) const;
     // The same step as the kernel's scaled parameters see it, to first order.
     Eigen::VectorXd parameters(const Eigen::VectorXd &step) const { return turn * step; }
     void apply(mk_model &m, const Eigen::VectorXd &step) const;

@@ -26,7 +26,7 @@
 #define INSIDE 0.85       /* of what the operator allows a joint is what is planned for */
 #define SPREAD_FIRST 0.1  /* how far a textbook's values may be off */
 #define SPREAD_LATER 0.03 /* those of a model that was fitted */
-#define DRIFT 1e-3
+#define PROCESS_NOISE 1e-3
 #define NO_COUNT_RAD 1e-3 /* an encoder that counts no more than that stands still */
 #define CATCH_S 10.0
 #define HOLD_S 6.0
@@ -115,7 +115,7 @@ static void plan_within(const struct investigation *v, struct plan_limits *l)
             isfinite(asked->q_min[k]) ? rest + INSIDE * (asked->q_min[k] - rest) : usual.q_min[k];
         l->q_max[k] =
             isfinite(asked->q_max[k]) ? rest + INSIDE * (asked->q_max[k] - rest) : usual.q_max[k];
-        /* A run is foreseen from its own zero; what ends somewhere ends there all the same. */
+        /* A run is predicted from its own zero; what ends somewhere ends there all the same. */
         const bool track = k < plant->joints && plant->joint_motion[k] == MK_JOINT_SLIDES;
         l->q_min[k] -= track || isfinite(asked->q_min[k]) ? v->rig.origin[k] : 0.0;
         l->q_max[k] -= track || isfinite(asked->q_max[k]) ? v->rig.origin[k] : 0.0;
@@ -131,7 +131,7 @@ static void ask(struct investigation *v, struct plan_query *q)
                              .spread = v->explained ? SPREAD_LATER : SPREAD_FIRST,
                              .seconds = j->settings.seconds,
                              .rate_hz = j->settings.rate_hz,
-                             .drift = DRIFT,
+                             .process_noise = PROCESS_NOISE,
                              .tries = j->settings.tries,
                              .threads = v->o->threads,
                              .seed = j->settings.seed,
@@ -377,14 +377,14 @@ static bool budget_is_nearly_spent(const struct investigation *v)
            spent_s(v->j) + 2.0 * each > 60.0 * v->o->minutes;
 }
 
-/* Plans the next experiment and writes down what the model foresees. */
+/* Plans the next experiment and writes down what the model predicts. */
 static enum mk_status plan_next(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
     char name[64], path[JOURNAL_PATH];
     struct experiment *x = &j->experiment[j->count];
     memset(x, 0, sizeof *x);
-    /* Where it rests is part of what is foreseen. */
+    /* Where it rests is part of what is predicted. */
     const double rig_begin = rig_seconds(&v->rig);
     enum mk_status st = rig_rest(&v->rig, err);
     if (st != MK_OK)
@@ -436,7 +436,7 @@ static enum mk_status run_it(struct investigation *v, struct mk_error *err)
         investigation_say(v, "  its log is there: %.3g of %.3g s", x->ran_s, x->seconds);
     if (!found) {
         const double begin = rig_seconds(&v->rig);
-        struct rig_run run = {.believed = &v->model,
+        struct rig_run run = {.nominal = &v->model,
                               .model_off = v->explained ? 0.0 : j->settings.model_off,
                               .log = path};
         st = rig_rest(&v->rig, err);
@@ -655,17 +655,16 @@ static bool suits(const struct mk_ctrl_ops *setup, const struct mk_model *model)
     return (setup->plants & (1u << model->plant)) && mk_ctrl_param_index(setup, "compensate") >= 0;
 }
 
-static bool done_already(const struct journal *j, const char *setup, const char *believed)
+static bool done_already(const struct journal *j, const char *setup, const char *nominal)
 {
     for (int i = 0; i < j->controls; i++)
-        if (strcmp(j->control[i].setup, setup) == 0 &&
-            strcmp(j->control[i].believed, believed) == 0)
+        if (strcmp(j->control[i].setup, setup) == 0 && strcmp(j->control[i].nominal, nominal) == 0)
             return true;
     return false;
 }
 
 static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_ops *setup,
-                                const struct mk_model *believed, const char *name,
+                                const struct mk_model *nominal, const char *name,
                                 struct mk_error *err)
 {
     struct journal *j = v->j;
@@ -674,12 +673,12 @@ static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_op
         return MK_OK;
     struct journal_control c = {.caught_s = NAN};
     snprintf(c.setup, sizeof c.setup, "%s", setup->name);
-    snprintf(c.believed, sizeof c.believed, "%s", name);
+    snprintf(c.nominal, sizeof c.nominal, "%s", name);
     snprintf(c.log, sizeof c.log, "control-%s-%s.csv", setup->name, name);
     /* A log of a run that was killed is kept. */
     for (int i = 2; i < 100 && access(journal_file(j, path, c.log), F_OK) == 0; i++)
         snprintf(c.log, sizeof c.log, "control-%s-%s-%d.csv", setup->name, name, i);
-    struct rig_run run = {.believed = believed, .log = journal_file(j, path, c.log)};
+    struct rig_run run = {.nominal = nominal, .log = journal_file(j, path, c.log)};
     struct rig_figures f;
     const double begin = rig_seconds(&v->rig);
     enum mk_status st = rig_rest(&v->rig, err);

@@ -205,7 +205,7 @@ static void one_experiment(struct both *b, struct experiment *x)
 static void one_control(struct both *b, struct journal_control *c)
 {
     TEXT(b, c, setup);
-    TEXT(b, c, believed);
+    TEXT(b, c, nominal);
     TEXT(b, c, log);
     yes_no(b, "held", &c->held);
     number(b, "caught_s", &c->caught_s);

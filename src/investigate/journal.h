@@ -81,7 +81,7 @@ struct experiment {
 
 /* A setup on the rig, believing a model. */
 struct journal_control {
-    char setup[32], believed[16]; /* "given", "final" */
+    char setup[32], nominal[16]; /* "given", "final" */
     char log[64];
     bool held;
     double caught_s, sway,

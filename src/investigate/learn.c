@@ -95,7 +95,7 @@ enum mk_status learn_write_prediction(const char *path, const struct mk_model *m
     const size_t rows = (size_t)lround(x->seconds * rate_hz) + 1;
     const struct mk_model shared = without_own_values(model);
     struct mk_signal *signal = NULL;
-    struct mk_log *foreseen = NULL;
+    struct mk_log *predicted = NULL;
     double *t = malloc(2 * rows * sizeof *t);
     double *u = t ? t + rows : NULL;
     enum mk_status st = t ? mk_signal_create(x->input, &signal, err)
@@ -105,15 +105,15 @@ enum mk_status learn_write_prediction(const char *path, const struct mk_model *m
         u[k] = fmax(-model->u_max, fmin(model->u_max, mk_signal_at(signal, t[k])));
     }
     if (st == MK_OK)
-        st = read_model(&shared, x->origin, t, u, rows, false, &foreseen, err);
+        st = read_model(&shared, x->origin, t, u, rows, false, &predicted, err);
     if (st == MK_OK)
-        shift(foreseen, model, x->origin, -1.0);
+        shift(predicted, model, x->origin, -1.0);
     if (st == MK_OK)
-        st = mk_log_set_meta(foreseen, "prediction_of", x->input);
+        st = mk_log_set_meta(predicted, "prediction_of", x->input);
     if (st == MK_OK)
-        st = mk_log_write(path, foreseen, err);
+        st = mk_log_write(path, predicted, err);
     mk_signal_destroy(signal);
-    mk_log_free(foreseen);
+    mk_log_free(predicted);
     free(t);
     return st;
 }
@@ -209,13 +209,13 @@ bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
     const double still = 2.0, moves = 20.0; /* counts */
     const int motor = mk_plant(model->plant)->motor_joint;
     const double count = mk_model_count(model, motor);
-    struct mk_log *foreseen = NULL;
+    struct mk_log *predicted = NULL;
     *command = extent(log, "u", log->rows);
     if (extent(log, angle[motor], log->rows) > still * count ||
-        mk_log_read(prediction_path, &foreseen, NULL) != MK_OK)
+        mk_log_read(prediction_path, &predicted, NULL) != MK_OK)
         return false;
-    const bool dead = extent(foreseen, angle[motor], log->rows) > moves * count;
-    mk_log_free(foreseen);
+    const bool dead = extent(predicted, angle[motor], log->rows) > moves * count;
+    mk_log_free(predicted);
     return dead;
 }
 

@@ -5,7 +5,7 @@
 #include "investigate/journal.h"
 #include "mechkit/explain.h"
 
-/* Writes down what `model` foresees of an experiment from rest, before it is run, in its log's own
+/* Writes down what `model` predicts of an experiment from rest, before it is run, in its log's own
  * frame. MK_ERR_NUMERIC: the model runs away. */
 MK_NODISCARD enum mk_status learn_write_prediction(const char *path, const struct mk_model *model,
                                                    const struct experiment *x, double rate_hz,

@@ -237,23 +237,23 @@ static void put_plots(struct book *b, int number)
 {
     const struct journal *j = b->j;
     char name[64], path[JOURNAL_PATH];
-    struct mk_log *log = NULL, *foreseen = NULL;
+    struct mk_log *log = NULL, *predicted = NULL;
     static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
-    if (mk_log_read(journal_file(j, path, journal_name(name, number, "-prediction.csv")), &foreseen,
-                    NULL) == MK_OK &&
+    if (mk_log_read(journal_file(j, path, journal_name(name, number, "-prediction.csv")),
+                    &predicted, NULL) == MK_OK &&
         mk_log_read(journal_file(j, path, journal_name(name, number, ".csv")), &log, NULL) ==
             MK_OK) {
         for (int k = 0; k < mk_model_joints(&j->given); k++) {
             char title[60];
             const double *x = mk_log_get(log, "t"), *y = mk_log_get(log, angle[k]);
-            const double *px = mk_log_get(foreseen, "t"), *py = mk_log_get(foreseen, angle[k]);
+            const double *px = mk_log_get(predicted, "t"), *py = mk_log_get(predicted, angle[k]);
             if (!x || !y || !px || !py)
                 continue;
             snprintf(title, sizeof title, "joint %d, %s", k + 1,
                      mk_model_unit(&j->given, k, "rad"));
             const struct picture_line line[] = {
                 {x, y, log->rows, "a", "measured"},
-                {px, py, foreseen->rows, "b", "written down before"}};
+                {px, py, predicted->rows, "b", "written down before"}};
             picture_lines(b->html, line, 2, "t, s", title, 190);
         }
         const double *x = mk_log_get(log, "t"), *u = mk_log_get(log, "u");
@@ -262,7 +262,7 @@ static void put_plots(struct book *b, int number)
             picture_lines(b->html, &line, 1, "t, s", "command", 120);
     }
     mk_log_free(log);
-    mk_log_free(foreseen);
+    mk_log_free(predicted);
 }
 
 /* Whole ones, none of them -0. */
@@ -369,8 +369,8 @@ static bool misleads_control(const struct journal *j)
             const struct journal_control *given = &j->control[i], *found = &j->control[k];
             struct mk_control_gain gain = {.setup = given->setup, .runs = 1};
             const char *believing;
-            if (strcmp(given->setup, found->setup) != 0 || strcmp(given->believed, "given") != 0 ||
-                strcmp(found->believed, "given") == 0)
+            if (strcmp(given->setup, found->setup) != 0 || strcmp(given->nominal, "given") != 0 ||
+                strcmp(found->nominal, "given") == 0)
                 continue;
             gain.given = gain.refit = figures_of(given);
             gain.extended = figures_of(found);
@@ -431,7 +431,7 @@ static void put_control(struct book *b)
         const struct journal_control *c = &j->control[i];
         row_begins(b);
         cell(b, "%s", c->setup);
-        cell(b, "%s model", c->believed);
+        cell(b, "%s model", c->nominal);
         cell(b, "%s", c->held ? "yes" : "no");
         if (isfinite(c->caught_s))
             cell(b, "%.3g", c->caught_s);

@@ -1,4 +1,4 @@
-// Which experiment tells most next. An input is foreseen by running the model under it; the square
+// Which experiment tells most next. An input is predicted by running the model under it; the square
 // sensitivities of the readings to the parameters, over their noise, are the information that it
 // gives (Fisher; V. Fedorov, Theory of Optimal Experiments, 1972). That of several experiments
 // adds. Parameters that are not known well are counted by the logarithm of their standard errors,
@@ -33,13 +33,13 @@ using Eigen::VectorXd;
 
 // Relative standard errors below which nothing is gained by knowing more.
 constexpr double KNOWN_BASE = 0.005, KNOWN_EFFECT = 0.03, KNOWN_SUSPECT = 0.3;
-constexpr double FORESIGHT_PRIOR = 30.0; // of foresee(), relative
-constexpr double SUSPECT_SHARE = 0.1;    // of the usual size of an effect, put into the model
+constexpr double PREDICTION_PRIOR = 30.0; // of predict_experiment(), relative
+constexpr double SUSPECT_SHARE = 0.1;     // of the usual size of an effect, put into the model
 constexpr double SEARCH_RATE_HZ = 200.0;
-constexpr int RIGS = 2;              // around the model that must keep to the limits as well
-constexpr double FIRST_SHARE = 0.6;  // of the command's limit, while only a textbook model is there
-constexpr double TEST_SHARE = 0.5;   // of it, at least
-constexpr double FIRST_DRIFT = 1e-3; // a rig is far from its textbook
+constexpr int RIGS = 2;             // around the model that must keep to the limits as well
+constexpr double FIRST_SHARE = 0.6; // of the command's limit, while only a textbook model is there
+constexpr double TEST_SHARE = 0.5;  // of it, at least
+constexpr double FIRST_PROCESS_NOISE = 1e-3; // a rig is far from its textbook
 
 struct Form {
     const char *text, *kind; // of amplitude one
@@ -158,14 +158,14 @@ class Planner
         : q(query), rate(std::min(query.rate_hz, SEARCH_RATE_HZ)), known(describe(query))
     {
         for (int j = 0; j < MK_MAX_JOINTS; j++)
-            picture.noise[j] = q.noise[j];
-        picture.readings_a_row = q.rate_hz / rate;
-        picture.drift = q.drift;
+            readings.noise[j] = q.noise[j];
+        readings.readings_a_row = q.rate_hz / rate;
+        readings.process_noise = q.process_noise;
         draw_rigs();
         const long n = (long)known.free.size();
         known.information = MatrixXd::Identity(n, n);
         for (int i = 0; i < q.past_count; i++) {
-            const Foresight f = see(known.model, q.past[i], q.past_s[i], known.free);
+            const PredictedExperiment f = see(known.model, q.past[i], q.past_s[i], known.free);
             if (f.finite())
                 known.information += information_of(f);
         }
@@ -173,7 +173,7 @@ class Planner
     }
 
     // Whether the model and those around it keep to the limits.
-    bool keeps(const char *input, Foresight *own) const
+    bool keeps(const char *input, PredictedExperiment *own) const
     {
         mk_excite_options o;
         mk_excite_default(q.model, &o);
@@ -181,7 +181,7 @@ class Planner
         std::copy(q.limits.q_max, q.limits.q_max + MK_MAX_JOINTS, o.q_max);
         std::copy(q.limits.v_max, q.limits.v_max + MK_MAX_JOINTS, o.v_max);
         for (const mk_model &rig : rigs) {
-            const Foresight f = see(rig, input, q.seconds, fitted_parameters(rig));
+            const PredictedExperiment f = see(rig, input, q.seconds, fitted_parameters(rig));
             if (!f.finite() || beyond_limits(rig, o, extent_of(f)) > 0.0)
                 return false;
         }
@@ -191,7 +191,7 @@ class Planner
     }
 
     // Gain about what is not known well enough; `out` says about what most.
-    double gain(const Foresight &f, plan &out) const
+    double gain(const PredictedExperiment &f, plan &out) const
     {
         const VectorXd after = deviations(covariance_of(known.information + information_of(f)));
         const VectorXd now = deviations(before);
@@ -212,7 +212,7 @@ class Planner
 
     // Half the logarithm of how much the volume of what is possible shrinks (D-optimality): the
     // more, the less sure the model was of these readings.
-    double surprise(const Foresight &f) const
+    double surprise(const PredictedExperiment &f) const
     {
         auto log_det = [](const MatrixXd &m) {
             const VectorXd d = dense::pivots(m).cwiseMax(1e-300);
@@ -244,7 +244,7 @@ class Planner
     Known known;
     MatrixXd before;
     std::vector<mk_model> rigs;
-    InformationOptions picture = {};
+    InformationOptions readings = {};
 
     void draw_rigs()
     {
@@ -259,11 +259,12 @@ class Planner
         }
     }
 
-    Foresight see(const mk_model &m, const char *input, double seconds,
-                  const std::vector<int> &free) const
+    PredictedExperiment see(const mk_model &m, const char *input, double seconds,
+                            const std::vector<int> &free) const
     {
         const std::vector<double> u = sampled(input, seconds, rate, q.limits.u_max);
-        return u.size() < 4 ? Foresight() : foresee(m, u, 1.0 / rate, free, picture);
+        return u.size() < 4 ? PredictedExperiment()
+                            : predict_experiment(m, u, 1.0 / rate, free, readings);
     }
 
     static MatrixXd covariance_of(const MatrixXd &information)
@@ -275,11 +276,11 @@ class Planner
         return root.asDiagonal() * inverse * root.asDiagonal();
     }
 
-    static MatrixXd information_of(const Foresight &f)
+    static MatrixXd information_of(const PredictedExperiment &f)
     {
         const long n = f.covariance.rows();
         MatrixXd i = covariance_of(f.covariance);
-        i.diagonal().array() -= 1.0 / (FORESIGHT_PRIOR * FORESIGHT_PRIOR);
+        i.diagonal().array() -= 1.0 / (PREDICTION_PRIOR * PREDICTION_PRIOR);
         return 0.5 * (i + i.transpose()) + 1e-9 * MatrixXd::Identity(n, n);
     }
 
@@ -299,7 +300,7 @@ bool best_of_family(const Planner &p, double least_share, const Worth &worth, pl
             if (share < least_share)
                 continue;
             const std::string text = p.input(form, share);
-            Foresight f;
+            PredictedExperiment f;
             if (p.was_run(text.c_str()) || !p.keeps(text.c_str(), &f))
                 continue;
             plan one = {};
@@ -328,14 +329,16 @@ const int *forms_for(const char *with)
 bool plan_telling(const plan_query *q, plan *out)
 {
     const mk::Planner p(*q);
-    const auto worth = [&](const mk::Foresight &f, plan &one) { return one.gain = p.gain(f, one); };
+    const auto worth = [&](const mk::PredictedExperiment &f, plan &one) {
+        return one.gain = p.gain(f, one);
+    };
     return mk::best_of_family(p, 0.0, worth, *out);
 }
 
 bool plan_test(const plan_query *q, plan *out)
 {
     const mk::Planner p(*q);
-    const auto worth = [&](const mk::Foresight &f, plan &one) {
+    const auto worth = [&](const mk::PredictedExperiment &f, plan &one) {
         p.gain(f, one);
         return one.gain = p.surprise(f);
     };
@@ -352,7 +355,7 @@ bool plan_probe(const plan_query *q, const char *with, plan *out)
         for (size_t s = std::size(mk::shares); s-- > 1;) {
             const mk::Form &f = mk::forms[form[i]];
             const std::string text = p.input(f, mk::shares[s]);
-            mk::Foresight seen;
+            mk::PredictedExperiment seen;
             if (p.was_run(text.c_str()) || !p.keeps(text.c_str(), &seen))
                 continue;
             *out = {};
@@ -380,7 +383,7 @@ enum mk_status plan_first(const plan_query *q, plan *out, mk_error *err)
     o.rate_hz = q->rate_hz;
     o.harmonics = 8;
     o.spread = q->spread;
-    o.drift = mk::FIRST_DRIFT;
+    o.process_noise = mk::FIRST_PROCESS_NOISE;
     o.u_max = mk::FIRST_SHARE * q->limits.u_max;
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         o.q_min[j] = q->limits.q_min[j];

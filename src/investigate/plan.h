@@ -19,7 +19,7 @@ extern "C" {
 #define PLAN_MAX_PAST 64
 #define PLAN_MAX_SUSPECTS 8
 
-/* What an input has to keep to, on the rig as it is foreseen. */
+/* What an input has to keep to, on the rig as it is predicted. */
 struct plan_limits {
     double u_max;
     double q_min[MK_MAX_JOINTS], q_max[MK_MAX_JOINTS]; /* rad or m, as the log has them */
@@ -37,7 +37,7 @@ struct plan_query {
     struct plan_limits limits;
     double seconds, rate_hz;
     double noise[MK_MAX_JOINTS]; /* of a reading */
-    double drift;                /* process noise of the speeds, rad/s per sqrt(s) */
+    double process_noise;        /* process noise of the speeds, rad/s per sqrt(s) */
     int past_count;              /* inputs that were run, and for how long */
     const char *past[PLAN_MAX_PAST];
     double past_s[PLAN_MAX_PAST];

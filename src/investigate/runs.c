@@ -410,13 +410,13 @@ bool rig_fault_is_of_the_board(enum mk_fault fault)
 
 static void set_limits(const struct rig *r, const struct rig_run *run, struct mk_loop_config *c)
 {
-    mk_safety_default(run->believed, 1.0 / c->rate_hz, &c->limits);
+    mk_safety_default(run->nominal, 1.0 / c->rate_hz, &c->limits);
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         c->limits.q_min[j] = fmax(c->limits.q_min[j], r->limits.q_min[j]);
         c->limits.q_max[j] = fmin(c->limits.q_max[j], r->limits.q_max[j]);
         c->limits.v_max[j] = fmin(c->limits.v_max[j], r->limits.v_max[j]);
     }
-    for (int j = 0; j < mk_model_joints(run->believed); j++) {
+    for (int j = 0; j < mk_model_joints(run->nominal); j++) {
         c->limits.q_min[j] -= r->origin[j];
         c->limits.q_max[j] -= r->origin[j];
     }
@@ -436,21 +436,21 @@ static enum mk_status begin(struct rig *r, const struct rig_run *run,
                             struct mk_error *err)
 {
     struct mk_loop_config config;
-    struct mk_model believed = *run->believed;
+    struct mk_model nominal = *run->nominal;
     char date[MK_DATE_TEXT];
     char key[] = "date";
     (void)mk_date_text(date);
     const struct mk_log_meta meta[] = {{key, date}};
     *u = (struct under_way){NULL, NULL, NULL};
-    believed.u_max = fmin(believed.u_max, strongest(r));
-    mk_loop_config_default(&believed, &config);
+    nominal.u_max = fmin(nominal.u_max, strongest(r));
+    mk_loop_config_default(&nominal, &config);
     config.rate_hz = r->rate_hz;
     config.stream = r->stream;
     config.cancel = r->cancel;
     set_limits(r, run, &config);
     enum mk_status st = input ? mk_signal_create(input, &u->signal, err) : MK_OK;
     if (st == MK_OK)
-        st = mk_ctrl_create(setup, &believed, 1.0 / r->rate_hz, u->signal, &u->ctrl, err);
+        st = mk_ctrl_create(setup, &nominal, 1.0 / r->rate_hz, u->signal, &u->ctrl, err);
     if (st == MK_OK)
         st = mk_loop_create(r->board, u->ctrl, &config, &u->loop, err);
     if (st == MK_OK)

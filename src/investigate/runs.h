@@ -46,7 +46,7 @@ void rig_let_calm(struct rig *r);
 MK_NODISCARD enum mk_status rig_rest(struct rig *r, struct mk_error *err);
 
 struct rig_run {
-    const struct mk_model *believed;
+    const struct mk_model *nominal;
     double model_off;    /* share by which it may be off before a reading that contradicts it is a
                             fault; 0: the loop's own */
     const char *log;     /* path; an empty file there is written over */

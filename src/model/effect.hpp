@@ -50,7 +50,7 @@ struct Frame {
     S t;
     Motion<S> m;
     S command[MK_MAX_INPUTS]; // in force at the rig, after delay
-    S motor_speed;            // of the motor's shaft: the motor joint's, unless there is play
+    S motor_speed;            // of the motor's shaft: the motor joint's, unless there is backlash
     S coulomb_scale;          // factor on the plant's own Coulomb friction
     S motor_torque;           // command minus friction of the motor joint
     bool motor_detached;      // an effect passes the motor's torque on by itself

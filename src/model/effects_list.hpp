@@ -4,11 +4,11 @@
 #define MECHKIT_MODEL_EFFECTS_LIST_HPP
 
 #include "model/effects_actuator.hpp"
+#include "model/effects_backlash.hpp"
 #include "model/effects_custom.hpp"
 #include "model/effects_friction.hpp"
 #include "model/effects_inertia.hpp"
 #include "model/effects_mount.hpp"
-#include "model/effects_play.hpp"
 #include "model/effects_position.hpp"
 #include "model/effects_sensor.hpp"
 

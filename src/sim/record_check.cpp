@@ -144,14 +144,15 @@ double inertia(const mk_model &model, int j)
 
 double slowest_motion(const mk_model &model, const char **what)
 {
-    constexpr double SMALL = 1e-3;              // rad
+    constexpr double ANGLE_STEP = 1e-3;         // rad
     constexpr double FAST = 100.0;              // rad/s, where dry friction is level
     constexpr double NO_GRAVITY = 1e-9;         // of the inertia, 1/s^2
     constexpr double LONGEST_OF_INTEREST = 1e3; // s
     double longest = 0.0;
     for (int j = 0; j < mk_model_joints(&model); j++) {
         const double m = inertia(model, j);
-        const double k = (force(model, j, SMALL, 0.0) - force(model, j, -SMALL, 0.0)) / (2 * SMALL);
+        const double k = (force(model, j, ANGLE_STEP, 0.0) - force(model, j, -ANGLE_STEP, 0.0)) /
+                         (2 * ANGLE_STEP);
         const double d = (force(model, j, 0.0, 2 * FAST) - force(model, j, 0.0, FAST)) / FAST;
         const bool swings = k > NO_GRAVITY * m;
         const double time =

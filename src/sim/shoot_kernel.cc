@@ -145,7 +145,7 @@ class Shooter
             slopes_known = true;
             if (edges_move)
                 follow_edges();
-            if (alight()) {
+            if (retire_lanes()) {
                 slopes_known = false;
                 continue;
             }
@@ -319,7 +319,7 @@ class Shooter
         return low;
     }
     // Lanes that have arrived hand in what they found. Whether any did.
-    bool alight()
+    bool retire_lanes()
     {
         bool any = false;
         for (int i = 0; i < W; i++)

@@ -12,7 +12,7 @@ namespace
 
 // Four seconds of a pendubot whose second joint has friction that its model lacks.
 struct Hunt {
-    mk_model believed = pendubot(P);
+    mk_model nominal = pendubot(P);
     mk::FitLog log;
     std::unique_ptr<mk::Search> search;
     mk::Hypothesis refit;
@@ -22,7 +22,7 @@ struct Hunt {
     {
         constexpr int ROWS = 801;
         constexpr double COUNT = 2.0 * PI / 4000.0;
-        std::vector<mk_model> truth = {believed};
+        std::vector<mk_model> truth = {nominal};
         if (mk_model_add_effect(&truth[0], "coulomb", 2, nullptr) != MK_OK)
             return false;
         const std::vector<double> x0 = {-PI / 2, 0, 0, 0};
@@ -45,17 +45,17 @@ struct Hunt {
         record.q[0] = q[0].data(), record.q[1] = q[1].data();
         record.u[0] = u.data();
         record.u_to_torque = 1.0;
-        log = mk::fit_log(record, believed, 0, ROWS);
+        log = mk::fit_log(record, nominal, 0, ROWS);
         mk::SearchOptions options;
-        options.given = &believed;
+        options.given = &nominal;
         options.threads = 1;
         search = std::make_unique<mk::Search>(std::vector<const mk::FitLog *>{&log}, options);
-        if (!search->refit(believed, nullptr, refit))
+        if (!search->refit(nominal, nullptr, refit))
             return false;
-        // Play takes so much longer than all else that it would be all that is seen.
+        // Backlash takes so much longer than all else that it would be all that is seen.
         for (const mk::Candidate &c :
-             mk::candidates(refit.point.model, mk::data_range(believed, {&log})))
-            if (!mk::is_play(c.effect))
+             mk::candidates(refit.point.model, mk::data_range(nominal, {&log})))
+            if (!mk::is_backlash(c.effect))
                 all.push_back(c);
         return true;
     }

@@ -81,14 +81,14 @@ static int by_speed(const void *a, const void *b)
     return cimag(*x) > cimag(*y) ? -1 : cimag(*x) < cimag(*y);
 }
 
-void poles_of_setup(const struct mk_ctrl_ops *setup, const struct mk_model *believed, double dt,
+void poles_of_setup(const struct mk_ctrl_ops *setup, const struct mk_model *nominal, double dt,
                     const double *value, struct poles *out)
 {
     struct loop l = {.n = 0};
     double re[N], im[N];
     memset(out, 0, sizeof *out);
-    if (!balancing_loop(setup, believed, value, &l, out) &&
-        !speed_loop(setup, believed, value, &l, out))
+    if (!balancing_loop(setup, nominal, value, &l, out) &&
+        !speed_loop(setup, nominal, value, &l, out))
         return;
     if (!sampled_poles(&l, dt, re, im))
         return;

@@ -17,8 +17,8 @@ struct poles {
     char at[16]; /* the equilibrium */
 };
 
-/* Of the believed model without friction, with these values of the setup's parameters. */
-void poles_of_setup(const struct mk_ctrl_ops *setup, const struct mk_model *believed, double dt,
+/* Of the nominal model without friction, with these values of the setup's parameters. */
+void poles_of_setup(const struct mk_ctrl_ops *setup, const struct mk_model *nominal, double dt,
                     const double *value, struct poles *out);
 
 #endif

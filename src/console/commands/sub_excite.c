@@ -58,7 +58,7 @@ static const struct option_row option_rows[] = {
     {"q2", OPTION_CALL(q[1]), "LO:HI", "the same of joint 2", RANGE},
     {"v1", OPTION_NUMBER(search.v_max[0]), "V", "limit of the speed, rad/s or m/s"},
     {"v2", OPTION_NUMBER(search.v_max[1]), "V", "the same of joint 2"},
-    {"drift", OPTION_NUMBER(search.drift), "D",
+    {"drift", OPTION_NUMBER(search.process_noise), "D",
      "process noise that the rig may have, rad/s per sqrt(s); default 1e-4; where a joint slides a "
      "hundredth of it, m/s per sqrt(s)",
      0, INFINITY},

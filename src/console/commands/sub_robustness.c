@@ -24,7 +24,7 @@ struct options {
 
 struct outcome {
     const struct mk_ctrl_ops *setup;
-    struct mk_model believed;
+    struct mk_model nominal_model;
     struct trial nominal;
     struct trial *trial; /* `count` of them */
     int count, held, falls;
@@ -110,14 +110,15 @@ static enum mk_status run_setup(const struct mk_ctrl_ops *setup, const struct op
 {
     memset(o, 0, sizeof *o);
     o->setup = setup;
-    mk_model_default(mk_ctrl_first_rig(o->setup), &o->believed);
+    mk_model_default(mk_ctrl_first_rig(o->setup), &o->nominal_model);
     o->trial = calloc((size_t)options->seeds, sizeof *o->trial);
     if (!o->trial)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %d runs", options->seeds);
     clock_t start = clock();
-    enum mk_status st = trial_run(o->setup, &o->believed, &options->spread, 0, &o->nominal, err);
+    enum mk_status st =
+        trial_run(o->setup, &o->nominal_model, &options->spread, 0, &o->nominal, err);
     for (int i = 0; i < options->seeds && st == MK_OK; i++, o->count++)
-        st = trial_run(o->setup, &o->believed, &options->spread, options->first + (uint64_t)i,
+        st = trial_run(o->setup, &o->nominal_model, &options->spread, options->first + (uint64_t)i,
                        &o->trial[i], err);
     o->seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
     return st == MK_OK ? sum_up(o, err) : st;
@@ -152,7 +153,7 @@ static void print_outcome(const struct outcome *o)
 
 static void print_failures(const struct outcome *o)
 {
-    const struct mk_plant_info *plant = mk_plant(o->believed.plant);
+    const struct mk_plant_info *plant = mk_plant(o->nominal_model.plant);
     for (int i = 0; i < o->count; i++) {
         const struct trial *t = &o->trial[i];
         if (t->end == TRIAL_HELD)
@@ -161,7 +162,7 @@ static void print_failures(const struct outcome *o)
                trial_end_name(t->end), t->fault[0] ? " " : "", t->fault, t->falls);
         for (int k = 0; k < plant->parameter_count; k++)
             printf(" %s %+.0f %%", plant->parameter[k].name,
-                   100.0 * (t->rig.parameter[k] / o->believed.parameter[k] - 1.0));
+                   100.0 * (t->rig.parameter[k] / o->nominal_model.parameter[k] - 1.0));
         putchar('\n');
     }
 }

@@ -88,11 +88,11 @@ static enum mk_status know_options(const struct session_options *o, struct cmd_k
     enum mk_status st = MK_OK;
     *known = (struct cmd_known){.keep_model = o->keep_model && o->model,
                                 .have_model = o->model != NULL,
-                                .have_believed = o->believe != NULL};
+                                .have_nominal = o->believe != NULL};
     if (o->model && (st = mk_model_read(o->model, &model, err)) == MK_OK)
         known->model = mk_plant(model.plant);
     if (o->believe && st == MK_OK && (st = mk_model_read(o->believe, &model, err)) == MK_OK)
-        known->believed = mk_plant(model.plant);
+        known->nominal = mk_plant(model.plant);
     return st;
 }
 

@@ -121,7 +121,7 @@ static void send(struct tui *t)
     if (!anything_pending(g))
         return;
     all_values(t, value);
-    poles_of_setup(g->setup, &t->status.believed, 1.0 / t->status.config.rate_hz, value, &p);
+    poles_of_setup(g->setup, &t->status.nominal, 1.0 / t->status.config.rate_hz, value, &p);
     if (p.n && !p.stable && !g->sure) {
         snprintf(g->note, sizeof g->note, "UNSTABLE with these gains: d once more sends them");
         g->sure = true;
@@ -277,7 +277,7 @@ static enum tui_style tell_poles(const struct tui *t, char *text, size_t size)
     double value[MK_CTRL_MAX_PARAMS];
     struct poles p;
     all_values(t, value);
-    poles_of_setup(t->gains.setup, &t->status.believed, 1.0 / t->status.config.rate_hz, value, &p);
+    poles_of_setup(t->gains.setup, &t->status.nominal, 1.0 / t->status.config.rate_hz, value, &p);
     if (p.n == 0) {
         snprintf(text, size, "poles: not known for this setup");
         return STYLE_DIM;

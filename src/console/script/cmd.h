@@ -12,10 +12,10 @@
 struct cmd_known {
     const char *folder; /* of the command file; NULL or "": none */
     bool keep_model;    /* the command `model` is left aside */
-    bool have_setup, have_model, have_believed;
-    const struct mk_ctrl_ops *setup;              /* NULL: not known which */
-    const struct mk_plant_info *model, *believed; /* their rigs; NULL: not known */
-    bool may_write_logs, may_write_models;        /* which later lines read */
+    bool have_setup, have_model, have_nominal;
+    const struct mk_ctrl_ops *setup;             /* NULL: not known which */
+    const struct mk_plant_info *model, *nominal; /* their rigs; NULL: not known */
+    bool may_write_logs, may_write_models;       /* which later lines read */
 };
 
 struct cmd {

@@ -35,13 +35,13 @@ static enum mk_status read_run(struct session *s, const char *path, struct mk_lo
 }
 
 /* What is believed of the rig: the model that a run is held against. */
-static enum mk_status believed_model(const struct session *s, const struct mk_log *log,
-                                     struct mk_model *out, struct mk_error *err)
+static enum mk_status nominal_model(const struct session *s, const struct mk_log *log,
+                                    struct mk_model *out, struct mk_error *err)
 {
     const char *rig = mk_log_find_meta(log, "rig");
     const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
-    if (s->have_believed)
-        *out = s->believed;
+    if (s->have_nominal)
+        *out = s->nominal;
     else if (s->have_model)
         *out = s->model;
     else if (plant)
@@ -98,7 +98,7 @@ enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct 
     if (st == MK_OK && !r)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the result");
     if (st == MK_OK)
-        st = believed_model(s, log, &model, err);
+        st = nominal_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_identify(&model, (const struct mk_log *const *)&log, 1, &options, r, err);
     if (argc > 0)
@@ -160,7 +160,7 @@ enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct m
     if (st == MK_OK && !e)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the result");
     if (st == MK_OK)
-        st = believed_model(s, log, &model, err);
+        st = nominal_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_explain(&model, (const struct mk_log *const *)&log, 1, NULL, 0, &options, e, err);
     if (st == MK_OK)
@@ -191,7 +191,7 @@ enum mk_status cmd_do_compare(struct session *s, int argc, char **argv, struct m
     struct mk_predict_figures figures;
     enum mk_status st = read_run(s, argc > 0 ? argv[0] : NULL, &log, err);
     if (st == MK_OK)
-        st = believed_model(s, log, &model, err);
+        st = nominal_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_predict(&model, log, &options, &prediction, &figures, NULL, err);
     if (st != MK_OK) {

@@ -170,7 +170,7 @@ static enum mk_status check_rig(const struct cmd_known *known, const struct mk_c
                                 struct mk_error *err)
 {
     enum mk_plant_kind kind;
-    const struct mk_plant_info *rig = known->have_believed ? known->believed : known->model;
+    const struct mk_plant_info *rig = known->have_nominal ? known->nominal : known->model;
     enum mk_status st = known->have_model ? MK_OK : session_own_rig(setup, &kind, err);
     return st == MK_OK && rig ? mk_ctrl_check_rig(setup, rig->kind, err) : st;
 }
@@ -282,8 +282,8 @@ enum mk_status cmd_check_believe(struct cmd_known *known, int argc, char **argv,
     (void)argc;
     if (!known)
         return MK_OK;
-    known->have_believed = true;
-    return read_rig(known, argv[0], &known->believed, err);
+    known->have_nominal = true;
+    return read_rig(known, argv[0], &known->nominal, err);
 }
 
 enum mk_status cmd_check_swingup(struct cmd_known *known, int argc, char **argv,

@@ -129,7 +129,7 @@ static void publish(struct host *h)
     st->setup = s->ctrl ? s->setup : NULL;
     st->model = s->model;
     if (s->ctrl)
-        st->believed = s->ctrl->model;
+        st->nominal = s->ctrl->model;
     memcpy(st->value, s->value, sizeof st->value);
     memcpy(st->initial, h->designed, sizeof st->initial);
     st->config = s->config;
@@ -301,10 +301,10 @@ static int execute_file(struct host *h, const char *path, struct mk_error *err)
         .keep_model = s->options.keep_model && s->options.model,
         .have_setup = s->ctrl != NULL,
         .have_model = s->have_model,
-        .have_believed = s->have_believed,
+        .have_nominal = s->have_nominal,
         .setup = s->setup,
         .model = s->have_model ? mk_plant(s->model.plant) : NULL,
-        .believed = s->have_believed ? mk_plant(s->believed.plant) : NULL,
+        .nominal = s->have_nominal ? mk_plant(s->nominal.plant) : NULL,
     };
     struct cmdfile *file;
     /* Each error is reported with its line, so nothing is left to say. */

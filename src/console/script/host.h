@@ -26,7 +26,7 @@ struct host_status {
     const struct mk_board_ops *backend;
     const struct mk_ctrl_ops *setup; /* NULL: none chosen */
     bool fast;
-    struct mk_model model, believed; /* valid with a setup */
+    struct mk_model model, nominal; /* valid with a setup */
     double value[MK_CTRL_MAX_PARAMS];
     double initial[MK_CTRL_MAX_PARAMS]; /* designed or given, as after `setup` */
     struct mk_loop_config config;

@@ -79,8 +79,8 @@ void log_origin_of(struct log_origin *o, const struct session *s)
         put_text(o, "host", host);
     put_text(o, "model", s->have_model && s->model_path[0] ? s->model_path : "the setup's own");
     put_values(o, "model_values", &s->model);
-    if (!s->have_believed)
+    if (!s->have_nominal)
         return;
-    put_text(o, "believed", s->believed_path);
-    put_values(o, "believed_values", &s->believed);
+    put_text(o, "believed", s->nominal_path);
+    put_values(o, "believed_values", &s->nominal);
 }

@@ -110,18 +110,18 @@ const char *session_signal(const char *folder, const char *text, char *buf, size
     return buf;
 }
 
-enum mk_status session_load_model(struct session *s, const char *path, bool believed,
+enum mk_status session_load_model(struct session *s, const char *path, bool nominal,
                                   struct mk_error *err)
 {
     struct mk_model model;
     enum mk_status st = mk_model_read(path, &model, err);
     if (st != MK_OK)
         return st;
-    char *named = believed ? s->believed_path : s->model_path;
+    char *named = nominal ? s->nominal_path : s->model_path;
     snprintf(named, SESSION_PATH, "%s", path);
-    if (believed) {
-        s->believed = model;
-        s->have_believed = true;
+    if (nominal) {
+        s->nominal = model;
+        s->have_nominal = true;
     } else {
         s->model = model;
         s->have_model = true;
@@ -291,8 +291,8 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
     s->config.stream = s->options.stream;
     s->config.cancel = s->options.cancel;
     mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
-    const struct mk_model *believed = s->have_believed ? &s->believed : &s->model;
-    st = mk_ctrl_create(ops, believed, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
+    const struct mk_model *nominal = s->have_nominal ? &s->nominal : &s->model;
+    st = mk_ctrl_create(ops, nominal, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
     if (st == MK_OK && s->swingup[0])
         st = mk_ctrl_load_swingup(s->ctrl, s->swingup, err);
     if (st == MK_OK)

@@ -50,8 +50,8 @@ struct session {
     struct session_options options;
     const struct mk_board_ops *backend;
     struct mk_clock clock;
-    struct mk_model model, believed;
-    bool have_model, have_believed;
+    struct mk_model model, nominal;
+    bool have_model, have_nominal;
     char script_dir[SESSION_PATH]; /* of the command file that runs; "": none */
     char faults[SESSION_PATH];     /* fault script of the virtual board; "": none */
     char swingup[SESSION_PATH];    /* trajectory that setups follow; "": they swing up by energy */
@@ -69,8 +69,8 @@ struct session {
     double value[MK_CTRL_MAX_PARAMS];
     int runs;
     bool running;
-    char model_path[SESSION_PATH], believed_path[SESSION_PATH]; /* "": none was read */
-    char log_path[SESSION_PATH];                                /* of the newest run; "": none */
+    char model_path[SESSION_PATH], nominal_path[SESSION_PATH]; /* "": none was read */
+    char log_path[SESSION_PATH];                               /* of the newest run; "": none */
     bool saved; /* log_path has been given a name by `save` */
     char record_path[SESSION_PATH];
     FILE *record;              /* commands are written down here; NULL: nowhere */
@@ -130,7 +130,7 @@ MK_NODISCARD enum mk_status session_find_setup(const char *name, const struct mk
 /* The rig of a setup where no model says which; MK_ERR_USAGE: it runs on several. */
 MK_NODISCARD enum mk_status session_own_rig(const struct mk_ctrl_ops *ops, enum mk_plant_kind *out,
                                             struct mk_error *err);
-MK_NODISCARD enum mk_status session_load_model(struct session *s, const char *path, bool believed,
+MK_NODISCARD enum mk_status session_load_model(struct session *s, const char *path, bool nominal,
                                                struct mk_error *err);
 
 void session_say(struct session *s, const char *fmt, ...) MK_PRINTF(2, 3);

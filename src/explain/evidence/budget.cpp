@@ -154,10 +154,9 @@ class Shares
         Hypothesis fitted;
         if (given_column && last.runs())
             return fitted_to_given_column(m);
-        const bool fine =
-            given_column
-                ? search_with_given_column().refit_at(m, last.best, last.refit.drift, fitted)
-                : last.fit_again(m, fitted);
+        const bool fine = given_column ? search_with_given_column().refit_at(
+                                             m, last.best, last.refit.process_noise, fitted)
+                                       : last.fit_again(m, fitted);
         return fine ? fitted.point.model : m;
     }
     mk_model fitted_to_given_column(const mk_model &m)
@@ -171,8 +170,8 @@ class Shares
             other_runs->take_scale(at);
         }
         RunPoint point = other_runs->start(m);
-        RunPicture picture;
-        return other_runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, picture)
+        RunQuadraticModel quadratic;
+        return other_runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, quadratic)
                    ? point.model
                    : m;
     }

@@ -14,12 +14,12 @@ namespace
 {
 
 constexpr size_t USUAL_FOLDS = 4;
-constexpr double SURE = 2.0;          // standard errors, of one model asked
-constexpr double LEAST_SHARE = 0.05;  // of the gap, or
-constexpr double LEAST_OF_REST = 0.1; // of what is left of it
-constexpr double LITTLE = 0.1;        // of the usual squared error of a window
-constexpr double WORSE = 0.02;        // mean log ratio of a fold that is not as good
-constexpr double HONEST = 5.0;        // log likelihood of independent errors, at least
+constexpr double SURE = 2.0;             // standard errors, of one model asked
+constexpr double LEAST_SHARE = 0.05;     // of the gap, or
+constexpr double LEAST_OF_REST = 0.1;    // of what is left of it
+constexpr double NEGLIGIBLE_SHARE = 0.1; // of the usual squared error of a window
+constexpr double WORSE = 0.02;           // mean log ratio of a fold that is not as good
+constexpr double HONEST = 5.0;           // log likelihood of independent errors, at least
 
 } // namespace
 
@@ -84,11 +84,11 @@ std::vector<double> carry_over::log_ratios(const HeldOutFigures &with,
     double missed = 0.0, judged = 0.0;
     for (size_t w = 0; w < count; w++)
         missed += without.window[w], judged += without.window[w] > 0.0;
-    const double little = LITTLE * missed / std::max(judged, 1.0);
+    const double negligible = NEGLIGIBLE_SHARE * missed / std::max(judged, 1.0);
     std::vector<double> ratios(count, std::nan(""));
     for (size_t w = 0; w < count; w++)
         if (with.window[w] > 0.0 && without.window[w] > 0.0)
-            ratios[w] = std::log((with.window[w] + little) / (without.window[w] + little));
+            ratios[w] = std::log((with.window[w] + negligible) / (without.window[w] + negligible));
     return ratios;
 }
 

@@ -45,8 +45,8 @@ double Search::error_at_nothing(const Hypothesis &base, const Candidate &candida
 {
     constexpr double NEXT_TO_NOTHING = 1e-6; // of a torque of a hundredth of the rig's
     FitOptions o = fit_options();
-    for (double &d : o.drift)
-        d = base.drift;
+    for (double &d : o.process_noise)
+        d = base.process_noise;
     Candidate c = candidate;
     c.value[c.size] *= NEXT_TO_NOTHING;
     FitPoint point = base.point;
@@ -55,7 +55,7 @@ double Search::error_at_nothing(const Hypothesis &base, const Candidate &candida
     std::vector<int> wanted = fitted_parameters(base.point.model);
     wanted.push_back(mk_model_parameter_count(&base.point.model) + candidate.size);
     Fit fit(logs, o);
-    const FitPicture p = fit.picture(point, wanted);
+    const QuadraticModel p = fit.quadratic(point, wanted);
     work += fit.work_done;
     const long last = (long)wanted.size() - 1;
     if (!p.finite || !(p.information(last, last) > 0.0))
@@ -66,7 +66,7 @@ double Search::error_at_nothing(const Hypothesis &base, const Candidate &candida
 
 void find_detection_limits(Search &search, const Hypothesis &best, mk_explanation &out)
 {
-    const double errors = std::sqrt(2.0 * (ENOUGH + search.penalty(1)));
+    const double errors = std::sqrt(2.0 * (ACCEPT_FIRST + search.penalty(1)));
     std::vector<Limit> limits;
     for (const Candidate &c : search.candidates_of(best.point.model)) {
         if (!has_limit(c))

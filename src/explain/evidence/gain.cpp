@@ -21,7 +21,7 @@ struct Gain {
     Verdict &verdict;
     mk_explanation &out;
 
-    // Training data with bad times, or contact and play, are hard to follow to the last digit;
+    // Training data with bad times, or contact and backlash, are hard to follow to the last digit;
     // held-out data that the named causes alone predict confirm them all the same.
     void confirm(const HeldOut &held, const HeldOutFigures &after)
     {
@@ -66,13 +66,14 @@ struct Gain {
             return st == MK_OK ? held.figures(out.given, before, err) : st;
         }
     }
-    // Whether held-out data are predicted nearly as well as they are read. A trace of drift that
-    // nothing explains says nothing then: long chaotic motion leaves one, and so does a rig that is
-    // balanced for long, whose free run besides grows from any error at its start.
+    // Whether held-out data are predicted nearly as well as they are read. A trace of process noise
+    // that nothing explains says nothing then: long chaotic motion leaves one, and so does a rig
+    // that is balanced for long, whose free run besides grows from any error at its start.
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
-        constexpr double TRACE = 5e-3; // drift
-        const bool trace = last.refit.drift <= TRACE && leaves_white_noise(last.logs(), last.refit);
+        constexpr double TRACE = 5e-3; // process noise
+        const bool trace =
+            last.refit.process_noise <= TRACE && leaves_white_noise(last.logs(), last.refit);
         const double nearly = trace ? 6.0 : 3.0;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
@@ -162,7 +163,7 @@ struct Gain {
         if (found && !out.offered) {
             for (int j = 0; j < mk_model_joints(&model); j++)
                 out.declined[j] = after.nrmse(j);
-            verdict.withdraw();
+            verdict.reject();
             after = {};
             st = held.figures(out.extended, after, err);
             if (st != MK_OK)

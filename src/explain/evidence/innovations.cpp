@@ -51,8 +51,9 @@ static_assert(MK_MAX_JOINTS * (1 + std::size(regressors)) <= MK_MAX_RESIDUAL_TES
 class Filter
 {
   public:
-    Filter(const FitLog &log_in, const Hypothesis &h, const double *noise_in, double drift_in)
-        : log(log_in), model(h.point.model), noise(noise_in), drift(drift_in),
+    Filter(const FitLog &log_in, const Hypothesis &h, const double *noise_in,
+           double process_noise_in)
+        : log(log_in), model(h.point.model), noise(noise_in), process_noise(process_noise_in),
           joints(mk_model_joints(&model)), ns(mk_model_state_count(&model))
     {
         data = {};
@@ -92,7 +93,7 @@ class Filter
     const FitLog &log;
     const mk_model &model;
     const double *noise;
-    double drift;
+    double process_noise;
     int joints, ns;
     ShootData data;
     std::vector<double> unit[MK_MAX_JOINTS];
@@ -140,7 +141,8 @@ class Filter
         P = 0.5 * (carried + carried.transpose());
         const double span = log.t[k + 1] - log.t[k];
         for (int s = joints; s < ns; s++)
-            P(s, s) += (s < 2 * joints ? std::pow(drift * size_of(s), 2) : HIDDEN * HIDDEN) * span;
+            P(s, s) +=
+                (s < 2 * joints ? std::pow(process_noise * size_of(s), 2) : HIDDEN * HIDDEN) * span;
         return x.allFinite();
     }
     // Readings that stay on their count repeat their error, and where they creep from one to the
@@ -215,7 +217,7 @@ bool errors_of(const std::vector<const FitLog *> &training, const Hypothesis &h,
                const Hypothesis &best, Series *series)
 {
     for (size_t l = 0; l < training.size(); l++) {
-        Filter filter(*training[l], h, best.point.noise, best.drift);
+        Filter filter(*training[l], h, best.point.noise, best.process_noise);
         if (!filter.run(h.point.nodes[l].x.col(0), series))
             return false;
     }

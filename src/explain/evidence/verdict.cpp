@@ -29,22 +29,23 @@ void Verdict::decide()
     out.given = model;
     out.refit = last.refit.point.model;
     out.extended = last.best.point.model;
-    out.drift_refit = last.refit.drift;
-    out.drift_extended = last.best.drift;
+    out.process_noise_refit = last.refit.process_noise;
+    out.process_noise_extended = last.best.process_noise;
     out.gain_refit = 0.5 * distance_of_given();
-    out.gain_extended = causes.refit.picture.evidence - causes.best.picture.evidence;
+    out.gain_extended = causes.refit.quadratic.nlml - causes.best.quadratic.nlml;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         out.noise[j] = j < mk_model_joints(&model) ? causes.noise(j) : UNKNOWN;
-    if (causes.rounds.empty() && causes.explained() && lost.joint == 0)
+    if (causes.rounds.empty() && causes.explained() && correction.joint == 0)
         out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
-    else if ((lost.joint > 0 || !causes.rounds.empty()) && causes.explained() && established())
+    else if ((correction.joint > 0 || !causes.rounds.empty()) && causes.explained() &&
+             established())
         out.verdict = MK_VERDICT_EFFECT;
     else if (carries_over())
         out.verdict = MK_VERDICT_PARTIAL;
     else
         out.verdict = MK_VERDICT_UNKNOWN;
     describe_causes();
-    add_lost_counts();
+    add_missed_counts();
     find_pieces();
     if (out.verdict == MK_VERDICT_PARTIAL && out.piece_count == out.cause_count)
         out.verdict = MK_VERDICT_UNKNOWN;
@@ -82,7 +83,7 @@ bool Verdict::carries_over() const
            (causes.carried.size() == causes.rounds.size() ||
             (causes.follows(causes.best) && established())) &&
            std::any_of(causes.rounds.begin(), causes.rounds.end(),
-                       [](const Round &r) { return !is_library(r.field[0].added.effect); });
+                       [](const Round &r) { return !is_library(r.ranked[0].added.effect); });
 }
 
 // How far the given values are from the estimate, in its own covariance: chi-square distributed
@@ -95,7 +96,7 @@ double Verdict::distance_of_given() const
         off(i) = (mk_model_parameter(&model, free[(size_t)i]) -
                   mk_model_parameter(&last.refit.point.model, free[(size_t)i])) /
                  Fit::scale_of(last.refit.point.model, free[(size_t)i]);
-    return off.dot(last.refit.picture.information * off);
+    return off.dot(last.refit.quadratic.information * off);
 }
 
 bool beyond_chance(double distance2, int free_count)
@@ -122,7 +123,7 @@ void Verdict::set_structure()
 std::vector<double> Verdict::standard_errors(const Hypothesis &h)
 {
     std::vector<int> free = fitted_parameters(h.point.model);
-    Eigen::MatrixXd cov = Fit::covariance(h.point.model, h.picture, free);
+    Eigen::MatrixXd cov = Fit::covariance(h.point.model, h.quadratic, free);
     std::vector<double> error((size_t)mk_model_parameter_count(&h.point.model), UNKNOWN);
     for (size_t i = 0; i < free.size(); i++)
         error[(size_t)free[i]] = std::sqrt(std::max(cov((long)i, (long)i), 0.0));
@@ -138,7 +139,7 @@ bool Verdict::established() const
         const mk_effect_info &info = *mk_effect(m.effect[e].index);
         const int cause = e - model.effect_count;
         if (cause >= 0 && cause < (int)causes.rounds.size()) {
-            const int size = causes.rounds[(size_t)cause].field[0].added.size;
+            const int size = causes.rounds[(size_t)cause].ranked[0].added.size;
             const auto here = std::count_if(
                 m.effect + model.effect_count, m.effect + m.effect_count,
                 [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
@@ -177,9 +178,9 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size, b
         kept.push_back(free[i]);
         place.push_back((int)i);
     }
-    FitPicture picture;
-    picture.information = h.picture.information(place, place);
-    return at < 0 ? UNKNOWN : std::sqrt(Fit::covariance(h.point.model, picture, kept)(at, at));
+    QuadraticModel quadratic;
+    quadratic.information = h.quadratic.information(place, place);
+    return at < 0 ? UNKNOWN : std::sqrt(Fit::covariance(h.point.model, quadratic, kept)(at, at));
 }
 
 void Verdict::describe_causes()
@@ -226,21 +227,21 @@ void Verdict::sort_causes()
 void Verdict::weigh(int cause, int fitted, mk_cause &c)
 {
     const Lack lack = causes.without((size_t)cause);
-    double gain = lack.score - causes.best.score,
-           raw = lack.evidence - causes.best.picture.evidence;
+    double gain = lack.penalised_nlml - causes.best.penalised_nlml,
+           raw = lack.nlml - causes.best.quadratic.nlml;
     c.delta_bic = 2.0 * gain;
     double p = chi2_tail(2.0 * raw, std::max(fitted, 1));
     c.p_value = std::min(1.0, p * std::max(out.tried, 1));
     double rival = HUGE_VAL;
-    const std::vector<Hypothesis> &field = causes.rounds[(size_t)cause].field;
-    for (size_t i = 1; i < field.size(); i++)
-        rival = std::min(rival, field[i].score - field[0].score);
+    const std::vector<Hypothesis> &ranked = causes.rounds[(size_t)cause].ranked;
+    for (size_t i = 1; i < ranked.size(); i++)
+        rival = std::min(rival, ranked[i].penalised_nlml - ranked[0].penalised_nlml);
     c.confidence = confidence_of(std::min(rival, gain));
 }
 
-void Verdict::add_lost_counts()
+void Verdict::add_missed_counts()
 {
-    if (lost.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
+    if (correction.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
         return;
     double seconds = 0.0;
     for (const FitLog *log : last.logs())
@@ -249,19 +250,19 @@ void Verdict::add_lost_counts()
     mk_cause &c = out.cause[out.cause_count++];
     c = {};
     c.effect = effect;
-    c.joint = lost.joint;
-    c.value[0] = lost.step;
-    c.value[1] = lost.count / seconds;
-    c.std_error[0] = lost.std_error;
-    c.std_error[1] = std::sqrt(lost.count) / seconds;
-    c.delta_bic = 2.0 * lost.gain;
+    c.joint = correction.joint;
+    c.value[0] = correction.step;
+    c.value[1] = correction.count / seconds;
+    c.std_error[0] = correction.std_error;
+    c.std_error[1] = std::sqrt(correction.count) / seconds;
+    c.delta_bic = 2.0 * correction.gain;
     c.p_value = 0.0;
-    c.confidence = confidence_of(lost.gain);
+    c.confidence = confidence_of(correction.gain);
     sort_causes();
     if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
         mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
-        use.value[0] = lost.step;
-        use.value[1] = lost.count / seconds;
+        use.value[0] = correction.step;
+        use.value[1] = correction.count / seconds;
     }
 }
 
@@ -283,19 +284,19 @@ void Verdict::describe_rivals()
     };
     std::vector<Entry> all;
     for (size_t r = 0; r < causes.rounds.size(); r++) {
-        const std::vector<Hypothesis> &field = causes.rounds[r].field;
-        for (size_t i = 1; i < field.size(); i++) {
-            // Of a field from when there were fewer causes beside, none is comparable.
-            if (field[i].point.model.effect_count != causes.best.point.model.effect_count)
+        const std::vector<Hypothesis> &ranked = causes.rounds[r].ranked;
+        for (size_t i = 1; i < ranked.size(); i++) {
+            // Of a ranking from when there were fewer causes beside, none is comparable.
+            if (ranked[i].point.model.effect_count != causes.best.point.model.effect_count)
                 continue;
-            double behind = field[i].score - causes.best.score;
-            if (is_library(field[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
+            double behind = ranked[i].penalised_nlml - causes.best.penalised_nlml;
+            if (is_library(ranked[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
                 behind > INSEPARABLE)
                 continue;
-            Entry e = {{field[i].added.effect, field[i].added.joint, place_of(field[0].added),
+            Entry e = {{ranked[i].added.effect, ranked[i].added.joint, place_of(ranked[0].added),
                         2.0 * behind, behind > INSEPARABLE},
                        behind,
-                       &field[i]};
+                       &ranked[i]};
             all.push_back(e);
         }
     }
@@ -351,19 +352,19 @@ void Verdict::add_data_causes()
     out.piece_count = out.cause_count;
 }
 
-void Verdict::withdraw()
+void Verdict::reject()
 {
     out.extended = last.refit.point.model;
     std::vector<double> error = standard_errors(last.refit);
     std::copy(error.begin(), error.begin() + mk_plant(model.plant)->parameter_count, out.std_error);
-    out.drift_extended = last.refit.drift;
+    out.process_noise_extended = last.refit.process_noise;
     if (out.verdict == MK_VERDICT_PARTIAL) {
         out.verdict = MK_VERDICT_UNKNOWN;
         set_structure();
     }
     if (out.verdict != MK_VERDICT_EFFECT)
         return;
-    if (CauseSearch::matters(causes.refit.drift)) {
+    if (CauseSearch::matters(causes.refit.process_noise)) {
         out.verdict = MK_VERDICT_UNKNOWN;
         set_structure();
         return;

@@ -21,8 +21,8 @@ class Verdict
   public:
     // All must outlive it.
     Verdict(const mk_model &given, CauseSearch &found, const FinalFit &last_fit,
-            const LostCounts &lost_counts, mk_explanation &out_in)
-        : model(given), causes(found), last(last_fit), lost(lost_counts), out(out_in)
+            const CountCorrection &count_correction, mk_explanation &out_in)
+        : model(given), causes(found), last(last_fit), correction(count_correction), out(out_in)
     {
     }
     void decide();
@@ -31,7 +31,7 @@ class Verdict
     void add_data_causes();
     // What predicts held-out data worse than the refitted model is not offered, and no cause is
     // claimed: the formula, if any, stays as an observation.
-    void withdraw();
+    void reject();
     // What to look at where a rest has no name; once it is known what is claimed.
     void describe_suspects();
     // Whether the given values are wrong beyond chance.
@@ -47,7 +47,7 @@ class Verdict
     const mk_model &model;
     CauseSearch &causes;  // evidence
     const FinalFit &last; // and values
-    const LostCounts &lost;
+    const CountCorrection &correction;
     mk_explanation &out;
     const Hypothesis *rival_fit[MK_MAX_RIVALS] = {};
 
@@ -59,7 +59,7 @@ class Verdict
     void sort_causes();
     void find_pieces();
     void weigh(int cause, int fitted, mk_cause &c);
-    void add_lost_counts();
+    void add_missed_counts();
     int place_of(const Candidate &chosen) const;
     void describe_rivals();
 };

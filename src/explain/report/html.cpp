@@ -329,7 +329,7 @@ Series law(const mk_explanation &e, int j, bool speed, double low, double high)
 
 // Missing torque against what it seems to hang on, the law of a cause drawn through where it is one
 // of speed or angle alone.
-std::string push_plots(const mk_explanation &e)
+std::string residual_torque_plots(const mk_explanation &e)
 {
     std::string s;
     int n = mk_model_joints(&e.given);
@@ -344,8 +344,8 @@ std::string push_plots(const mk_explanation &e)
                                    "command u"};
     for (int kind = 0; kind < 3; kind++) {
         Series dots = {{}, {}, "dots", "missing torque"};
-        for (int i = 0; i < e.push_count; i++) {
-            const mk_push &p = e.push[i];
+        for (int i = 0; i < e.residual_torque_count; i++) {
+            const mk_residual_torque &p = e.residual_torque[i];
             dots.x.push_back(kind == 0 ? p.v[j] : kind == 1 ? p.q[j] : p.u);
             dots.y.push_back(p.torque[j]);
         }
@@ -705,7 +705,8 @@ try {
              "other logs do not. Learn from such data too.</p>";
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
-        s += "<h2>What pushes the rig beyond the model without the cause</h2>" + push_plots(*e);
+        s += "<h2>What pushes the rig beyond the model without the cause</h2>" +
+             residual_torque_plots(*e);
     if (e->input.made)
         s += "<h2>Which column drives it</h2>" + input_text(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)

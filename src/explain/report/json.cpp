@@ -65,9 +65,9 @@ cJSON *cause_json(const mk_explanation &e, const mk_cause &c)
     cJSON *parameters = parameters_of(e.given, c);
     add_own_values(parameters, e, c);
     cJSON_AddItemToObject(o, "parameters", parameters);
-    cJSON *evidence = cJSON_AddObjectToObject(o, "evidence");
-    cJSON_AddItemToObject(evidence, "delta_bic", mk_json_number(c.delta_bic));
-    cJSON_AddItemToObject(evidence, "p_value", mk_json_number(c.p_value));
+    cJSON *nlml = cJSON_AddObjectToObject(o, "evidence");
+    cJSON_AddItemToObject(nlml, "delta_bic", mk_json_number(c.delta_bic));
+    cJSON_AddItemToObject(nlml, "p_value", mk_json_number(c.p_value));
     cJSON_AddItemToObject(o, "confidence", mk_json_number(c.confidence));
     if (const mk_effect_words *words = mk_effect_in_words(c.effect); words->title) {
         cJSON_AddStringToObject(o, "title", words->title);
@@ -353,8 +353,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     const std::string unit = mk_model_unit(&e->given, -1, "rad/s per sqrt(s)");
     const double size = mk_model_joint_scale(&e->given, mk_plant(e->given.plant)->motor_joint);
     cJSON_AddStringToObject(misfit, "what", ("process noise of the speeds, " + unit).c_str());
-    cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->drift_refit * size));
-    cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->drift_extended * size));
+    cJSON_AddItemToObject(misfit, "refit", mk_json_number(e->process_noise_refit * size));
+    cJSON_AddItemToObject(misfit, "extended", mk_json_number(e->process_noise_extended * size));
     cJSON_AddItemToObject(o, "seconds", mk_json_number(e->seconds));
     cJSON *stages = cJSON_AddObjectToObject(o, "stage_seconds");
     for (int i = 0; i < e->stage_count; i++)

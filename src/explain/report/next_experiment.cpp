@@ -33,7 +33,7 @@ const char *const family[] = {"multisine(0.2,12,1)",
                               "sin(6*t)"};
 constexpr double shares[] = {0.25, 0.5, 1.0}; // of the largest command
 
-// What readings a model foresees from rest under a command, with derivatives by its parameters;
+// What readings a model predicts from rest under a command, with derivatives by its parameters;
 // both over the noise.
 struct Forecast {
     Eigen::VectorXd y;
@@ -178,7 +178,8 @@ double distance(const Hypothesis &a, const Hypothesis &b, const Trial &trial)
         return 0.0;
     Eigen::VectorXd d = fa.y - fb.y;
     // What the parameters of `b` can make good, as far as present data let them.
-    Eigen::MatrixXd H = dense::transpose_product(fb.jacobian, fb.jacobian) + b.picture.information;
+    Eigen::MatrixXd H =
+        dense::transpose_product(fb.jacobian, fb.jacobian) + b.quadratic.information;
     Eigen::VectorXd g = dense::transpose_product(fb.jacobian, d);
     Eigen::VectorXd root = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     Eigen::MatrixXd unit = root.asDiagonal() * H * root.asDiagonal();

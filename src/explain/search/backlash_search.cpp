@@ -12,14 +12,14 @@ namespace mk
 namespace
 {
 
-constexpr double DRIFT = 3.0; // next to no use for it in one stretch a log
+constexpr double PROCESS_NOISE = 3.0; // next to no use for it in one shooting interval a log
 // Beginnings of the logs, s: the first, and from one to the next before and after an attempt
 // follows.
 constexpr double FIRST = 0.7, LONGER = 1.5, FAR_LONGER = 2.0;
-constexpr double TELLING = 1.5; // after which a play shows whether it is one
-constexpr double NOISY = 2.0;   // noise over scatter of what does not follow
-constexpr double PARTED = 0.1;  // log likelihood a reading that a longer beginning may cost
-constexpr double PIECE = 1.0;   // s, where trajectories of whole logs lead nowhere
+constexpr double TELLING = 1.5;        // after which backlash shows whether it is one
+constexpr double NOISY = 2.0;          // noise over scatter of what does not follow
+constexpr double PARTED = 0.1;         // log likelihood a reading that a longer beginning may cost
+constexpr double SHORT_INTERVAL = 1.0; // s, where trajectories of whole logs lead nowhere
 
 // Attempts that go on after a beginning.
 size_t places(double reach)
@@ -52,21 +52,21 @@ void take_over(const FitPoint &from, FitPoint &to)
         to.nodes[l].x.col(0) = from.nodes[l].x.col(0);
 }
 
-double size_of(const FitPoint &point, const Candidate &play)
+double size_of(const FitPoint &point, const Candidate &backlash)
 {
-    return point.model.effect[point.model.effect_count - 1].value[play.size];
+    return point.model.effect[point.model.effect_count - 1].value[backlash.size];
 }
 
 } // namespace
 
 // One start on its way through the beginnings.
-struct PlaySearch::Attempt {
+struct BacklashSearch::Attempt {
     Candidate start = {};
     From from = From::refit;
     FitPoint point;
     std::vector<int> free;
-    double score = HUGE_VAL; // a reading
-    double work = 0.0;       // in passes over the data
+    double nlml = HUGE_VAL; // a reading
+    double work = 0.0;      // in passes over the data
     bool running = true;
     // The beginning that it follows best, of those that tell something.
     double best = HUGE_VAL, reach = 0.0;
@@ -78,12 +78,12 @@ struct PlaySearch::Attempt {
     bool beside(const Attempt &other) const
     {
         const double width = size_of(point, start), wide = size_of(other.point, other.start);
-        return std::fabs(score - other.score) < 1e-3 && std::fabs(width - wide) < 0.02 * wide;
+        return std::fabs(nlml - other.nlml) < 1e-3 && std::fabs(width - wide) < 0.02 * wide;
     }
 };
 
-// A fit without the play may have bent the base parameters far off.
-void PlaySearch::begin(Attempt &a) const
+// A fit without the backlash may have bent the base parameters far off.
+void BacklashSearch::begin(Attempt &a) const
 {
     mk_model model;
     a.running = with_candidate(base.model, a.start, model);
@@ -93,28 +93,28 @@ void PlaySearch::begin(Attempt &a) const
         std::copy_n(loose.near->parameter, mk_plant(model.plant)->parameter_count, model.parameter);
     a.free = fitted_parameters(model);
     Fit fit(logs, loose);
-    if (a.from == From::pieces) {
-        fit.options.hidden_stretch = PIECE;
+    if (a.from == From::intervals) {
+        fit.options.hidden_interval = SHORT_INTERVAL;
         fit.options.max_iterations = 6;
         fit.options.max_passes = 100.0;
         FitPoint cut = fit.adopt(base, model);
-        FitPicture picture;
-        a.running = fit.settle(cut, a.free, DRIFT, picture);
-        fit.options.hidden_stretch = loose.hidden_stretch;
+        QuadraticModel quadratic;
+        a.running = fit.solve_at(cut, a.free, PROCESS_NOISE, quadratic);
+        fit.options.hidden_interval = loose.hidden_interval;
         a.point = fit.adopt(base, cut.model);
         take_over(cut, a.point);
     } else {
         a.point = fit.adopt(base, model);
     }
     a.work = fit.work_done;
-    for (FitNodes &nodes : a.point.nodes) {
+    for (ShootingNodes &nodes : a.point.nodes) {
         nodes.row.resize(1);
         nodes.x = Eigen::MatrixXd(nodes.x.leftCols(1));
     }
 }
 
-void PlaySearch::advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
-                         int threads) const
+void BacklashSearch::advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
+                             int threads) const
 {
     FitOptions o = loose;
     o.max_iterations = 10;
@@ -122,15 +122,15 @@ void PlaySearch::advance(Attempt &a, const std::vector<const FitLog *> &part, do
     o.tolerance = 1e-3;
     o.threads = threads;
     Fit fit(part, o);
-    FitPicture picture;
-    a.running = fit.settle(a.point, a.free, DRIFT, picture);
-    a.score = a.running ? picture.evidence / readings_of(part) : HUGE_VAL;
+    QuadraticModel quadratic;
+    a.running = fit.solve_at(a.point, a.free, PROCESS_NOISE, quadratic);
+    a.nlml = a.running ? quadratic.nlml / readings_of(part) : HUGE_VAL;
     a.work += fit.work_done * readings_of(part) / readings_of(logs);
     const bool told = reach >= TELLING;
-    a.parted = told && a.follows && a.score > a.best + PARTED;
+    a.parted = told && a.follows && a.nlml > a.best + PARTED;
     a.running = a.running && !a.parted;
-    if (a.score < a.best || !told) {
-        a.best = a.score;
+    if (a.nlml < a.best || !told) {
+        a.best = a.nlml;
         a.best_point = a.point;
         a.reach = reach;
         a.follows = beyond_scatter(part, a.point.noise) < NOISY;
@@ -138,32 +138,32 @@ void PlaySearch::advance(Attempt &a, const std::vector<const FitLog *> &part, do
 }
 
 // To all of the logs. Where exact trajectories part from the readings after a while all the same,
-// in pieces.
-bool PlaySearch::conclude(const Attempt &a, int threads, PlayFit &out)
+// in short intervals.
+bool BacklashSearch::conclude(const Attempt &a, int threads, BacklashFit &out)
 {
     FitOptions o = loose;
     o.threads = threads;
     Fit fit(logs, o);
     out.start = a.start;
-    out.score = a.parted ? HUGE_VAL : a.score * readings_of(logs);
+    out.nlml = a.parted ? HUGE_VAL : a.nlml * readings_of(logs);
     out.point = fit.adopt(base, a.point.model);
     take_over(a.point, out.point);
     if (a.parted || !a.follows) {
-        fit.options.hidden_stretch = std::max(PIECE, 0.5 * a.reach);
+        fit.options.hidden_interval = std::max(SHORT_INTERVAL, 0.5 * a.reach);
         FitPoint cut = fit.adopt(base, a.best_point.model);
         take_over(a.best_point, cut);
-        FitPicture picture;
-        if (fit.settle(cut, a.free, DRIFT, picture) && picture.evidence < out.score) {
+        QuadraticModel quadratic;
+        if (fit.solve_at(cut, a.free, PROCESS_NOISE, quadratic) && quadratic.nlml < out.nlml) {
             out.point = std::move(cut);
-            out.score = picture.evidence;
+            out.nlml = quadratic.nlml;
         }
     }
     work += fit.work_done;
-    return out.score < least;
+    return out.nlml < least;
 }
 
 // Of attempts in the order of their scores: who goes on.
-size_t PlaySearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
+size_t BacklashSearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
 {
     const double most = least / readings_of(logs) + allowance(reach);
     size_t left = 0;
@@ -172,19 +172,19 @@ size_t PlaySearch::thin_out(std::vector<Attempt> &attempts, double reach, bool f
         for (size_t k = 0; k < i && a.running; k++)
             a.running = !attempts[k].running || !attempts[k].beside(a);
         const bool behind = followed && !a.follows;
-        a.running = a.running && left < places(reach) && !behind && !(a.score > most);
+        a.running = a.running && left < places(reach) && !behind && !(a.nlml > most);
         left += a.running;
     }
     return left;
 }
 
-std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int threads,
-                                     const std::function<bool(double)> &go_on)
+std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &starts, int threads,
+                                             const std::function<bool(double)> &go_on)
 {
     std::vector<Attempt> attempts;
     for (size_t i = 0; i < starts.size(); i++)
-        for (From from : {From::refit, From::given, From::pieces})
-            if (from != From::pieces || i == starts.size() / 2) {
+        for (From from : {From::refit, From::given, From::intervals})
+            if (from != From::intervals || i == starts.size() / 2) {
                 attempts.emplace_back();
                 attempts.back().start = starts[i];
                 attempts.back().from = from;
@@ -192,7 +192,7 @@ std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int t
     double longest = 0.0;
     for (const FitLog *log : logs)
         longest = std::max(longest, log->duration());
-    // Pieces take longest.
+    // Short intervals take longest.
     parallel_for(threads, attempts.size(),
                  [&](size_t i) { begin(attempts[attempts.size() - 1 - i]); });
     const std::vector<Attempt> fresh = attempts;
@@ -215,7 +215,7 @@ std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int t
                 advance(attempts[i], part, reach, helpers);
         });
         std::stable_sort(attempts.begin(), attempts.end(),
-                         [](const Attempt &a, const Attempt &b) { return a.score < b.score; });
+                         [](const Attempt &a, const Attempt &b) { return a.nlml < b.nlml; });
         const bool told = reach >= TELLING;
         followed = told && std::any_of(attempts.begin(), attempts.end(),
                                        [](const Attempt &a) { return a.running && a.follows; });
@@ -233,22 +233,22 @@ std::vector<PlayFit> PlaySearch::run(const std::vector<Candidate> &starts, int t
     std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt &a, const Attempt &b) {
         return a.running > b.running || (a.running == b.running && a.reach > b.reach);
     });
-    constexpr size_t ENOUGH = 2;
-    std::vector<PlayFit> found;
+    constexpr size_t ACCEPT_FIRST = 2;
+    std::vector<BacklashFit> found;
     for (const Attempt &a : attempts) {
         work += a.work;
-        PlayFit one;
-        if ((a.running || a.parted) && found.size() < ENOUGH && conclude(a, threads, one))
+        BacklashFit one;
+        if ((a.running || a.parted) && found.size() < ACCEPT_FIRST && conclude(a, threads, one))
             found.push_back(std::move(one));
     }
     std::sort(found.begin(), found.end(),
-              [](const PlayFit &a, const PlayFit &b) { return a.score < b.score; });
+              [](const BacklashFit &a, const BacklashFit &b) { return a.nlml < b.nlml; });
     // From several starts to the same place.
     constexpr double EVEN = 5.0;
-    std::vector<PlayFit> apart;
-    for (PlayFit &f : found)
+    std::vector<BacklashFit> apart;
+    for (BacklashFit &f : found)
         if (std::none_of(apart.begin(), apart.end(),
-                         [&](const PlayFit &o) { return f.score < o.score + EVEN; }))
+                         [&](const BacklashFit &o) { return f.nlml < o.nlml + EVEN; }))
             apart.push_back(std::move(f));
     return apart;
 }

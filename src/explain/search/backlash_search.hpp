@@ -1,4 +1,4 @@
-// Fits of a play: two sides of a joint that touch now and then, one of them hidden from the
+// Fits of backlash: two sides of a joint that touch now and then, one of them hidden from the
 // readings.
 //
 // Over a short time a trajectory hardly depends on when exactly there was contact; over a long one
@@ -15,31 +15,31 @@
 namespace mk
 {
 
-// A play fitted to the logs from one start.
-struct PlayFit {
+// Backlash fitted to the logs from one start.
+struct BacklashFit {
     Candidate start = {};
     FitPoint point;
-    double score = HUGE_VAL; // minus log likelihood of all readings
+    double nlml = HUGE_VAL; // minus log likelihood of all readings
 };
 
-class PlaySearch
+class BacklashSearch
 {
   public:
-    // `loose`: of its fits. `base`: the model without the play, as fitted. `least`: the score to be
-    // beaten. All must outlive the search.
-    PlaySearch(const std::vector<const FitLog *> &logs_in, const FitOptions &loose_in,
-               const FitPoint &base_in, double least_in)
+    // `loose`: of its fits. `base`: the model without the backlash, as fitted. `least`: the score
+    // to be beaten. All must outlive the search.
+    BacklashSearch(const std::vector<const FitLog *> &logs_in, const FitOptions &loose_in,
+                   const FitPoint &base_in, double least_in)
         : logs(logs_in), loose(loose_in), base(base_in), least(least_in)
     {
     }
     // The best of what the starts lead to, best first; none that does not beat `least`. `go_on`:
     // told the share that is done, false to end early.
-    std::vector<PlayFit> run(const std::vector<Candidate> &starts, int threads,
-                             const std::function<bool(double)> &go_on);
+    std::vector<BacklashFit> run(const std::vector<Candidate> &starts, int threads,
+                                 const std::function<bool(double)> &go_on);
     double work = 0.0; // in passes over the data
 
   private:
-    enum class From { refit, given, pieces };
+    enum class From { refit, given, intervals };
     struct Attempt;
 
     const std::vector<const FitLog *> &logs;
@@ -51,7 +51,7 @@ class PlaySearch
     void advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
                  int threads) const;
     size_t thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const;
-    bool conclude(const Attempt &a, int threads, PlayFit &out);
+    bool conclude(const Attempt &a, int threads, BacklashFit &out);
 };
 
 } // namespace mk

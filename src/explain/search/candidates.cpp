@@ -404,7 +404,7 @@ bool same_start(const Candidate &a, const Candidate &b)
            !(resonance && std::fabs(std::log(a.value[0] / b.value[0])) > std::log(1.3));
 }
 
-bool is_play(const mk_effect_info *effect)
+bool is_backlash(const mk_effect_info *effect)
 {
     return effect->event_count > 0 && effect->state_count > 0;
 }

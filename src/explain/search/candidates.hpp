@@ -43,7 +43,7 @@ bool is_library(const mk_effect_info *effect);
 bool is_friction(const mk_effect_info *effect, const double *values);
 
 // Two bodies that touch now and then.
-bool is_play(const mk_effect_info *effect);
+bool is_backlash(const mk_effect_info *effect);
 
 // Where an effect acts from, if that is set by hand before each log, as a cable's rest: which of
 // its parameters, and how far apart they are in different logs, to start a fit from.

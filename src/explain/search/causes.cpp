@@ -12,48 +12,51 @@ namespace mk
 namespace
 {
 
-constexpr size_t MOST = 3;            // causes looked for from the refitted model,
-constexpr size_t MOST_MORE = 8;       // and from where most of them were found otherwise
-constexpr double CATALOGUE = 10.0;    // by how much a library term must beat the catalogue
-constexpr double IMMATERIAL = 6.0e-4; // drift that does not matter within a second of free run
-constexpr double LITTLE = 3.0e-3;     // drift at which little is missing
-constexpr double SLIGHT = 1.0e-2;     // drift at which what is missing may be too rare to show
-constexpr double FAR = 0.1;           // drift from which a refit leads to none that is slight
-constexpr double ROUGH = 2.0e-2;      // drift that contact may leave,
-constexpr double SMALL_PART = 0.02;   // at most this share of the refitted model's
+constexpr size_t MOST = 3;         // causes looked for from the refitted model,
+constexpr size_t MOST_MORE = 8;    // and from where most of them were found otherwise
+constexpr double CATALOGUE = 10.0; // by how much a library term must beat the catalogue
+constexpr double IMMATERIAL =
+    6.0e-4; // process noise that does not matter within a second of free run
+constexpr double PROCESS_NOISE_NEGLIGIBLE = 3.0e-3; // process noise at which little is missing
+constexpr double PROCESS_NOISE_FAINT =
+    1.0e-2; // process noise at which what is missing may be too rare to show
+constexpr double PROCESS_NOISE_FAR =
+    0.1;                            // process noise from which a refit leads to none that is slight
+constexpr double ROUGH = 2.0e-2;    // process noise that contact may leave,
+constexpr double SMALL_PART = 0.02; // at most this share of the refitted model's
 
 // In passes over the data (Search::work_done): nothing more is looked for after so many, and
 // earlier causes are not looked at again after fewer. Most searches end long before.
 constexpr double MOST_WORK = 16000.0, MUCH_WORK = 13000.0;
 constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
 
-// The first of a field, catalogue before library unless the library is clearly better.
-size_t pick(const std::vector<Hypothesis> &field)
+// The first of a ranking, catalogue before library unless the library is clearly better.
+size_t pick(const std::vector<Hypothesis> &ranked)
 {
-    for (size_t i = 0; i < field.size(); i++)
-        if (!is_library(field[i].added.effect))
-            return field[i].score < field[0].score + CATALOGUE ? i : 0;
+    for (size_t i = 0; i < ranked.size(); i++)
+        if (!is_library(ranked[i].added.effect))
+            return ranked[i].penalised_nlml < ranked[0].penalised_nlml + CATALOGUE ? i : 0;
     return 0;
 }
 
-void drop_terms(std::vector<Hypothesis> &field)
+void drop_terms(std::vector<Hypothesis> &ranked)
 {
-    field.erase(std::remove_if(field.begin(), field.end(),
-                               [](const Hypothesis &h) { return is_library(h.added.effect); }),
-                field.end());
+    ranked.erase(std::remove_if(ranked.begin(), ranked.end(),
+                                [](const Hypothesis &h) { return is_library(h.added.effect); }),
+                 ranked.end());
 }
 
 } // namespace
 
-bool CauseSearch::matters(double drift)
+bool CauseSearch::matters(double process_noise)
 {
-    return drift > IMMATERIAL;
+    return process_noise > IMMATERIAL;
 }
 
 bool CauseSearch::all_named() const
 {
     return std::none_of(rounds.begin(), rounds.end(),
-                        [](const Round &r) { return is_library(r.field[0].added.effect); });
+                        [](const Round &r) { return is_library(r.ranked[0].added.effect); });
 }
 
 void CauseSearch::run()
@@ -71,8 +74,8 @@ bool CauseSearch::go_on(const PredictionSearch &found)
 {
     const RunFit &all = found.extended();
     Hypothesis there;
-    if (!search.follow(all.point.model, nullptr, LOST, there) || there.drift > FAR ||
-        !search.refit(all.point.model, &there, best))
+    if (!search.follow(all.point.model, nullptr, LOST, there) ||
+        there.process_noise > PROCESS_NOISE_FAR || !search.refit(all.point.model, &there, best))
         return false;
     search.polish(best, true);
     if (!likelihood_counts(best))
@@ -86,9 +89,9 @@ bool CauseSearch::go_on(const PredictionSearch &found)
             Hypothesis h;
             h.added = cause;
             if (with_candidate(refit.point.model, cause, h.point.model))
-                round.field.push_back(std::move(h));
+                round.ranked.push_back(std::move(h));
         }
-        round.field[0].point.model = best.point.model;
+        round.ranked[0].point.model = best.point.model;
         rounds.push_back(std::move(round));
     }
     add_causes();
@@ -108,48 +111,52 @@ void CauseSearch::add_causes()
             return;
         // Nameless terms that already follow the data will not become a name.
         bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
-            return is_library(r.field[0].added.effect);
+            return is_library(r.ranked[0].added.effect);
         });
         if (nameless && follows(best))
             return;
-        // On top of a play every trial is slow, and little is left that is not the play's own.
+        // On top of backlash every trial is slow, and little is left that is not the backlash's
+        // own.
         if (mk_model_hides_joint(&best.point.model) && !rounds.empty())
             return;
         Round round;
-        double needed = rounds.empty() ? ENOUGH : AGAIN;
+        double needed = rounds.empty() ? ACCEPT_FIRST : ACCEPT_FURTHER;
         ExtendOptions how;
-        how.small = near || follows(best) || (!rounds.empty() && best.drift <= LITTLE);
+        how.small = near || follows(best) ||
+                    (!rounds.empty() && best.process_noise <= PROCESS_NOISE_NEGLIGIBLE);
         how.thorough = !near && !follows(best);
         how.least = HINT * needed;
-        round.field = search.extend(best, how);
+        round.ranked = search.extend(best, how);
         // If something little is there, what is slow to fit may be it as well.
-        if (!how.thorough && !round.field.empty() && round.field[0].score < best.score - needed) {
+        if (!how.thorough && !round.ranked.empty() &&
+            round.ranked[0].penalised_nlml < best.penalised_nlml - needed) {
             how.thorough = true;
-            round.field = search.extend(best, how);
+            round.ranked = search.extend(best, how);
         }
         most_tried = std::max(most_tried, search.tried());
-        bool found = choose(round.field, needed);
-        // Trials that leave a model more drift than it needs do not show what is rare and small.
-        if (!found && !how.small && best.drift <= SLIGHT) {
+        bool found = choose(round.ranked, needed);
+        // Trials that leave a model more process noise than it needs do not show what is rare and
+        // small.
+        if (!found && !how.small && best.process_noise <= PROCESS_NOISE_FAINT) {
             ExtendOptions closer = how;
             closer.small = true;
-            closer.drift = 0.5 * IMMATERIAL;
-            std::vector<Hypothesis> field = search.extend(best, closer);
-            found = choose(field, needed);
+            closer.process_noise = 0.5 * IMMATERIAL;
+            std::vector<Hypothesis> ranked = search.extend(best, closer);
+            found = choose(ranked, needed);
             if (found)
-                round.field = std::move(field);
+                round.ranked = std::move(ranked);
         }
-        if (how.thorough && !how.small && !(found && search.complete(round.field[0])))
-            found = consider_play(round.field, needed) || found;
+        if (how.thorough && !how.small && !(found && search.complete(round.ranked[0])))
+            found = consider_backlash(round.ranked, needed) || found;
         if (!found)
             return;
-        consider_other_joint(round.field);
-        consider_bristles(round.field);
-        consider_own_places(round.field);
+        consider_other_joint(round.ranked);
+        consider_bristles(round.ranked);
+        consider_own_places(round.ranked);
         if (rounds.empty())
-            first = round.field;
+            first = round.ranked;
         before = best;
-        best = round.field[0];
+        best = round.ranked[0];
         forget_lacks();
         rounds.push_back(std::move(round));
         if (idle_without_last()) {
@@ -168,7 +175,8 @@ void CauseSearch::add_causes()
 
 bool CauseSearch::gives_up() const
 {
-    return best.drift >= LOST && refit.score - best.score < gives_up_below * search.readings();
+    return best.process_noise >= LOST &&
+           refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 
 double CauseSearch::noise(int joint) const
@@ -184,21 +192,21 @@ bool CauseSearch::take_over(const PredictionSearch &other)
     suspects = other.suspects;
     most_tried = std::max(most_tried, other.tried());
     const Hypothesis from = refit;
-    if (!search.follow(other.refitted().point.model, &from, from.drift, refit) ||
-        !search.follow(other.extended().point.model, &from, from.drift, best))
+    if (!search.follow(other.refitted().point.model, &from, from.process_noise, refit) ||
+        !search.follow(other.extended().point.model, &from, from.process_noise, best))
         return false;
     other.judge(other.refitted(), refit);
     other.judge(other.extended(), best);
     for (const Carrier &carrier : other.causes) {
         Round round;
-        round.field.push_back(best);
-        round.field[0].added = carrier.cause;
+        round.ranked.push_back(best);
+        round.ranked[0].added = carrier.cause;
         for (const RunFit &rival : carrier.rivals) {
             Hypothesis h;
             h.added = rival.cause;
             h.point.model = rival.point.model;
             other.judge(rival, h);
-            round.field.push_back(std::move(h));
+            round.ranked.push_back(std::move(h));
         }
         Hypothesis less;
         other.judge(carrier.without, less);
@@ -211,36 +219,36 @@ bool CauseSearch::take_over(const PredictionSearch &other)
 
 bool CauseSearch::likelihood_counts(const Hypothesis &h)
 {
-    return h.drift <= SLIGHT;
+    return h.process_noise <= PROCESS_NOISE_FAINT;
 }
 
 // The runners-up of a cause in its place, beside all others.
 void CauseSearch::face_rivals(size_t cause)
 {
     constexpr size_t RIVALS = 2;
-    std::vector<Hypothesis> &field = rounds[cause].field;
+    std::vector<Hypothesis> &ranked = rounds[cause].ranked;
     std::vector<Hypothesis> faced = {best};
-    faced[0].added = field[0].added;
-    for (size_t k = 1; k < field.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
-        const Candidate &rival = field[k].added;
+    faced[0].added = ranked[0].added;
+    for (size_t k = 1; k < ranked.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+        const Candidate &rival = ranked[k].added;
         if (is_library(rival.effect) || has_cause(rival))
             continue;
         mk_model m = best.point.model;
         mk_effect_use &use = m.effect[model.effect_count + (int)cause];
-        use = field[k].point.model.effect[field[k].point.model.effect_count - 1];
+        use = ranked[k].point.model.effect[ranked[k].point.model.effect_count - 1];
         Hypothesis h;
-        if (!search.refit_at(m, best, best.drift, h) || Search::discredited(h))
+        if (!search.refit_at(m, best, best.process_noise, h) || Search::discredited(h))
             continue;
         h.added = rival;
         faced.push_back(std::move(h));
     }
-    field = std::move(faced);
+    ranked = std::move(faced);
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const
 {
     return std::any_of(rounds.begin(), rounds.end(), [&](const Round &r) {
-        return r.field[0].added.effect == c.effect && r.field[0].added.joint == c.joint;
+        return r.ranked[0].added.effect == c.effect && r.ranked[0].added.joint == c.joint;
     });
 }
 
@@ -249,25 +257,26 @@ bool CauseSearch::has_cause(const Candidate &c) const
 void CauseSearch::try_runners_up()
 {
     constexpr size_t RUNNERS_UP = 2;
-    if (rounds.empty() || follows(best) || best.drift >= LOST ||
+    if (rounds.empty() || follows(best) || best.process_noise >= LOST ||
         mk_model_hides_joint(&best.point.model))
         return;
-    const std::vector<Hypothesis> field = first;
+    const std::vector<Hypothesis> ranked = first;
     size_t tried = 0;
-    for (size_t i = 1; i < field.size() && tried < RUNNERS_UP; i++) {
-        if (is_library(field[i].added.effect) || field[i].score > refit.score - ENOUGH ||
+    for (size_t i = 1; i < ranked.size() && tried < RUNNERS_UP; i++) {
+        if (is_library(ranked[i].added.effect) ||
+            ranked[i].penalised_nlml > refit.penalised_nlml - ACCEPT_FIRST ||
             search.work_done() > MUCH_WORK || search.cancelled)
             continue;
         tried++;
         const std::vector<Round> kept = rounds;
         const Hypothesis kept_best = best, kept_before = before;
         rounds.resize(1);
-        rounds[0] = {field, {}};
-        std::swap(rounds[0].field[0], rounds[0].field[i]);
+        rounds[0] = {ranked, {}};
+        std::swap(rounds[0].ranked[0], rounds[0].ranked[i]);
         before = refit;
-        best = rounds[0].field[0];
+        best = rounds[0].ranked[0];
         add_causes();
-        const bool better = best.score < kept_best.score - ENOUGH;
+        const bool better = best.penalised_nlml < kept_best.penalised_nlml - ACCEPT_FIRST;
         if (better && follows(best))
             return;
         if (!better) {
@@ -285,24 +294,25 @@ bool CauseSearch::idle_without_last()
     Hypothesis without;
     // A joint that was hidden has no states to start from.
     if (mk_model_hides_joint(&best.point.model) ||
-        !search.refit_at(removed(rounds.size() - 1), best, before.drift, without))
+        !search.refit_at(removed(rounds.size() - 1), best, before.process_noise, without))
         return false;
-    // A better start than the one before leads further at other drifts too.
-    if (without.score < before.score - 1.0)
+    // A better start than the one before leads further at other process noises too.
+    if (without.penalised_nlml < before.penalised_nlml - 1.0)
         search.polish(without, true);
-    if (without.score < before.score) {
+    if (without.penalised_nlml < before.penalised_nlml) {
         without.added = before.added;
         before = without;
         if (rounds.size() == 1)
             refit = before;
     }
     rounds.back().lack = lack_of(before);
-    if (before.score - best.score >= (rounds.size() == 1 ? ENOUGH : AGAIN))
+    if (before.penalised_nlml - best.penalised_nlml >=
+        (rounds.size() == 1 ? ACCEPT_FIRST : ACCEPT_FURTHER))
         return false;
     best = before;
     rounds.pop_back();
     if (rounds.size() == 1)
-        rounds[0].field[0] = best;
+        rounds[0].ranked[0] = best;
     return true;
 }
 
@@ -311,7 +321,7 @@ void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
         Hypothesis without;
-        if (!fit_without(i, without) || without.score > best.score + ENOUGH)
+        if (!fit_without(i, without) || without.penalised_nlml > best.penalised_nlml + ACCEPT_FIRST)
             continue;
         search.polish(without, true);
         shed(i, std::move(without));
@@ -325,7 +335,7 @@ bool CauseSearch::has_open_shape(size_t cause) const
     const int at = model.effect_count + (int)cause;
     const mk_effect_info &info = *mk_effect(best.point.model.effect[at].index);
     for (int k = 0; k < info.parameter_count; k++)
-        if (k != rounds[cause].field[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
+        if (k != rounds[cause].ranked[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
             Search::relative_error(best, at, k) >= 1.0)
             return true;
     return false;
@@ -339,9 +349,9 @@ void CauseSearch::simplify()
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
         if (mk_model_hides_joint(&best.point.model) || !has_open_shape(i))
             continue;
-        const Candidate law = rounds[i].field[0].added;
+        const Candidate law = rounds[i].ranked[0].added;
         for (const Candidate &start : search.candidates_of(removed(i))) {
-            if (start.joint != law.joint || is_library(start.effect) || is_play(start.effect) ||
+            if (start.joint != law.joint || is_library(start.effect) || is_backlash(start.effect) ||
                 start.effect->state_count > law.effect->state_count ||
                 start.effect->parameter_count >= law.effect->parameter_count || has_cause(start))
                 continue;
@@ -355,11 +365,12 @@ void CauseSearch::simplify()
                 continue;
             use = simpler.effect[simpler.effect_count - 1];
             Hypothesis h;
-            if (!search.refit_at(m, best, best.drift, h) || h.score > best.score)
+            if (!search.refit_at(m, best, best.process_noise, h) ||
+                h.penalised_nlml > best.penalised_nlml)
                 continue;
             h.added = start;
             best = h;
-            rounds[i].field = led_by(start, std::move(rounds[i].field));
+            rounds[i].ranked = led_by(start, std::move(rounds[i].ranked));
             forget_lacks();
         }
     }
@@ -367,7 +378,7 @@ void CauseSearch::simplify()
 
 bool CauseSearch::fit_without(size_t cause, Hypothesis &without)
 {
-    return search.refit_at(removed(cause), best, best.drift, without);
+    return search.refit_at(removed(cause), best, best.process_noise, without);
 }
 
 void CauseSearch::shed(size_t cause, Hypothesis without)
@@ -378,8 +389,8 @@ void CauseSearch::shed(size_t cause, Hypothesis without)
     if (cause < carried.size())
         carried.erase(carried.begin() + (std::ptrdiff_t)cause);
     Round &last = rounds.back();
-    const Candidate latest = last.field[0].added;
-    last.field = led_by(latest, std::move(last.field));
+    const Candidate latest = last.ranked[0].added;
+    last.ranked = led_by(latest, std::move(last.ranked));
 }
 
 // What a model that follows its data leaves does not matter within a second of free run.
@@ -388,102 +399,104 @@ bool CauseSearch::follows(const Hypothesis &h) const
 {
     bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
     double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * ROUGH : ROUGH;
-    double most = touches ? std::min(rough, SMALL_PART * refit.drift) : 0.0;
-    return h.drift <= std::max(IMMATERIAL, most) || (touches && search.meets_readings(h));
+    double most = touches ? std::min(rough, SMALL_PART * refit.process_noise) : 0.0;
+    return h.process_noise <= std::max(IMMATERIAL, most) || (touches && search.meets_readings(h));
 }
 
-// Brings what is to be named to the front of the field; false if nothing there earns a name.
-bool CauseSearch::choose(std::vector<Hypothesis> &field, double needed)
+// Brings what is to be named to the front of the ranking; false if nothing there earns a name.
+bool CauseSearch::choose(std::vector<Hypothesis> &ranked, double needed)
 {
     if (near)
-        drop_terms(field); // a trifle without a name
-    while (!field.empty()) {
-        size_t chosen = pick(field);
+        drop_terms(ranked); // a trifle without a name
+    while (!ranked.empty()) {
+        size_t chosen = pick(ranked);
         // A nameless term on top of named causes that already follow the data names nothing.
-        bool idle = !rounds.empty() && follows(best) && is_library(field[chosen].added.effect);
-        if (idle || field[chosen].score > best.score - needed)
+        bool idle = !rounds.empty() && follows(best) && is_library(ranked[chosen].added.effect);
+        if (idle || ranked[chosen].penalised_nlml > best.penalised_nlml - needed)
             return false;
-        std::swap(field[0], field[chosen]);
-        search.polish(field[0], true);
-        if (!Search::discredited(field[0]))
+        std::swap(ranked[0], ranked[chosen]);
+        search.polish(ranked[0], true);
+        if (!Search::discredited(ranked[0]))
             return true;
-        field.erase(field.begin());
+        ranked.erase(ranked.begin());
     }
     return false;
 }
 
-// Play, where nothing else explains the data. True if it is the better choice.
-bool CauseSearch::consider_play(std::vector<Hypothesis> &field, double needed)
+// Backlash, where nothing else explains the data. True if it is the better choice.
+bool CauseSearch::consider_backlash(std::vector<Hypothesis> &ranked, double needed)
 {
     ExtendOptions how;
-    how.kind = Kind::play;
-    const double leader = field.empty() ? HUGE_VAL : field[0].score;
-    how.beat = leader;
-    std::vector<Hypothesis> plays = search.extend(best, how);
+    how.kind = Kind::backlash;
+    const double leader = ranked.empty() ? HUGE_VAL : ranked[0].penalised_nlml;
+    how.acceptance = leader;
+    std::vector<Hypothesis> backlashes = search.extend(best, how);
     // Carrying a fit on until it stands still takes long, and makes up for little.
     constexpr double FAR_BEHIND = 200.0, SHARE = 0.1; // log likelihood, of the leader's gain
-    const double most = leader + std::max(FAR_BEHIND, SHARE * (best.score - leader));
-    plays.erase(std::remove_if(plays.begin(), plays.end(),
-                               [&](const Hypothesis &h) { return h.score > most; }),
-                plays.end());
-    const bool chosen = choose(plays, needed);
+    const double most = leader + std::max(FAR_BEHIND, SHARE * (best.penalised_nlml - leader));
+    backlashes.erase(std::remove_if(backlashes.begin(), backlashes.end(),
+                                    [&](const Hypothesis &h) { return h.penalised_nlml > most; }),
+                     backlashes.end());
+    const bool chosen = choose(backlashes, needed);
     if (chosen)
-        consider_other_widths(plays[0]);
-    const bool better = chosen && plays[0].score < leader;
-    field.insert(better ? field.begin() : field.end(), plays.begin(), plays.end());
-    if (!field.empty())
-        std::stable_sort(
-            field.begin() + 1, field.end(),
-            [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+        consider_other_widths(backlashes[0]);
+    const bool better = chosen && backlashes[0].penalised_nlml < leader;
+    ranked.insert(better ? ranked.begin() : ranked.end(), backlashes.begin(), backlashes.end());
+    if (!ranked.empty())
+        std::stable_sort(ranked.begin() + 1, ranked.end(),
+                         [](const Hypothesis &a, const Hypothesis &b) {
+                             return a.penalised_nlml < b.penalised_nlml;
+                         });
     return better;
 }
 
-// The likelihood of a play's width has many optima: one for each width at which as many of the
+// The likelihood of backlash's width has many optima: one for each width at which as many of the
 // strokes across it are met. Where the readings are not met, others are tried from there, with what
-// the starts of the same play hold fixed.
-void CauseSearch::consider_other_widths(Hypothesis &play)
+// the starts of the same backlash hold fixed.
+void CauseSearch::consider_other_widths(Hypothesis &backlash)
 {
     constexpr double FACTORS[] = {1.0, 3.0, 10.0, 1.0 / 3.0};
-    if (search.meets_readings(play) || search.cancelled)
+    if (search.meets_readings(backlash) || search.cancelled)
         return;
-    const Candidate found = play.added;
-    const mk_effect_use from = play.point.model.effect[play.point.model.effect_count - 1];
-    std::vector<double> drags; // what differs between the starts of one play
+    const Candidate found = backlash.added;
+    const mk_effect_use from = backlash.point.model.effect[backlash.point.model.effect_count - 1];
+    std::vector<double> drags; // what differs between the starts of one backlash
     const int drag = mk_effect_parameter_index(found.effect, "drag");
     for (const Candidate &start : search.starts(best.point.model, found.effect->name, found.joint))
         if (std::find(drags.begin(), drags.end(), start.value[drag]) == drags.end())
             drags.push_back(start.value[drag]);
     for (double held : drags)
         for (double factor : FACTORS) {
-            mk_model m = play.point.model;
+            mk_model m = backlash.point.model;
             mk_effect_use &use = m.effect[m.effect_count - 1];
             use = from;
             use.value[found.size] *= factor;
             use.value[drag] = held;
             Hypothesis h;
             const bool same = factor == 1.0 && held == from.value[drag];
-            if (same || search.cancelled || !search.refit_at(m, play, play.drift, h) ||
-                h.score > play.score - ENOUGH)
+            if (same || search.cancelled ||
+                !search.refit_at(m, backlash, backlash.process_noise, h) ||
+                h.penalised_nlml > backlash.penalised_nlml - ACCEPT_FIRST)
                 continue;
             h.added = found;
             search.polish(h, true);
             if (!Search::discredited(h))
-                play = std::move(h);
+                backlash = std::move(h);
         }
 }
 
 // A shake was looked for at each joint with frequencies some way apart: once one is found, it may
 // be the other equation's.
-void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
+void CauseSearch::consider_other_joint(std::vector<Hypothesis> &ranked)
 {
-    if (field.empty() || mk_model_joints(&model) != 2)
+    if (ranked.empty() || mk_model_joints(&model) != 2)
         return;
-    const Candidate &wave = field[0].added;
+    const Candidate &wave = ranked[0].added;
     const int term = mk_effect_parameter_index(wave.effect, "term");
     if (std::strcmp(wave.effect->name, "custom-wave") != 0 ||
         wave.value[term] != CustomWave::IN_TIME)
         return;
-    const mk_model &found = field[0].point.model;
+    const mk_model &found = ranked[0].point.model;
     Candidate other = wave;
     std::copy_n(found.effect[found.effect_count - 1].value, other.effect->parameter_count,
                 other.value);
@@ -495,55 +508,56 @@ void CauseSearch::consider_other_joint(std::vector<Hypothesis> &field)
     if (again.empty())
         return;
     search.polish(again[0], true);
-    if (!Search::discredited(again[0]) && again[0].score < field[0].score)
-        field.insert(field.begin(), again[0]);
+    if (!Search::discredited(again[0]) && again[0].penalised_nlml < ranked[0].penalised_nlml)
+        ranked.insert(ranked.begin(), again[0]);
 }
 
 // Dry friction comes to its level at once; bristles that are too soft do not, and start again from
 // where it is.
-void CauseSearch::consider_bristles(std::vector<Hypothesis> &field)
+void CauseSearch::consider_bristles(std::vector<Hypothesis> &ranked)
 {
-    const Candidate dry = field[0].added;
-    if (std::strcmp(dry.effect->name, "coulomb") != 0 || search.complete(field[0]))
+    const Candidate dry = ranked[0].added;
+    if (std::strcmp(dry.effect->name, "coulomb") != 0 || search.complete(ranked[0]))
         return;
-    Hypothesis leader = field[0];
+    Hypothesis leader = ranked[0];
     for (const Candidate &start : search.starts(best.point.model, "stiction", dry.joint)) {
         Hypothesis h;
         h.added = start;
-        mk_model less = field[0].point.model, more;
+        mk_model less = ranked[0].point.model, more;
         const double level = less.effect[less.effect_count - 1].value[dry.size];
         const double ratio = level / start.value[mk_effect_parameter_index(start.effect, "level")];
         for (double &value : h.added.value)
             value *= ratio;
         less.effect_count--;
         if (!with_candidate(less, h.added, more) ||
-            !search.refit_at(more, field[0], field[0].drift, h))
+            !search.refit_at(more, ranked[0], ranked[0].process_noise, h))
             continue;
         search.polish(h, true);
-        if (!Search::discredited(h) && h.score < leader.score)
+        if (!Search::discredited(h) && h.penalised_nlml < leader.penalised_nlml)
             leader = h;
     }
     if (leader.added.effect == dry.effect)
         return;
-    field.erase(
-        std::remove_if(field.begin(), field.end(),
+    ranked.erase(
+        std::remove_if(ranked.begin(), ranked.end(),
                        [&](const Hypothesis &h) { return same_cause(h.added, leader.added); }),
-        field.end());
-    field.insert(field.begin(), leader);
+        ranked.end());
+    ranked.insert(ranked.begin(), leader);
 }
 
 // What is put up by hand before each log is not at the same place in all of them.
-void CauseSearch::consider_own_places(std::vector<Hypothesis> &field)
+void CauseSearch::consider_own_places(std::vector<Hypothesis> &ranked)
 {
     mk_model own;
     Hypothesis h;
-    if (!search.several_logs() || search.complete(field[0]) ||
-        !with_own_place(field[0].point.model, own) ||
-        !search.refit_at(own, field[0], field[0].drift, h) || h.score > field[0].score - ENOUGH ||
+    if (!search.several_logs() || search.complete(ranked[0]) ||
+        !with_own_place(ranked[0].point.model, own) ||
+        !search.refit_at(own, ranked[0], ranked[0].process_noise, h) ||
+        h.penalised_nlml > ranked[0].penalised_nlml - ACCEPT_FIRST ||
         !differ(search.training(), h, search.usual_options()).back())
         return;
-    h.added = field[0].added;
-    field[0] = std::move(h);
+    h.added = ranked[0].added;
+    ranked[0] = std::move(h);
 }
 
 void CauseSearch::forget_lacks()
@@ -556,28 +570,28 @@ void CauseSearch::forget_lacks()
 // are explained.
 bool CauseSearch::stands_alone(const Round &round) const
 {
-    const Hypothesis &chosen = round.field[0];
+    const Hypothesis &chosen = round.ranked[0];
     double nearest = HUGE_VAL;
-    for (size_t i = 1; i < round.field.size(); i++)
-        nearest = std::min(nearest, round.field[i].score - chosen.score);
-    return follows(best) && nearest > chosen.score - best.score;
+    for (size_t i = 1; i < round.ranked.size(); i++)
+        nearest = std::min(nearest, round.ranked[i].penalised_nlml - chosen.penalised_nlml);
+    return follows(best) && nearest > chosen.penalised_nlml - best.penalised_nlml;
 }
 
-// A field with the best model in first place, as the one that has this cause, and those that have
+// A ranking with the best model in first place, as the one that has this cause, and those that have
 // as many causes.
 std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
-                                            std::vector<Hypothesis> field) const
+                                            std::vector<Hypothesis> ranked) const
 {
-    field.erase(std::remove_if(field.begin(), field.end(),
-                               [&](const Hypothesis &h) {
-                                   return same_cause(h.added, cause) ||
-                                          h.point.model.effect_count !=
-                                              best.point.model.effect_count;
-                               }),
-                field.end());
-    field.insert(field.begin(), best);
-    field[0].added = cause;
-    return field;
+    ranked.erase(std::remove_if(ranked.begin(), ranked.end(),
+                                [&](const Hypothesis &h) {
+                                    return same_cause(h.added, cause) ||
+                                           h.point.model.effect_count !=
+                                               best.point.model.effect_count;
+                                }),
+                 ranked.end());
+    ranked.insert(ranked.begin(), best);
+    ranked[0].added = cause;
+    return ranked;
 }
 
 // An earlier choice was made while another cause was still missing: would something else be
@@ -590,14 +604,14 @@ void CauseSearch::reconsider()
             continue;
         std::vector<Candidate> others;
         for (const Round &r : rounds)
-            for (const Hypothesis &h : r.field)
+            for (const Hypothesis &h : r.ranked)
                 others.push_back(h.added);
         ExtendOptions how;
         how.only = &others;
-        std::vector<Hypothesis> field = search.extend(without, how);
-        const bool led = choose(field, -HUGE_VAL);
-        const double leader = led ? field[0].score : HUGE_VAL;
-        if (without.score < std::min(leader, best.score) + ENOUGH) {
+        std::vector<Hypothesis> ranked = search.extend(without, how);
+        const bool led = choose(ranked, -HUGE_VAL);
+        const double leader = led ? ranked[0].penalised_nlml : HUGE_VAL;
+        if (without.penalised_nlml < std::min(leader, best.penalised_nlml) + ACCEPT_FIRST) {
             best = without; // not needed any more
             forget_lacks();
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
@@ -606,15 +620,15 @@ void CauseSearch::reconsider()
         }
         if (!led)
             continue;
-        bool better = field[0].score < best.score - 1e-6;
+        bool better = ranked[0].penalised_nlml < best.penalised_nlml - 1e-6;
         if (better) {
             // The new one sits last in the model; rounds follow the model's order.
-            best = field[0];
+            best = ranked[0];
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
             forget_lacks();
-            rounds.push_back({std::move(field), lack_of(without)});
+            rounds.push_back({std::move(ranked), lack_of(without)});
         } else {
-            rounds[i] = {led_by(rounds[i].field[0].added, std::move(field)), lack_of(without)};
+            rounds[i] = {led_by(rounds[i].ranked[0].added, std::move(ranked)), lack_of(without)};
         }
     }
 }
@@ -641,8 +655,8 @@ Lack CauseSearch::without(size_t cause)
     if (rounds[cause].lack)
         return *rounds[cause].lack;
     // Of two causes the other one alone may have been a rival of this one.
-    const Candidate &other = rounds[cause == 0].field[0].added;
-    for (const Hypothesis &h : rounds[cause].field)
+    const Candidate &other = rounds[cause == 0].ranked[0].added;
+    for (const Hypothesis &h : rounds[cause].ranked)
         if (rounds.size() == 2 && h.added.effect == other.effect && h.added.joint == other.joint &&
             h.point.model.effect_count + 1 == best.point.model.effect_count)
             return lack_of(h);
@@ -651,12 +665,13 @@ Lack CauseSearch::without(size_t cause)
 }
 
 // A rival that got lost on its way starts again from where the best one ended.
-void CauseSearch::lead_home(Hypothesis &rival)
+void CauseSearch::warm_start(Hypothesis &rival)
 {
     mk_model m = best.point.model;
     m.effect[m.effect_count - 1] = rival.point.model.effect[m.effect_count - 1];
     Hypothesis again;
-    if (!search.refit_at(m, best, best.drift, again) || again.score > rival.score)
+    if (!search.refit_at(m, best, best.process_noise, again) ||
+        again.penalised_nlml > rival.penalised_nlml)
         return;
     again.added = rival.added;
     rival = std::move(again);
@@ -666,27 +681,29 @@ void CauseSearch::polish_rivals()
 {
     constexpr double NEAR = 50.0, BESIDE = 25.0;
     for (Round &r : rounds) {
-        for (size_t i = 1; i < r.field.size() && i <= 3; i++) {
-            if (rounds.size() == 1 && follows(best) && r.field[i].score > best.score + NEAR)
-                lead_home(r.field[i]);
-            const double behind = r.field[i].score - r.field[0].score;
-            const bool hides = mk_model_hides_joint(&r.field[i].point.model);
+        for (size_t i = 1; i < r.ranked.size() && i <= 3; i++) {
+            if (rounds.size() == 1 && follows(best) &&
+                r.ranked[i].penalised_nlml > best.penalised_nlml + NEAR)
+                warm_start(r.ranked[i]);
+            const double behind = r.ranked[i].penalised_nlml - r.ranked[0].penalised_nlml;
+            const bool hides = mk_model_hides_joint(&r.ranked[i].point.model);
             if (behind < NEAR)
-                search.polish(r.field[i], behind < BESIDE && !hides);
+                search.polish(r.ranked[i], behind < BESIDE && !hides);
         }
-        std::stable_sort(
-            r.field.begin() + 1, r.field.end(),
-            [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+        std::stable_sort(r.ranked.begin() + 1, r.ranked.end(),
+                         [](const Hypothesis &a, const Hypothesis &b) {
+                             return a.penalised_nlml < b.penalised_nlml;
+                         });
     }
     // What differs by less is the same thing by another name: the first stays. A term of the
     // library is one of many.
     constexpr double BETTER = 1.0, BETTER_TERM = 5.0;
-    if (rounds.size() == 1 && rounds[0].field.size() > 1 &&
-        rounds[0].field[1].score <
-            rounds[0].field[0].score -
-                (is_library(rounds[0].field[1].added.effect) ? BETTER_TERM : BETTER)) {
-        std::swap(rounds[0].field[0], rounds[0].field[1]);
-        best = rounds[0].field[0];
+    if (rounds.size() == 1 && rounds[0].ranked.size() > 1 &&
+        rounds[0].ranked[1].penalised_nlml <
+            rounds[0].ranked[0].penalised_nlml -
+                (is_library(rounds[0].ranked[1].added.effect) ? BETTER_TERM : BETTER)) {
+        std::swap(rounds[0].ranked[0], rounds[0].ranked[1]);
+        best = rounds[0].ranked[0];
     }
 }
 

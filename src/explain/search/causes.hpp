@@ -9,18 +9,19 @@
 namespace mk
 {
 
-constexpr double ENOUGH = 12.0;     // log likelihood (after penalty) a cause must gain to be named
-constexpr double AGAIN = 20.0;      // the same for a second cause and further ones
-constexpr double INSEPARABLE = 5.0; // log likelihood between rivals that data cannot tell apart
+constexpr double ACCEPT_FIRST =
+    12.0; // log likelihood (after penalty) a cause must gain to be named
+constexpr double ACCEPT_FURTHER = 20.0; // the same for a second cause and further ones
+constexpr double INSEPARABLE = 5.0;     // log likelihood between rivals that data cannot tell apart
 
 // The best model without one of its causes, fitted.
 struct Lack {
-    double score, evidence; // as of Hypothesis and FitPicture
+    double penalised_nlml, nlml; // as of Hypothesis and QuadraticModel
 };
 
 struct Round {
-    std::vector<Hypothesis> field; // what competed for a place, the chosen one first
-    std::optional<Lack> lack;      // if known
+    std::vector<Hypothesis> ranked; // what competed for a place, the chosen one first
+    std::optional<Lack> lack;       // if known
 };
 
 class CauseSearch
@@ -41,17 +42,18 @@ class CauseSearch
     // What a model that follows its data leaves does not matter within a second of free run.
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
-    static bool matters(double drift);
-    // Process noise at which a stretch of the usual length says nothing, rad/s per sqrt(s).
+    static bool matters(double process_noise);
+    // Process noise at which a shooting interval of the usual length says nothing, rad/s per
+    // sqrt(s).
     static constexpr double LOST = 1.0;
-    // With next to no drift every reading speaks for itself, and the likelihood is what it says.
-    // With more of it a model bends to its data, and whatever bends gains.
+    // With next to no process noise every reading speaks for itself, and the likelihood is what it
+    // says. With more of it a model bends to its data, and whatever bends gains.
     static bool likelihood_counts(const Hypothesis &h);
     // Whether no cause of `best` is a nameless term.
     bool all_named() const;
     bool explained() const { return follows(best) && all_named(); }
     // Noise of a joint's readings. What a model that does not follow its data misses within a
-    // stretch is none.
+    // shooting interval is none.
     double noise(int joint) const;
     // What improves predictions in place of what likelihood finds: the causes of that search, and
     // what it says of them.
@@ -91,20 +93,20 @@ class CauseSearch
     bool has_open_shape(size_t cause) const;
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
-    bool choose(std::vector<Hypothesis> &field, double needed);
-    bool consider_play(std::vector<Hypothesis> &field, double needed);
-    void consider_other_widths(Hypothesis &play);
-    void consider_other_joint(std::vector<Hypothesis> &field);
-    void consider_bristles(std::vector<Hypothesis> &field);
-    void consider_own_places(std::vector<Hypothesis> &field);
+    bool choose(std::vector<Hypothesis> &ranked, double needed);
+    bool consider_backlash(std::vector<Hypothesis> &ranked, double needed);
+    void consider_other_widths(Hypothesis &backlash);
+    void consider_other_joint(std::vector<Hypothesis> &ranked);
+    void consider_bristles(std::vector<Hypothesis> &ranked);
+    void consider_own_places(std::vector<Hypothesis> &ranked);
     void forget_lacks();
-    void lead_home(Hypothesis &rival);
+    void warm_start(Hypothesis &rival);
     bool stands_alone(const Round &round) const;
-    std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> field) const;
+    std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> ranked) const;
     void add_causes();
     void try_runners_up();
     void reconsider();
-    static Lack lack_of(const Hypothesis &h) { return {h.score, h.picture.evidence}; }
+    static Lack lack_of(const Hypothesis &h) { return {h.penalised_nlml, h.quadratic.nlml}; }
 };
 
 } // namespace mk

@@ -11,38 +11,43 @@ namespace
 {
 
 // The training data with lost pulses put back, and what a refit makes of them.
-struct Mended {
+struct Corrected {
     double step = 0.0;
     std::vector<FitLog> logs;
     Hypothesis fit;
     bool fitted = false;
     double readings = 0.0;
-    double score() const { return fitted ? fit.score : HUGE_VAL; }
+    double penalised_nlml() const { return fitted ? fit.penalised_nlml : HUGE_VAL; }
 };
 
-class Mender
+class CountCorrector
 {
   public:
-    Mender(const mk_model &model_in, const std::vector<const FitLog *> &logs_in,
-           const SearchOptions &options_in, int joint_in, const std::vector<Slip> &slips_in)
-        : model(model_in), logs(logs_in), options(options_in), joint(joint_in), slips(slips_in)
+    CountCorrector(const mk_model &model_in, const std::vector<const FitLog *> &logs_in,
+                   const SearchOptions &options_in, int joint_in,
+                   const std::vector<MissedCount> &missed_in)
+        : model(model_in), logs(logs_in), options(options_in), joint(joint_in), missed(missed_in)
     {
     }
     // The step as the jumps show it.
-    Mended first() const { return mend(std::fabs(slips[0].step)); }
+    Corrected first() const { return correct(std::fabs(missed[0].step)); }
     // The jumps alone do not tell the step to a fraction of a count; the fit does: a parabola
     // through three of them, twice, the second one about the best.
-    Mended tune(Mended best, double &std_error) const
+    Corrected tune(Corrected best, double &std_error) const
     {
         std_error = std::numeric_limits<double>::quiet_NaN();
         for (double part : {0.6, 0.2}) {
             double side = part * logs[0]->count[joint];
-            Mended less = mend(best.step - side), more = mend(best.step + side);
-            double bend = less.score() - 2.0 * best.score() + more.score();
-            double shift = bend > 0.0 ? 0.5 * side * (less.score() - more.score()) / bend : side;
-            Mended there = mend(best.step + std::min(std::max(shift, -2.0 * side), 2.0 * side));
-            for (Mended *m : {&less, &more, &there})
-                if (m->score() < best.score())
+            Corrected less = correct(best.step - side), more = correct(best.step + side);
+            double bend =
+                less.penalised_nlml() - 2.0 * best.penalised_nlml() + more.penalised_nlml();
+            double shift = bend > 0.0
+                               ? 0.5 * side * (less.penalised_nlml() - more.penalised_nlml()) / bend
+                               : side;
+            Corrected there =
+                correct(best.step + std::min(std::max(shift, -2.0 * side), 2.0 * side));
+            for (Corrected *m : {&less, &more, &there})
+                if (m->penalised_nlml() < best.penalised_nlml())
                     best = std::move(*m);
             std_error =
                 bend > 0.0 ? side / std::sqrt(bend) : std::numeric_limits<double>::quiet_NaN();
@@ -55,17 +60,17 @@ class Mender
     const std::vector<const FitLog *> &logs;
     const SearchOptions &options;
     int joint; // 0-based
-    const std::vector<Slip> &slips;
+    const std::vector<MissedCount> &missed;
 
-    Mended mend(double step) const
+    Corrected correct(double step) const
     {
-        Mended m;
+        Corrected m;
         m.step = step;
-        std::vector<Slip> even = slips;
-        for (Slip &s : even)
+        std::vector<MissedCount> even = missed;
+        for (MissedCount &s : even)
             s.step = std::copysign(step, s.step);
         for (size_t l = 0; l < logs.size(); l++)
-            m.logs.push_back(without_slips(*logs[l], l, joint, even));
+            m.logs.push_back(with_corrected_counts(*logs[l], l, joint, even));
         std::vector<const FitLog *> views;
         for (const FitLog &log : m.logs)
             views.push_back(&log);
@@ -78,34 +83,35 @@ class Mender
 
 } // namespace
 
-LostCounts find_lost_counts(const mk_model &model, const std::vector<const FitLog *> &training,
-                            const SearchOptions &options, const Hypothesis &refit, double enough,
-                            double most_drift)
+CountCorrection find_count_correction(const mk_model &model,
+                                      const std::vector<const FitLog *> &training,
+                                      const SearchOptions &options, const Hypothesis &refit,
+                                      double enough, double most_process_noise)
 {
-    LostCounts found;
+    CountCorrection found;
     for (int j = 0; j < mk_model_joints(&model); j++) {
-        const std::vector<Slip> slips = find_slips(training, j);
-        if (slips.empty())
+        const std::vector<MissedCount> missed = find_missed_counts(training, j);
+        if (missed.empty())
             continue;
         double std_error = 0.0;
-        const Mender mender(model, training, options, j, slips);
-        Mended mended = mender.first();
+        const CountCorrector corrector(model, training, options, j, missed);
+        Corrected corrected = corrector.first();
         // A step that is off by a part of a count leaves errors of that size. Where the model needs
         // far more than that, what looks like steps is what it lacks.
-        if (mended.fitted && mended.fit.drift > most_drift)
+        if (corrected.fitted && corrected.fit.process_noise > most_process_noise)
             continue;
-        mended = mender.tune(std::move(mended), std_error);
-        double penalty = 0.5 * std::log(mended.readings) * (double)(slips.size() + 1);
-        double gain = refit.score - mended.score() - penalty;
+        corrected = corrector.tune(std::move(corrected), std_error);
+        double penalty = 0.5 * std::log(corrected.readings) * (double)(missed.size() + 1);
+        double gain = refit.penalised_nlml - corrected.penalised_nlml() - penalty;
         if (!(gain > enough))
             continue;
         found.joint = j + 1;
-        found.step = mended.step;
+        found.step = corrected.step;
         found.std_error = std_error;
-        found.count = (double)slips.size();
+        found.count = (double)missed.size();
         found.gain = gain;
-        found.logs = std::move(mended.logs);
-        found.fit = mended.fit;
+        found.logs = std::move(corrected.logs);
+        found.fit = corrected.fit;
         return found;
     }
     return found;

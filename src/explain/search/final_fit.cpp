@@ -54,16 +54,16 @@ static bool fit_by_runs(const FreeRuns &runs, Search &search, const Hypothesis &
 {
     constexpr int ITERATIONS = 10;
     point = runs.start(from.point.model);
-    RunPicture picture;
+    RunQuadraticModel quadratic;
     if (!runs.minimise(point, fitted_parameters(point.model), ITERATIONS, search.settings().threads,
-                       picture))
+                       quadratic))
         return false;
     Hypothesis fitted = from;
-    if (!search.follow(point.model, same_data ? &from : nullptr, from.drift, fitted))
+    if (!search.follow(point.model, same_data ? &from : nullptr, from.process_noise, fitted))
         return false;
     if (fitted.point.own.size() == point.own.size())
         fitted.point.own = point.own;
-    judge_by_runs(runs, point, picture, fitted);
+    judge_by_runs(runs, point, quadratic, fitted);
     out = std::move(fitted);
     return true;
 }
@@ -86,13 +86,13 @@ bool FinalFit::fit_again(const mk_model &model, Hypothesis &out) const
 {
     constexpr int ITERATIONS = 6;
     if (!decided)
-        return search().refit_at(model, best, refit.drift, out);
+        return search().refit_at(model, best, refit.process_noise, out);
     const bool same = mk_model_state_count(&model) == mk_model_state_count(&run.model);
     RunPoint point =
         same ? decided->adopt(run, model, search().settings().threads) : decided->start(model);
-    RunPicture picture;
+    RunQuadraticModel quadratic;
     if (!decided->minimise(point, fitted_parameters(model), ITERATIONS, search().settings().threads,
-                           picture))
+                           quadratic))
         return false;
     out.point.model = point.model;
     return true;

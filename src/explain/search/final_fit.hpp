@@ -1,9 +1,9 @@
 // The last fit: what was found, fitted to all data.
 //
 // Causes are searched for in windows of long logs, and where a model does not follow its data in
-// stretches of it so short that little can be missed within each. That tells causes apart. How far
-// free runs end from the readings depends on the parameters, and these are best known from all
-// data, in stretches in which what the model says adds up to something.
+// shooting intervals of it so short that little can be missed within each. That tells causes apart.
+// How far free runs end from the readings depends on the parameters, and these are best known from
+// all data, in shooting intervals in which what the model says adds up to something.
 #ifndef MECHKIT_EXPLAIN_SEARCH_FINAL_FIT_HPP
 #define MECHKIT_EXPLAIN_SEARCH_FINAL_FIT_HPP
 
@@ -23,7 +23,7 @@ class FinalFit
     FinalFit(const TrainingData &data, const std::vector<const FitLog *> &training,
              const CauseSearch &causes, Search &searched);
     // Fits both models again, unless free runs over the training data then end further from the
-    // readings. `usual`: with the stretch of a usual search.
+    // readings. `usual`: with the shooting interval of a usual search.
     void fit_all(const TrainingData &data, const SearchOptions &usual, double window_s);
 
     // The same where free runs have decided: over all data, and parameters from them.

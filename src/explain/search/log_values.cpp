@@ -105,14 +105,14 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     const mk_model &m = h.point.model;
     std::vector<bool> yes((size_t)m.effect_count, false);
     Fit fit(training, options);
-    for (double &d : fit.options.drift)
-        d = h.drift;
+    for (double &d : fit.options.process_noise)
+        d = h.process_noise;
     const std::vector<int> free = fitted_parameters(m);
-    const FitPicture picture = fit.picture(h.point, free);
-    if (!picture.finite)
+    const QuadraticModel quadratic = fit.quadratic(h.point, free);
+    if (!quadratic.finite)
         return yes;
     std::vector<double> error(yes.size(), 0.0), spread(yes.size(), 0.0);
-    for (const OwnValue &v : fit.own_values(h.point, picture)) {
+    for (const OwnValue &v : fit.own_values(h.point, quadratic)) {
         const size_t e = (size_t)effect_of(m, v.number);
         error[e] = std::max(error[e], v.std_error);
         spread[e] = mk_model_parameter_spread(&m, v.number);
@@ -139,7 +139,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
                           double window_s, Search &search, const Hypothesis &refit)
 {
     LogValues out = {given, refit, {}};
-    if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.drift))
+    if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.process_noise))
         return out;
     const HeldOut halves(logs, window_s, true, search.settings().threads);
     for (const Group &group : groups) {
@@ -149,11 +149,11 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             Hypothesis own, one;
             if (!with_members(out.fit.point.model, added, true, own_model) ||
                 !with_members(out.fit.point.model, added, false, one_model) ||
-                !search.refit_at(own_model, out.fit, out.fit.drift, own) ||
-                !search.refit_at(one_model, out.fit, out.fit.drift, one))
+                !search.refit_at(own_model, out.fit, out.fit.process_noise, own) ||
+                !search.refit_at(one_model, out.fit, out.fit.process_noise, one))
                 break;
-            const double gain = one.score - own.score;
-            if (gain < ENOUGH)
+            const double gain = one.penalised_nlml - own.penalised_nlml;
+            if (gain < ACCEPT_FIRST)
                 break;
             const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
             const size_t first = keep.size() - added.size();
@@ -210,7 +210,7 @@ LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &fo
     mk_model model;
     Hypothesis fit;
     if (added.empty() || !with_members(refit.point.model, added, true, model) ||
-        !search.refit_at(model, refit, refit.drift, fit))
+        !search.refit_at(model, refit, refit.process_noise, fit))
         return out;
     out.model = fit.point.model;
     std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
@@ -266,14 +266,14 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
     FitOptions options;
     options.threads = threads;
     Fit fit(training, options);
-    for (double &d : fit.options.drift)
-        d = best.drift;
+    for (double &d : fit.options.process_noise)
+        d = best.process_noise;
     const std::vector<int> free = fitted_parameters(m);
-    const FitPicture picture = fit.picture(best.point, free);
-    if (!picture.finite)
+    const QuadraticModel quadratic = fit.quadratic(best.point, free);
+    if (!quadratic.finite)
         return;
-    const Eigen::MatrixXd cov = Fit::covariance(m, picture, free);
-    const std::vector<OwnValue> own = fit.own_values(best.point, picture);
+    const Eigen::MatrixXd cov = Fit::covariance(m, quadratic, free);
+    const std::vector<OwnValue> own = fit.own_values(best.point, quadratic);
     int number = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);

@@ -91,9 +91,9 @@ double usual(const std::vector<Jump> &d)
 
 } // namespace
 
-std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
+std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &logs, int j)
 {
-    std::vector<Slip> found;
+    std::vector<MissedCount> found;
     for (size_t l = 0; l < logs.size(); l++) {
         const std::vector<double> &q = logs[l]->q[j];
         if (q.size() < 4 * SIDE)
@@ -115,28 +115,29 @@ std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int j)
         return found;
     // One step size; what differs is something else.
     std::vector<double> size;
-    for (const Slip &s : found)
+    for (const MissedCount &s : found)
         size.push_back(std::fabs(s.step));
     std::nth_element(size.begin(), size.begin() + (std::ptrdiff_t)(size.size() / 2), size.end());
     double typical = size[size.size() / 2], tolerance = 0.25 * typical + 2.0 * logs[0]->count[j];
-    std::vector<Slip> same;
-    for (const Slip &s : found)
+    std::vector<MissedCount> same;
+    for (const MissedCount &s : found)
         if (std::fabs(std::fabs(s.step) - typical) < tolerance)
             same.push_back(s);
     if (2 * same.size() < found.size() + 1)
         same.clear();
     double mean = 0.0;
-    for (const Slip &s : same)
+    for (const MissedCount &s : same)
         mean += std::fabs(s.step) / (double)same.size();
-    for (Slip &s : same)
+    for (MissedCount &s : same)
         s.step = std::copysign(mean, s.step);
     return same;
 }
 
-FitLog without_slips(const FitLog &log, size_t index, int j, const std::vector<Slip> &slips)
+FitLog with_corrected_counts(const FitLog &log, size_t index, int j,
+                             const std::vector<MissedCount> &missed)
 {
     FitLog out = log;
-    for (const Slip &s : slips)
+    for (const MissedCount &s : missed)
         if (s.log == index)
             for (size_t k = s.row; k < out.q[j].size(); k++)
                 out.q[j][k] -= s.step;

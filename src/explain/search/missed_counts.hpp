@@ -7,17 +7,18 @@
 namespace mk
 {
 
-struct Slip {
+struct MissedCount {
     size_t log, row; // first row after it
     double step;     // rad
 };
 
 // Jumps of joint j's readings that no motion makes: local parabolas before and after differ by many
 // counts, and all by nearly the same amount.
-std::vector<Slip> find_slips(const std::vector<const FitLog *> &logs, int joint);
+std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &logs, int joint);
 
 // The log with the steps taken back.
-FitLog without_slips(const FitLog &log, size_t index, int joint, const std::vector<Slip> &slips);
+FitLog with_corrected_counts(const FitLog &log, size_t index, int joint,
+                             const std::vector<MissedCount> &missed);
 
 } // namespace mk
 #endif

@@ -14,8 +14,8 @@ namespace
 {
 
 constexpr size_t MOST_CAUSES = 8;
-constexpr size_t FINALISTS = 6; // of a round, fitted in full
-constexpr double DONE = 0.6;    // of a search, as far as anybody can tell
+constexpr size_t MOST_FULL_FITS = 6; // of a round, fitted in full
+constexpr double DONE = 0.6;         // of a search, as far as anybody can tell
 constexpr const char *ASKING = "asking what predicts";
 constexpr size_t RIVALS = 2;
 constexpr double BETTER = 3.0;     // log likelihood, of one cause in another's place
@@ -65,8 +65,8 @@ PredictionSearch::PredictionSearch(Search &search_in, FreeRuns &runs_in, const m
 
 bool PredictionSearch::leave_out(const std::vector<int> &wanted, RunFit &fit) const
 {
-    return runs.left_out(fit.point, fit.picture, wanted, false, fit.left_out[0]) &&
-           runs.left_out(fit.point, fit.picture, wanted, true, fit.left_out[1]);
+    return runs.left_out(fit.point, fit.quadratic, wanted, false, fit.left_out[0]) &&
+           runs.left_out(fit.point, fit.quadratic, wanted, true, fit.left_out[1]);
 }
 
 bool PredictionSearch::fit(const RunPoint &from, const mk_model &model, int iterations,
@@ -76,7 +76,7 @@ bool PredictionSearch::fit(const RunPoint &from, const mk_model &model, int iter
         return false;
     out.point = runs.adopt(from, model, threads_now);
     const std::vector<int> free = fitted_parameters(model);
-    out.fine = runs.minimise(out.point, free, iterations, threads_now, out.picture) &&
+    out.fine = runs.minimise(out.point, free, iterations, threads_now, out.quadratic) &&
                leave_out(free, out);
     return out.fine;
 }
@@ -101,10 +101,10 @@ bool PredictionSearch::fit_added(const mk_model &model, const Candidate &cause, 
         const int held =
             mk_model_parameter_count(&model) - cause.effect->parameter_count + cause.shape;
         free.erase(std::remove(free.begin(), free.end(), held), free.end());
-        RunPicture picture;
-        picture.stride = out.picture.stride;
+        RunQuadraticModel quadratic;
+        quadratic.stride = out.quadratic.stride;
         RunPoint sized = runs.adopt(best.point, model, 1);
-        if (runs.minimise(sized, free, iterations, 1, picture)) {
+        if (runs.minimise(sized, free, iterations, 1, quadratic)) {
             begun = sized.model;
             from = std::move(sized);
         }
@@ -126,7 +126,7 @@ bool PredictionSearch::start()
     RunPoint from = runs.start(base);
     runs.take_scale(from);
     refit.point = from;
-    if (!settle(refit))
+    if (!converge(refit))
         return false;
     for (int j = 0; j < mk_model_joints(&base); j++)
         floor[j] = runs.relative(j, least_scatter(search.training(), j));
@@ -155,7 +155,7 @@ bool PredictionSearch::take(const PredictionSearch &found)
     runners_up = found.runners_up;
     hopeless = found.hopeless;
     best.point = runs.start(m);
-    return settle(best);
+    return converge(best);
 }
 
 bool PredictionSearch::confirm(const PredictionSearch &found)
@@ -177,15 +177,15 @@ bool PredictionSearch::go_on()
 
 Carried PredictionSearch::against(const PredictionSearch &other, double &gain) const
 {
-    gain = other.score(other.best) - score(best);
+    gain = other.penalised_nlml(other.best) - penalised_nlml(best);
     return compare(best, other.best);
 }
 
 std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
 {
-    std::vector<Candidate> field = {causes[cause].cause};
-    field.insert(field.end(), runners_up[cause].begin(), runners_up[cause].end());
-    return field;
+    std::vector<Candidate> ranked = {causes[cause].cause};
+    ranked.insert(ranked.end(), runners_up[cause].begin(), runners_up[cause].end());
+    return ranked;
 }
 
 // Those that vanish with their size, from their slope where they are next to nothing.
@@ -197,7 +197,7 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
     constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
     const std::vector<int> own = fitted_parameters(best.point.model);
     RunPoint point;
-    RunPicture picture;
+    RunQuadraticModel quadratic;
     std::vector<const Candidate *> members;
     for (double share = 1e-3; share > 1e-10; share *= 1e-3) {
         mk_model model = best.point.model;
@@ -212,24 +212,25 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
             }
         }
         point = runs.adopt_traces(best.point, model, 1);
-        if (!runs.linearise(point, fitted_parameters(model), false, 1, picture))
+        if (!runs.linearise(point, fitted_parameters(model), false, 1, quadratic))
             return;
-        if (std::fabs(runs.cost(point, picture) - best.point.cost) < SAME)
+        if (std::fabs(runs.cost(point, quadratic) - best.point.cost) < SAME)
             break;
     }
     for (size_t i = 0; i < members.size(); i++) {
         const Candidate &c = *members[i];
         const int effect = best.point.model.effect_count + (int)i;
         std::vector<int> wanted = own;
-        for (int number : range_of(point.model, effect, picture.free)) {
+        for (int number : range_of(point.model, effect, quadratic.free)) {
             // The shape of a resonance has no slope where it is next to nothing.
-            const bool is_size = number == range_of(point.model, effect, picture.free)[0] + c.size;
+            const bool is_size =
+                number == range_of(point.model, effect, quadratic.free)[0] + c.size;
             if (c.effect->state_count == 0 || is_size)
                 wanted.push_back(number);
         }
         RunFit with;
         with.point = point;
-        with.picture = picture;
+        with.quadratic = quadratic;
         if (leave_out(wanted, with))
             out.push_back({c, compare(with, best)});
     }
@@ -259,17 +260,17 @@ void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::ve
     constexpr size_t EVERY = 3;
     RunFit less; // knows no more of the windows than they do
     less.point = best.point;
-    less.picture.stride = EVERY;
+    less.quadratic.stride = EVERY;
     if (!runs.linearise(less.point, fitted_parameters(less.point.model), true, threads,
-                        less.picture) ||
-        !leave_out(less.picture.free, less))
+                        less.quadratic) ||
+        !leave_out(less.quadratic.free, less))
         return;
     std::vector<Asked> each(some.size());
     std::vector<char> fine(some.size(), 0);
     parallel_for(threads, some.size(), [&](size_t i) {
         mk_model model;
         RunFit with;
-        with.picture.stride = EVERY;
+        with.quadratic.stride = EVERY;
         if (!with_candidate(best.point.model, some[i], model) ||
             !fit_added(model, some[i], TRIAL_ITERATIONS, with))
             return;
@@ -372,7 +373,7 @@ std::vector<Asked> PredictionSearch::screen()
         possible.insert(possible.end(), own.begin(), own.end());
     }
     for (const Candidate &c : possible) {
-        if (is_library(c.effect) || is_play(c.effect) ||
+        if (is_library(c.effect) || is_backlash(c.effect) ||
             (c.effect->state_count > 0 && c.linear && ++resonances % SKIPPED != 0))
             continue;
         if (c.linear)
@@ -396,9 +397,9 @@ std::vector<Asked> PredictionSearch::screen()
 bool PredictionSearch::add_one()
 {
     std::vector<Asked> asked = screen();
-    std::vector<RunFit> finalists(std::min(asked.size(), FINALISTS));
-    parallel_for(threads, finalists.size(), [&](size_t i) {
-        RunFit &f = finalists[i];
+    std::vector<RunFit> full_fits(std::min(asked.size(), MOST_FULL_FITS));
+    parallel_for(threads, full_fits.size(), [&](size_t i) {
+        RunFit &f = full_fits[i];
         mk_model model;
         f.cause = asked[i].cause;
         if (!with_candidate(best.point.model, f.cause, model) ||
@@ -409,43 +410,44 @@ bool PredictionSearch::add_one()
         const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
         std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
     });
-    finalists.erase(
-        std::remove_if(finalists.begin(), finalists.end(), [](const RunFit &f) { return !f.fine; }),
-        finalists.end());
+    full_fits.erase(
+        std::remove_if(full_fits.begin(), full_fits.end(), [](const RunFit &f) { return !f.fine; }),
+        full_fits.end());
     // Of those that carry over the likeliest: what is left out says whether, and of few logs hardly
     // which one rather than another.
-    std::sort(finalists.begin(), finalists.end(),
-              [this](const RunFit &a, const RunFit &b) { return score(a) < score(b); });
-    const double now = score(best);
+    std::sort(full_fits.begin(), full_fits.end(), [this](const RunFit &a, const RunFit &b) {
+        return penalised_nlml(a) < penalised_nlml(b);
+    });
+    const double now = penalised_nlml(best);
     const auto may_stay = [&](const RunFit &f) {
-        return carry_over::enough(f.carried, 1, now - score(f));
+        return carry_over::enough(f.carried, 1, now - penalised_nlml(f));
     };
-    auto chosen = std::find_if(finalists.begin(), finalists.end(), may_stay);
+    auto chosen = std::find_if(full_fits.begin(), full_fits.end(), may_stay);
     // Of two that are as likely the one with fewer parameters: it says the same with less.
-    for (auto f = chosen; f != finalists.end(); ++f)
-        if (f->picture.free.size() < chosen->picture.free.size() && may_stay(*f) &&
-            score(*f) < score(*chosen) + BETTER)
+    for (auto f = chosen; f != full_fits.end(); ++f)
+        if (f->quadratic.free.size() < chosen->quadratic.free.size() && may_stay(*f) &&
+            penalised_nlml(*f) < penalised_nlml(*chosen) + BETTER)
             chosen = f;
     suspects.clear();
-    for (const RunFit &f : finalists)
+    for (const RunFit &f : full_fits)
         if (f.carried.mean < 0.0 && f.carried.share > 0.0)
             suspects.push_back({f.cause, f.carried});
-    if (chosen == finalists.end())
+    if (chosen == full_fits.end())
         return false;
     Carrier carrier = {chosen->cause, chosen->carried, {}, {}};
     runners_up.emplace_back();
-    for (const RunFit &f : finalists)
+    for (const RunFit &f : full_fits)
         if (&f != &*chosen && runners_up.back().size() < RIVALS && carry_over::promising(f.carried))
             runners_up.back().push_back(f.cause);
     best = std::move(*chosen);
     causes.push_back(carrier);
-    return settle(best);
+    return converge(best);
 }
 
 // Fits on until nothing is gained any more: a fit that is still under way makes whatever is added
 // to it look good, by the further steps. Errors that were usual before hide what is left, so each
 // round is in units of those that are usual now.
-bool PredictionSearch::settle(RunFit &at) const
+bool PredictionSearch::converge(RunFit &at) const
 {
     constexpr int MOST_ROUNDS = 3;
     constexpr double SAME = 0.05; // of the logarithm of usual squared errors
@@ -453,7 +455,7 @@ bool PredictionSearch::settle(RunFit &at) const
     for (int i = 0; i < MOST_ROUNDS; i++) {
         if (runs.take_scale(at.point) < SAME && i > 0)
             break;
-        if (!search.tick(DONE, ASKING) || !runs.settle(at.point, free, threads, at.picture))
+        if (!search.tick(DONE, ASKING) || !runs.converge(at.point, free, threads, at.quadratic))
             return false;
     }
     return leave_out(free, at);
@@ -477,10 +479,10 @@ bool PredictionSearch::exchange(size_t count)
             fits[k].fine = plausible(fits[k].point.model, others[k]);
         });
         size_t chosen = fits.size();
-        double least = score(best) - BETTER;
+        double least = penalised_nlml(best) - BETTER;
         for (size_t k = 0; k < fits.size(); k++)
-            if (fits[k].fine && score(fits[k]) < least)
-                least = score(fits[k]), chosen = k;
+            if (fits[k].fine && penalised_nlml(fits[k]) < least)
+                least = penalised_nlml(fits[k]), chosen = k;
         if (chosen == fits.size())
             continue;
         // The new one sits last in the model; causes follow the model's order.
@@ -494,7 +496,7 @@ bool PredictionSearch::exchange(size_t count)
         runners_up.push_back(std::move(left));
         i--;
         count--;
-        if (!settle(best))
+        if (!converge(best))
             return false;
     }
     return true;
@@ -548,7 +550,7 @@ void PredictionSearch::decide()
             if (!causes[i].without.fine)
                 continue;
             const Carried &c = causes[i].carried;
-            const double gain = score(causes[i].without) - score(best);
+            const double gain = penalised_nlml(causes[i].without) - penalised_nlml(best);
             const bool stays = carry_over::enough(c, (int)causes.size(), gain) &&
                                carry_over::worth_naming(c) && !has_open_size(i);
             if (!stays && gain < least)
@@ -556,11 +558,11 @@ void PredictionSearch::decide()
         }
         if (weakest == causes.size())
             return;
-        drop(weakest);
+        eliminate(weakest);
     }
 }
 
-void PredictionSearch::drop(size_t cause)
+void PredictionSearch::eliminate(size_t cause)
 {
     suspects.push_back({causes[cause].cause, causes[cause].carried});
     best = std::move(causes[cause].without);
@@ -610,7 +612,8 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
         const Carried &c = causes[i].carried;
         const double more = gain(nullptr);
         const bool everywhere =
-            c.worse == 0 && score(causes[i].without) - score(best) > carry_over::STRONG;
+            c.worse == 0 &&
+            penalised_nlml(causes[i].without) - penalised_nlml(best) > carry_over::STRONG;
         const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
                                (everywhere && more > SHOWS * joints);
         if (!confirmed && -c.mean / c.error < least)
@@ -622,7 +625,7 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 void PredictionSearch::claim(const HeldOut &held)
 {
     for (size_t i; !search.cancelled && (i = least_confirmed(held)) < causes.size();) {
-        drop(i);
+        eliminate(i);
         leave_out_each();
     }
     face_rivals();
@@ -648,28 +651,29 @@ void PredictionSearch::face_rivals()
     }
 }
 
-double PredictionSearch::score(const RunFit &fit) const
+double PredictionSearch::penalised_nlml(const RunFit &fit) const
 {
     Hypothesis h;
     judge(fit, h);
-    return h.score;
+    return h.penalised_nlml;
 }
 
 void PredictionSearch::judge(const RunFit &fit, Hypothesis &out) const
 {
-    judge_by_runs(runs, fit.point, fit.picture, out);
+    judge_by_runs(runs, fit.point, fit.quadratic, out);
 }
 
-void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunPicture &picture,
+void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunQuadraticModel &quadratic,
                    Hypothesis &out)
 {
-    const FitPicture said = runs.information(point, picture);
-    out.picture.information = said.information;
-    out.picture.gradient = said.gradient;
-    out.picture.evidence = said.evidence;
-    out.free_count = (int)picture.free.size();
-    const double numbers = (double)picture.free.size() + (double)own_parameters(point.model).size();
-    out.score = said.evidence + 0.5 * numbers * std::log(runs.independent_errors());
+    const QuadraticModel said = runs.information(point, quadratic);
+    out.quadratic.information = said.information;
+    out.quadratic.gradient = said.gradient;
+    out.quadratic.nlml = said.nlml;
+    out.free_count = (int)quadratic.free.size();
+    const double numbers =
+        (double)quadratic.free.size() + (double)own_parameters(point.model).size();
+    out.penalised_nlml = said.nlml + 0.5 * numbers * std::log(runs.independent_errors());
 }
 
 } // namespace mk

@@ -25,7 +25,7 @@ struct Asked {
 struct RunFit {
     Candidate cause = {}; // what it has beyond the one that it grew from
     RunPoint point;
-    RunPicture picture;
+    RunQuadraticModel quadratic;
     HeldOutFigures left_out[2]; // of whole folds, and of their second halves
     Carried carried;
     bool fine = false;
@@ -55,7 +55,7 @@ class PredictionSearch
     bool go_on();
     // Minus log likelihood of independent errors, with all causes and a penalty for their
     // parameters.
-    double surprise() const { return score(best); }
+    double surprise() const { return penalised_nlml(best); }
     // What leaving data out says of all that is in this model against another one's, and by how
     // much the log likelihood of independent errors is better.
     Carried against(const PredictionSearch &other, double &gain) const;
@@ -93,7 +93,7 @@ class PredictionSearch
     std::vector<Candidate> hopeless; // starts that made predictions worse
 
     bool fit(const RunPoint &from, const mk_model &model, int iterations, int threads,
-             RunFit &out) const; // `out.picture.stride` windows apart
+             RunFit &out) const; // `out.quadratic.stride` windows apart
     bool fit_added(const mk_model &model, const Candidate &cause, int iterations,
                    RunFit &out) const;
     bool leave_out(const std::vector<int> &wanted, RunFit &fit) const;
@@ -103,21 +103,21 @@ class PredictionSearch
     void screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out);
     std::vector<Asked> screen();
     bool plausible(const mk_model &model, const Candidate &cause) const;
-    double score(const RunFit &fit) const;
+    double penalised_nlml(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
-    bool settle(RunFit &at) const;
+    bool converge(RunFit &at) const;
     bool exchange(size_t count);
     mk_model without(size_t cause) const;
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause
     void leave_out_each();
     bool has_open_size(size_t cause) const;
-    void drop(size_t cause);
+    void eliminate(size_t cause);
     size_t least_confirmed(const HeldOut &held) const;
 };
 
 // Score and information of a hypothesis as free runs over `runs` have them.
-void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunPicture &picture,
+void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunQuadraticModel &quadratic,
                    Hypothesis &out);
 
 } // namespace mk

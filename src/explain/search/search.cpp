@@ -15,10 +15,10 @@ namespace mk
 namespace
 {
 
-constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // drift, rad/s per sqrt(s)
-constexpr double TIGHTER = 1.0 / 30.0;            // from one drift to the next
-constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same drift
-constexpr double ROUGHEST = 0.05;                 // drift that a play may need
+constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // process noise, rad/s per sqrt(s)
+constexpr double TIGHTER = 1.0 / 30.0;            // from one process noise to the next
+constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same process noise
+constexpr double ROUGHEST = 0.05;                 // process noise that backlash may need
 constexpr double LOST_SHARE = 0.3; // log likelihood a reading that no fit makes up for
 
 } // namespace
@@ -51,16 +51,16 @@ FitOptions Search::fit_options() const
     FitOptions o;
     o.threads = options.threads;
     o.near = options.given;
-    o.stretch = options.stretch;
+    o.interval = options.interval;
     return o;
 }
 
 void Search::finish(Fit &fit, Hypothesis &h) const
 {
-    h.drift = fit.options.drift[0];
+    h.process_noise = fit.options.process_noise[0];
     // A spread is estimated like any parameter.
-    h.score =
-        h.picture.evidence + penalty(h.free_count + (int)own_parameters(h.point.model).size());
+    h.penalised_nlml =
+        h.quadratic.nlml + penalty(h.free_count + (int)own_parameters(h.point.model).size());
 }
 
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
@@ -72,8 +72,8 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     std::vector<int> free = fitted_parameters(model);
     out.free_count = (int)free.size();
     data = data_range(model, logs);
-    double first = from ? std::min(LOOSEST, std::max(10.0 * from->drift, 0.1)) : LOOSEST;
-    bool fitted = fit.descend(out.point, free, first, TIGHTEST, out.picture);
+    double first = from ? std::min(LOOSEST, std::max(10.0 * from->process_noise, 0.1)) : LOOSEST;
+    bool fitted = fit.continue_over_process_noise(out.point, free, first, TIGHTEST, out.quadratic);
     work += fit.work_done;
     if (!fitted)
         return false;
@@ -81,7 +81,8 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     return true;
 }
 
-bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out)
+bool Search::refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
+                      Hypothesis &out)
 {
     FitOptions o = fit_options();
     o.max_passes = 300.0;
@@ -89,7 +90,7 @@ bool Search::refit_at(const mk_model &model, const Hypothesis &from, double drif
     out.point = fit.adopt(from.point, model);
     std::vector<int> free = fitted_parameters(model);
     out.free_count = (int)free.size();
-    bool fitted = fit.settle(out.point, free, drift, out.picture);
+    bool fitted = fit.solve_at(out.point, free, process_noise, out.quadratic);
     work += fit.work_done;
     if (fitted)
         finish(fit, out);
@@ -104,76 +105,79 @@ bool Search::follow(const mk_model &model, const Hypothesis *from, double most, 
     FitPoint point = from ? fit.adopt(from->point, model) : fit.start(model);
     out.free_count = (int)fitted_parameters(model).size();
     bool any = false;
-    for (double drift = std::max(most, TIGHTEST); drift > 0.9 * TIGHTEST; drift /= 3.0) {
-        FitPicture picture;
-        if (!fit.settle(point, {}, drift, picture) ||
-            (any && picture.evidence >= out.picture.evidence))
+    for (double process_noise = std::max(most, TIGHTEST); process_noise > 0.9 * TIGHTEST;
+         process_noise /= 3.0) {
+        QuadraticModel quadratic;
+        if (!fit.solve_at(point, {}, process_noise, quadratic) ||
+            (any && quadratic.nlml >= out.quadratic.nlml))
             break;
         any = true;
         out.point = point;
-        out.picture = picture;
-        out.drift = drift;
+        out.quadratic = quadratic;
+        out.process_noise = process_noise;
     }
     work += fit.work_done;
     return any;
 }
 
-void Search::polish(Hypothesis &h, bool drift_too)
+void Search::polish(Hypothesis &h, bool process_noise_too)
 {
     FitOptions o = fit_options();
     o.max_iterations = 25;
     o.tolerance = 1e-2;
     o.max_passes = 600.0;
-    // One stretch a log has no drift to tighten step by step: it comes to its optimum at once.
+    // One shooting interval a log has no process noise to tighten step by step: it comes to its
+    // optimum at once.
     if (mk_model_hides_joint(&h.point.model))
         o.max_iterations = 60;
     Fit fit(logs, o);
-    polish(fit, h, drift_too);
+    polish(fit, h, process_noise_too);
     work += fit.work_done;
 }
 
-void Search::polish(Fit &fit, Hypothesis &h, bool drift_too) const
+void Search::polish(Fit &fit, Hypothesis &h, bool process_noise_too) const
 {
     FitPoint point = h.point;
-    FitPicture picture;
+    QuadraticModel quadratic;
     std::vector<int> free = fitted_parameters(point.model);
-    // The drift is part of the estimate: a coarser one would leave something for a next cause to
-    // gain.
-    auto try_drift = [&](double drift, double slack) {
-        if (drift < 0.9 * TIGHTEST || drift > 1.1 * LOOSEST ||
-            !fit.settle(point, free, drift, picture))
+    // The process noise is part of the estimate: a coarser one would leave something for a next
+    // cause to gain.
+    auto try_process_noise = [&](double process_noise, double slack) {
+        if (process_noise < 0.9 * TIGHTEST || process_noise > 1.1 * LOOSEST ||
+            !fit.solve_at(point, free, process_noise, quadratic))
             return false;
-        double score = picture.evidence + penalty((int)free.size());
-        bool better = score < h.score + slack;
+        double penalised_nlml = quadratic.nlml + penalty((int)free.size());
+        bool better = penalised_nlml < h.penalised_nlml + slack;
         if (better) {
             h.point = point;
-            h.picture = picture;
-            h.drift = drift;
-            h.score = score;
+            h.quadratic = quadratic;
+            h.process_noise = process_noise;
+            h.penalised_nlml = penalised_nlml;
         }
         return better;
     };
-    try_drift(h.drift, 0.0);
-    if (!drift_too)
+    try_process_noise(h.process_noise, 0.0);
+    if (!process_noise_too)
         return;
     // Where the motion is chaotic, a trajectory of a whole log leads nowhere.
     if (mk_model_hides_joint(&h.point.model)) {
-        fit.options.hidden_stretch = 1.0;
+        fit.options.hidden_interval = 1.0;
         point = fit.start(h.point.model);
         std::copy(std::begin(h.point.noise), std::end(h.point.noise), std::begin(point.noise));
-        try_drift(0.03, 0.0);
+        try_process_noise(0.03, 0.0);
         return;
     }
-    // Of drifts that the data cannot tell apart the least is meant: it leaves nothing to explain.
+    // Of process noises that the data cannot tell apart the least is meant: it leaves nothing to
+    // explain.
     constexpr double EVEN = 0.5;
     bool lower = false;
-    double least = h.score;
-    while (try_drift(h.drift / 3.0, least + EVEN - h.score)) {
-        least = std::min(least, h.score);
+    double least = h.penalised_nlml;
+    while (try_process_noise(h.process_noise / 3.0, least + EVEN - h.penalised_nlml)) {
+        least = std::min(least, h.penalised_nlml);
         lower = true;
     }
     point = h.point;
-    while (!lower && try_drift(h.drift * 3.0, 0.0))
+    while (!lower && try_process_noise(h.process_noise * 3.0, 0.0))
         continue;
 }
 
@@ -196,7 +200,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     if (!how.only)
         all.erase(std::remove_if(all.begin(), all.end(),
                                  [&](const Candidate &c) {
-                                     return is_play(c.effect) != (how.kind == Kind::play);
+                                     return is_backlash(c.effect) != (how.kind == Kind::backlash);
                                  }),
                   all.end());
     for (Candidate &c : all)
@@ -204,9 +208,10 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     tried_count = (int)all.size();
     FitOptions loose = fit_options();
     loose.threads = 1;
-    const double small_drift = how.drift > 0.0 ? how.drift : base.drift;
-    for (double &d : loose.drift)
-        d = how.small ? small_drift : std::max(base.drift, 0.01);
+    const double small_process_noise =
+        how.process_noise > 0.0 ? how.process_noise : base.process_noise;
+    for (double &d : loose.process_noise)
+        d = how.small ? small_process_noise : std::max(base.process_noise, 0.01);
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
     Hypothesis start = base;
@@ -226,9 +231,9 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
             order.push_back(i);
     std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
     // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
-    int room[3] = {options.finalists + 2, options.finalists / 2, 3};
-    constexpr double SLIGHT = 0.02; // of the best promise: at most the next thing to be found
-    const double least_promise = order.empty() ? 0.0 : SLIGHT * gain[order[0]];
+    int room[3] = {options.full_fits + 2, options.full_fits / 2, 3};
+    constexpr double LEAST_SHARE = 0.02; // of the best promise: at most the next thing to be found
+    const double least_promise = order.empty() ? 0.0 : LEAST_SHARE * gain[order[0]];
     for (size_t i : order) {
         if (gain[i] < least_promise && !how.only)
             break;
@@ -247,38 +252,38 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
             tries.push_back(i);
     std::vector<Trial> trials;
-    std::vector<Candidate> plays;
+    std::vector<Candidate> backlashes;
     for (size_t i : tries) {
-        if (is_play(all[i].effect)) {
-            plays.push_back(all[i]);
+        if (is_backlash(all[i].effect)) {
+            backlashes.push_back(all[i]);
             continue;
         }
         trials.emplace_back();
         trials.back().candidate = all[i];
     }
     try_all(start, loose, trials);
-    try_plays(start, loose, plays, how.beat, trials);
+    try_backlash(start, loose, backlashes, how.acceptance, trials);
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
-    std::vector<Trial> finalists;
+    std::vector<Trial> full_fits;
     int terms = 0; // of the library
     for (Trial &t : trials) {
         if (!std::isfinite(t.gain))
             continue; // could not even be started
         bool seen = false;
-        for (const Trial &f : finalists)
+        for (const Trial &f : full_fits)
             seen = seen || same_start(f.candidate, t.candidate);
-        bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && finalists.size() >= 2;
+        bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && full_fits.size() >= 2;
         hopeless = hopeless || t.gain < -LOST_SHARE * reading_count;
         bool library = is_library(t.candidate.effect);
-        bool full = (int)finalists.size() >= options.finalists || (library && terms >= 3);
+        bool full = (int)full_fits.size() >= options.full_fits || (library && terms >= 3);
         if (seen || hopeless || full)
             continue;
         terms += library;
-        finalists.push_back(std::move(t));
+        full_fits.push_back(std::move(t));
     }
-    return compete(base.score, how.beat, how.small ? small_drift : std::max(base.drift, 0.1),
-                   finalists);
+    return compete(base.penalised_nlml, how.acceptance,
+                   how.small ? small_process_noise : std::max(base.process_noise, 0.1), full_fits);
 }
 
 std::vector<Candidate> Search::starts(const mk_model &model, const char *effect, int joint) const
@@ -296,7 +301,7 @@ bool Search::complete(const Hypothesis &h) const
     // What stays the same from row to row, as a wrong zero, does not show in how one row follows
     // from another.
     constexpr double MORE = 1.5;
-    return h.drift <= FLOOR && leaves_white_noise(logs, h) &&
+    return h.process_noise <= FLOOR && leaves_white_noise(logs, h) &&
            beyond_scatter(logs, h.point.noise) < MORE;
 }
 
@@ -304,7 +309,7 @@ bool Search::meets_readings(const Hypothesis &h) const
 {
     constexpr double MORE = 1.5;
     return std::all_of(h.point.nodes.begin(), h.point.nodes.end(),
-                       [](const FitNodes &n) { return n.row.size() == 1; }) &&
+                       [](const ShootingNodes &n) { return n.row.size() == 1; }) &&
            beyond_scatter(logs, h.point.noise) < MORE;
 }
 
@@ -329,45 +334,46 @@ double Search::relative_error(const Hypothesis &h, int effect, int parameter)
     if (place == free.end())
         return 0.0;
     const long i = place - free.begin();
-    const double error = std::sqrt(Fit::covariance(m, h.picture, free)(i, i));
+    const double error = std::sqrt(Fit::covariance(m, h.quadratic, free)(i, i));
     const double relative = error / std::fabs(m.effect[effect].value[parameter]);
     return std::isfinite(relative) ? relative : HUGE_VAL;
 }
 
-// Full fits, drift by drift side by side: who falls far behind at a drift is not carried on.
-std::vector<Hypothesis> Search::compete(double from, double beat, double first,
-                                        std::vector<Trial> &finalists)
+// Full fits, process noise by process noise side by side: who falls far behind at a process noise
+// is not carried on.
+std::vector<Hypothesis> Search::compete(double from, double acceptance, double first,
+                                        std::vector<Trial> &full_fits)
 {
-    struct Runner {
+    struct RunningFit {
         Hypothesis best;
         FitPoint point;
         std::vector<int> free;
         double now = HUGE_VAL, earlier = HUGE_VAL; // scores
-        double work = 0.0, settled = HUGE_VAL;     // the drift at which it is
+        double work = 0.0, settled = HUGE_VAL;     // the process noise at which it is
         int worse = 0;
         bool running = true;
     };
-    std::vector<Runner> runners(finalists.size());
-    for (size_t i = 0; i < runners.size(); i++) {
-        runners[i].best.added = finalists[i].candidate;
-        runners[i].best.score = HUGE_VAL;
-        runners[i].point = std::move(finalists[i].point);
-        runners[i].free = fitted_parameters(runners[i].point.model);
-        runners[i].best.free_count = (int)runners[i].free.size();
+    std::vector<RunningFit> running_fits(full_fits.size());
+    for (size_t i = 0; i < running_fits.size(); i++) {
+        running_fits[i].best.added = full_fits[i].candidate;
+        running_fits[i].best.penalised_nlml = HUGE_VAL;
+        running_fits[i].point = std::move(full_fits[i].point);
+        running_fits[i].free = fitted_parameters(running_fits[i].point.model);
+        running_fits[i].best.free_count = (int)running_fits[i].free.size();
     }
     double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
-    auto run_all = [&](double drift, int most_iterations) {
+    auto run_all = [&](double process_noise, int most_iterations) {
         // Threads that have no runner of their own help the others.
-        const auto running = std::count_if(runners.begin(), runners.end(),
-                                           [](const Runner &r) { return r.running; });
+        const auto running = std::count_if(running_fits.begin(), running_fits.end(),
+                                           [](const RunningFit &r) { return r.running; });
         const int helpers = std::max(1, options.threads / std::max(1, (int)running));
-        parallel_for(options.threads, runners.size(), [&](size_t i) {
-            Runner &r = runners[i];
-            // One stretch a log has next to no use for a drift.
-            const bool idle =
-                drift < first && drift > ROUGHEST && mk_model_hides_joint(&r.point.model);
-            if (!r.running || r.settled == drift || idle)
+        parallel_for(options.threads, running_fits.size(), [&](size_t i) {
+            RunningFit &r = running_fits[i];
+            // One shooting interval a log has next to no use for a process noise.
+            const bool idle = process_noise < first && process_noise > ROUGHEST &&
+                              mk_model_hides_joint(&r.point.model);
+            if (!r.running || r.settled == process_noise || idle)
                 return;
             FitOptions o = fit_options();
             o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
@@ -375,26 +381,26 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
             o.max_passes = 400.0;
             o.threads = helpers;
             Fit fit(logs, o);
-            FitPicture p;
-            r.running = fit.settle(r.point, r.free, drift, p);
+            QuadraticModel p;
+            r.running = fit.solve_at(r.point, r.free, process_noise, p);
             if (fit.converged)
-                r.settled = drift;
+                r.settled = process_noise;
             r.work += fit.work_done;
-            r.now = r.running ? p.evidence + penalty((int)r.free.size()) : HUGE_VAL;
-            if (r.now < r.best.score) {
+            r.now = r.running ? p.nlml + penalty((int)r.free.size()) : HUGE_VAL;
+            if (r.now < r.best.penalised_nlml) {
                 r.best.point = r.point;
-                r.best.picture = p;
-                r.best.drift = drift;
-                r.best.score = r.now;
+                r.best.quadratic = p;
+                r.best.process_noise = process_noise;
+                r.best.penalised_nlml = r.now;
                 r.worse = 0;
-            } else if (r.now > r.best.score + 2.0) {
+            } else if (r.now > r.best.penalised_nlml + 2.0) {
                 r.running = r.running && ++r.worse < 2;
             }
         });
     };
     auto leader = [&] {
         double least = HUGE_VAL;
-        for (const Runner &r : runners)
+        for (const RunningFit &r : running_fits)
             least = std::min(least, r.now);
         return least;
     };
@@ -403,31 +409,33 @@ std::vector<Hypothesis> Search::compete(double from, double beat, double first,
     constexpr double CLOSE = 200.0, CATCHING_UP = 0.25; // of what is missing, in a few iterations
     constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
     for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
-        for (Runner &r : runners)
+        for (RunningFit &r : running_fits)
             r.earlier = r.now;
         run_all(first, FEW_ITERATIONS);
-        const double lead = std::min(leader(), beat);
-        for (Runner &r : runners) {
+        const double lead = std::min(leader(), acceptance);
+        for (RunningFit &r : running_fits) {
             const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
             const bool comes =
                 std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
             r.running = r.running && (near || comes);
         }
     }
-    for (double drift = first; drift > 0.9 * TIGHTEST && !cancelled; drift *= TIGHTER, stage++) {
-        run_all(drift, ALL_ITERATIONS);
-        for (Runner &r : runners)
+    for (double process_noise = first; process_noise > 0.9 * TIGHTEST && !cancelled;
+         process_noise *= TIGHTER, stage++) {
+        run_all(process_noise, ALL_ITERATIONS);
+        for (RunningFit &r : running_fits)
             r.running = r.running && r.now < leader() + FAR_BEHIND;
         tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
     }
     std::vector<Hypothesis> out;
-    for (Runner &r : runners) {
+    for (RunningFit &r : running_fits) {
         work += r.work;
-        if (std::isfinite(r.best.score) && !discredited(r.best))
+        if (std::isfinite(r.best.penalised_nlml) && !discredited(r.best))
             out.push_back(std::move(r.best));
     }
-    std::sort(out.begin(), out.end(),
-              [](const Hypothesis &a, const Hypothesis &b) { return a.score < b.score; });
+    std::sort(out.begin(), out.end(), [](const Hypothesis &a, const Hypothesis &b) {
+        return a.penalised_nlml < b.penalised_nlml;
+    });
     std::vector<Hypothesis> one_each;
     for (Hypothesis &h : out)
         if (std::none_of(one_each.begin(), one_each.end(),

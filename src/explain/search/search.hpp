@@ -16,9 +16,9 @@ namespace mk
 struct Hypothesis {
     Candidate added = {}; // what it has beyond the model it grew from
     FitPoint point;
-    FitPicture picture;
-    double drift = 0.0; // process noise of best evidence
-    double score =
+    QuadraticModel quadratic;
+    double process_noise = 0.0; // its intensity, of least nlml
+    double penalised_nlml =
         0.0; // minus log likelihood with a penalty for parameters (BIC / 2); less is better
     int free_count = 0;
 };
@@ -26,25 +26,25 @@ struct Hypothesis {
 struct SearchOptions {
     const mk_model *given = nullptr; // base parameters are somewhere near these
     int threads = 2;
-    int finalists = 8;     // candidates that get a full fit
-    double stretch = 0.25; // s, see FitOptions
+    int full_fits = 8;      // candidates that get a full fit
+    double interval = 0.25; // s, see FitOptions
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
 };
 
-// Play takes so much longer to fit than all else that it is looked for by itself.
-enum class Kind { all_but_play, play };
+// Backlash takes so much longer to fit than all else that it is looked for by itself.
+enum class Kind { all_but_backlash, backlash };
 
 struct ExtendOptions {
-    Kind kind = Kind::all_but_play;
+    Kind kind = Kind::all_but_backlash;
     const std::vector<Candidate> *only = nullptr; // no others than these
     bool thorough = true;                         // else without those that are slow to fit
     // The base follows its data: what it lacks is small, and shows in a few iterations from there.
     // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
     bool small = false;
-    double drift = 0.0; // at which it is looked for then; 0: that of the base
+    double process_noise = 0.0; // at which it is looked for then; 0: that of the base
     double least = 0.0;
-    double beat = HUGE_VAL; // score of a hypothesis to be compared with
+    double acceptance = HUGE_VAL; // score of a hypothesis to be compared with
 };
 
 class Search
@@ -54,13 +54,15 @@ class Search
 
     // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
-    // A hypothesis' model fitted at one drift from another's parameters and states.
-    bool refit_at(const mk_model &model, const Hypothesis &from, double drift, Hypothesis &out);
-    // The model as it is, with the states, noise and drift (at most this) that go best with it;
-    // `from`: what to start from, of the same data, or NULL.
-    bool follow(const mk_model &model, const Hypothesis *from, double drift, Hypothesis &out);
-    // Carries a fit on until it stands still, its drift too.
-    void polish(Hypothesis &h, bool drift_too);
+    // A hypothesis' model fitted at one process noise from another's parameters and states.
+    bool refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
+                  Hypothesis &out);
+    // The model as it is, with the states, noise and process noise (at most this) that go best with
+    // it; `from`: what to start from, of the same data, or NULL.
+    bool follow(const mk_model &model, const Hypothesis *from, double process_noise,
+                Hypothesis &out);
+    // Carries a fit on until it stands still, its process noise too.
+    void polish(Hypothesis &h, bool process_noise_too);
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
@@ -73,9 +75,10 @@ class Search
     }
     double error_at_nothing(const Hypothesis &base, const Candidate &candidate);
     double penalty(int parameters) const; // of a likelihood, for so many more (BIC)
-    // Whether nothing is left to be explained: next to no drift, and white noise.
+    // Whether nothing is left to be explained: next to no process noise, and white noise.
     bool complete(const Hypothesis &h) const;
-    // Whether one stretch a log, which has no use for a drift, leaves the scatter of the readings.
+    // Whether one shooting interval a log, which has no use for a process noise, leaves the scatter
+    // of the readings.
     bool meets_readings(const Hypothesis &h) const;
     // Whether a fit has switched the added effect off, or made it larger than it can be.
     static bool discredited(const Hypothesis &h);
@@ -120,18 +123,19 @@ class Search
 
     void screen(const Hypothesis &base, const FitOptions &loose, const std::vector<Candidate> &all,
                 std::vector<double> &gain);
-    static double promised(const FitPicture &picture, const std::vector<int> &free,
+    static double promised(const QuadraticModel &quadratic, const std::vector<int> &free,
                            const std::vector<int> &wanted);
     static bool worth_trying(const std::vector<Candidate> &all, size_t i);
-    void polish(Fit &fit, Hypothesis &h, bool drift_too) const;
+    void polish(Fit &fit, Hypothesis &h, bool process_noise_too) const;
     void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
     bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                  Trial &trial);
     void thin_out(std::vector<Trial> &trials);
-    void try_plays(const Hypothesis &start, const FitOptions &loose,
-                   const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials);
-    std::vector<Hypothesis> compete(double from, double beat, double first_drift,
-                                    std::vector<Trial> &finalists);
+    void try_backlash(const Hypothesis &start, const FitOptions &loose,
+                      const std::vector<Candidate> &backlashes, double acceptance,
+                      std::vector<Trial> &trials);
+    std::vector<Hypothesis> compete(double from, double acceptance, double first_process_noise,
+                                    std::vector<Trial> &full_fits);
     FitOptions fit_options() const;
     void finish(Fit &fit, Hypothesis &h) const;
 };

@@ -22,7 +22,7 @@ FitPoint with_states(const FitPoint &from, const mk_model &model)
     FitPoint point = from;
     point.model = model;
     const long all = mk_model_state_count(&model), joints = mk_model_joints(&model);
-    for (FitNodes &nodes : point.nodes) {
+    for (ShootingNodes &nodes : point.nodes) {
         const long known = nodes.x.rows();
         nodes.x.conservativeResize(all, Eigen::NoChange);
         for (long i = 0; i < nodes.x.cols() && known < all; i++) {
@@ -66,7 +66,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         mk_model model;
         std::vector<size_t> members;
         std::vector<int> free;
-        FitPicture p;
+        QuadraticModel p;
         Fit fit(logs, loose);
         fit.coarsen_as(here);
         // So little of each that the trajectory stays where it is.
@@ -84,7 +84,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
             }
             FitPoint point = with_states(base.point, model);
             free = fitted_parameters(model);
-            p = fit.picture(point, free);
+            p = fit.quadratic(point, free);
             if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
                 break;
         }
@@ -116,7 +116,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
 }
 
 // Second-order reduction of the cost if only the wanted parameters move.
-double Search::promised(const FitPicture &p, const std::vector<int> &free,
+double Search::promised(const QuadraticModel &p, const std::vector<int> &free,
                         const std::vector<int> &wanted)
 {
     std::vector<long> place;
@@ -242,20 +242,21 @@ void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vect
         work += t.work;
 }
 
-void Search::try_plays(const Hypothesis &start, const FitOptions &loose,
-                       const std::vector<Candidate> &plays, double beat, std::vector<Trial> &trials)
+void Search::try_backlash(const Hypothesis &start, const FitOptions &loose,
+                          const std::vector<Candidate> &backlashes, double acceptance,
+                          std::vector<Trial> &trials)
 {
-    if (plays.empty() || cancelled)
+    if (backlashes.empty() || cancelled)
         return;
-    PlaySearch search(logs, loose, start.point, std::min(start.picture.evidence, beat));
-    for (PlayFit &fit : search.run(plays, options.threads, [&](double done) {
+    BacklashSearch search(logs, loose, start.point, std::min(start.quadratic.nlml, acceptance));
+    for (BacklashFit &fit : search.run(backlashes, options.threads, [&](double done) {
              return tick(0.3 + 0.4 * done, "trying play");
          })) {
         Trial t;
         t.candidate = fit.start;
         const size_t extra =
             fitted_parameters(fit.point.model).size() - fitted_parameters(start.point.model).size();
-        t.gain = start.picture.evidence - fit.score - penalty((int)extra);
+        t.gain = start.quadratic.nlml - fit.nlml - penalty((int)extra);
         t.point = std::move(fit.point);
         t.begun = true;
         trials.push_back(std::move(t));

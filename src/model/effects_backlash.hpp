@@ -1,6 +1,6 @@
-// Mechanical play: two bodies with a gap between them.
-#ifndef MECHKIT_MODEL_EFFECTS_PLAY_HPP
-#define MECHKIT_MODEL_EFFECTS_PLAY_HPP
+// Mechanical backlash: two bodies with a gap between them.
+#ifndef MECHKIT_MODEL_EFFECTS_BACKLASH_HPP
+#define MECHKIT_MODEL_EFFECTS_BACKLASH_HPP
 
 #include "model/effect.hpp"
 
