@@ -422,6 +422,31 @@ START_TEST(a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor)
 }
 END_TEST
 
+START_TEST(a_motor_of_a_quarter_of_its_strength_is_wired_right_and_a_dead_one_is_not)
+{
+    static const char *const rigs[] = {"pendulum", "pendubot", "furuta"};
+    for (int dead = 0; dead < 2; dead++) {
+        struct rig_nudge n;
+        open_rig(rigs[_i]);
+        rig_close(&rig);
+        struct mk_model weak = rig_model;
+        ck_assert_int_eq(mk_model_add_effect(&weak, "saturation", 0, NULL), MK_OK);
+        weak.effect[weak.effect_count - 1].value[0] =
+            (dead ? 1e-3 : 0.25) * RIG_PUSH_SHARE * rig_model.u_max;
+        rig = (struct rig){.given = &rig_model, .rate_hz = 500.0, .limits = {.u_max = NAN}};
+        for (int j = 0; j < MK_MAX_JOINTS; j++)
+            rig.limits.q_min[j] = rig.limits.q_max[j] = rig.limits.v_max[j] = NAN;
+        const struct mk_board_config config = {.model = &weak, .seed = 1};
+        ck_assert_int_eq(rig_open(&rig, mk_board_backend_by_name("virtual"), &config, true, NULL),
+                         MK_OK);
+        ck_assert(rig_nudge(rig.board, &rig_model, NULL, &n));
+        ck_assert_msg(rig_nudge_is_well(&n) != dead, "%s: %g for %g", rigs[_i], n.moved[0],
+                      n.expected[0]);
+        rig_close(&rig);
+    }
+}
+END_TEST
+
 /* Every run zeroes the counters anew; what depends on the place must not differ from log to log. */
 START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
 {
@@ -498,6 +523,8 @@ Suite *suite_investigate(void)
                    the_last_experiment_of_the_budget_is_a_test_and_a_spent_budget_can_be_raised);
     tcase_add_test(more, an_investigation_that_is_killed_goes_on_and_runs_nothing_twice);
     tcase_add_loop_test(more, a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor, 0, 1);
+    tcase_add_loop_test(
+        more, a_motor_of_a_quarter_of_its_strength_is_wired_right_and_a_dead_one_is_not, 0, 3);
     suite_add_tcase(s, more);
     TCase *ends = tcase_create("ends");
     tcase_set_timeout(ends, 240);

@@ -80,15 +80,22 @@ static void wire_up(const struct rig_wiring *x, const double expected[MK_MAX_JOI
         out[j] = x->sign[j] * expected[x->swapped ? joints - 1 - j : j];
 }
 
-/* Relative distance of two answers, 0 .. 2. */
+/* Relative distance of an answer a from an expected one b, 0 .. 2, whatever the motor's strength:
+ * min over s of |a - s b| / sqrt((|a|^2 + |s b|^2) / 2). How strong a motor is, wiring does not say:
+ * a weak one is what an investigation is to find. One that hardly moves its rig is dead. */
 static double distance(const double *a, const double *b, int joints)
 {
-    double d = 0.0, scale = 0.0;
+    const double weakest = 0.05, strongest = 20.0; /* of what the model says */
+    double ab = 0.0, aa = 0.0, bb = 0.0;
     for (int j = 0; j < joints; j++) {
-        d += (a[j] - b[j]) * (a[j] - b[j]);
-        scale += 0.5 * (a[j] * a[j] + b[j] * b[j]);
+        ab += a[j] * b[j];
+        aa += a[j] * a[j];
+        bb += b[j] * b[j];
     }
-    return scale > 0.0 ? sqrt(d / scale) : 0.0;
+    if (aa + bb <= 0.0)
+        return 0.0;
+    const double s = bb > 0.0 ? fmin(fmax(ab / bb, weakest), strongest) : 1.0;
+    return sqrt(fmax(aa - 2.0 * s * ab + s * s * bb, 0.0) / (0.5 * (aa + s * s * bb)));
 }
 
 static struct rig_wiring best_wiring(const double *moved, const double *expected, int joints,

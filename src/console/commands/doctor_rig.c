@@ -131,13 +131,15 @@ void doctor_by_hand(struct doctor *d, struct mk_board *board, const struct mk_mo
 /* --- a push --------------------------------------------------------------------------------------
  */
 
-static void say_wiring(struct doctor *d, const struct mk_model *model, const struct rig_wiring *x,
-                       const double *moved, double misfit)
+static void say_wiring(struct doctor *d, const struct mk_model *model, const struct rig_nudge *n)
 {
+    const double *moved = n->moved;
+    const struct rig_wiring *x = &n->wiring;
     int motor = mk_plant(model->plant)->motor_joint;
     double size = mk_model_joint_scale(model, motor);
     const char *unit = mk_model_unit(model, motor, "rad");
-    if (misfit > RIG_MISFIT)
+    const double strength = moved[motor] / n->expected[motor];
+    if (n->misfit > RIG_MISFIT)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "is this the model of this rig? encoders plugged in? power supply on?",
                    "a push moved the joints by %+.4f and %+.4f %s, as no wiring explains",
@@ -152,6 +154,12 @@ static void say_wiring(struct doctor *d, const struct mk_model *model, const str
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "exchange the A and B wires of that encoder", "encoder %d counts backwards",
                    x->sign[0] < 0 ? 1 : 2);
+    else if (strength < 0.5 || strength > 2.0)
+        doctor_say(
+            d, DOCTOR_OK, "motor and encoders", "",
+            "wired as the model has it, but a push moved joint %d by %+.4f %s for the model's "
+            "%+.4f: values are off, or the motor is weak",
+            motor + 1, moved[motor] * size, unit, n->expected[motor] * size);
     else
         doctor_say(d, DOCTOR_OK, "motor and encoders", "",
                    "a push moved joint %d by %+.4f %s, both ways, as the model has it", motor + 1,
@@ -169,7 +177,7 @@ bool doctor_push(struct doctor *d, struct mk_board *board, const struct mk_model
                    "the push was broken off: the board tripped");
         return false;
     }
-    say_wiring(d, model, &n.wiring, n.moved, n.misfit);
+    say_wiring(d, model, &n);
     return rig_nudge_is_well(&n);
 }
 
