@@ -87,6 +87,33 @@ struct Gain {
                 return false;
         return true;
     }
+    // Whether held-out data, to which nothing is fitted but states and noise, are likelier by the
+    // extension than by the refitted model: nlml(refitted) - nlml(extended) > 0.
+    bool likelier_on_held_out() const
+    {
+        std::vector<FitLog> logs;
+        for (size_t i = 0; i < data.held.size(); i++) {
+            mk_record record;
+            double longest = 0.0;
+            if (mk_record_from_log(data.held[i], &model, &record, nullptr) != MK_OK)
+                return false;
+            for (const Piece &piece : pieces_of(record, record.rows, longest))
+                logs.push_back(fit_log(record, model, piece.first, piece.last, (int)i));
+        }
+        std::vector<const FitLog *> all;
+        for (const FitLog &log : logs)
+            all.push_back(&log);
+        if (all.empty())
+            return false;
+        SearchOptions how;
+        how.given = &model;
+        how.threads = options.threads;
+        Search search(all, how);
+        Hypothesis without, with;
+        return search.follow(out.refit, nullptr, last.refit.process_noise, without) &&
+               search.follow(out.extended, nullptr, last.best.process_noise, with) &&
+               with.quadratic.nlml < without.quadratic.nlml;
+    }
     double noise(int j) const { return out.noise[j]; }
     double noise_share(const HeldOut &held, int j) const
     {
@@ -155,10 +182,11 @@ struct Gain {
         if ((out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total()) ||
             (out.verdict == MK_VERDICT_PARTIAL && after.total() > (1.0 - LESS) * refitted.total()))
             out.offered = false;
-        // Where next to nothing is missing likelihood may take the readings' own steps for a cause:
-        // it must predict better, if by ever so little.
+        // Where next to nothing is missing likelihood may take the readings' own steps for a cause.
+        // It must predict held-out data better, if by ever so little, or be likelier there.
         constexpr double AT_NOISE = 2.0; // times
-        if (within(AT_NOISE, held, refitted) && after.total() > refitted.total())
+        if (found && within(AT_NOISE, held, refitted) && after.total() > refitted.total() &&
+            !likelier_on_held_out())
             out.offered = false;
         if (found && !out.offered) {
             for (int j = 0; j < mk_model_joints(&model); j++)
