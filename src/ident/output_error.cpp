@@ -162,15 +162,16 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
     return true;
 }
 
-// Drift beyond which the model is not the whole truth: an honest rig's plays and cables stay below.
+// Process noise beyond which the model is not the whole truth: an honest rig's plays and cables
+// stay below.
 constexpr double SUSPICIOUS_PROCESS_NOISE = 0.009, HOPELESS_PROCESS_NOISE = 0.9;
 constexpr double NOISY = 3.0; // times what the readings scatter
 
-void warn_of_drift(double process_noise, mk_ident_result &r)
+void warn_of_process_noise(double process_noise, mk_ident_result &r)
 {
     const int motor = mk_plant(r.model.plant)->motor_joint;
     warn(r,
-         "the model follows these data only with pushes of %.0e %s: "
+         "the model follows these data only with a process noise of %.0e %s: "
          "mechkit explain looks for what it lacks",
          process_noise * mk_model_joint_scale(&r.model, motor),
          mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
@@ -306,7 +307,7 @@ void warn_of_misfit(const RunCheck &runs, double process_noise,
              "and standard errors do not count it: mechkit explain looks for what the model lacks",
              RUN_S, 100.0 * runs.missed);
     else if (process_noise >= SUSPICIOUS_PROCESS_NOISE)
-        warn_of_drift(process_noise, r);
+        warn_of_process_noise(process_noise, r);
     else
         warn_of_noise(views, r);
 }

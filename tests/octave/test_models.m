@@ -45,7 +45,7 @@ if draws
   figure_handle = mk_plot(log, 'model', model, 'visible', 'off');
   assert(ishghandle(figure_handle));
   panels = findobj(figure_handle, 'type', 'axes');
-  assert(any(strcmp('missing torque', arrayfun(@(a) get(get(a, 'ylabel'), 'string'), panels, 'uniformoutput', false))));
+  assert(any(strcmp('residual torque', arrayfun(@(a) get(get(a, 'ylabel'), 'string'), panels, 'uniformoutput', false))));
   close('all');
 end
 disp('the model agrees');

@@ -1,5 +1,5 @@
 function handles = mk_plot(runs, varargin)
-%MK_PLOT  Draw runs: angles, command, phase plane, missing torque.
+%MK_PLOT  Draw runs: angles, command, phase plane, residual torque.
 %   MK_PLOT(R)                   R from MK_LOAD; several runs lie over each other
 %   MK_PLOT(R, 'model', M)       with M from MK_MODEL: also the torque that the model lacks, i.e.
 %                                mass matrix times (measured minus modelled acceleration)
@@ -35,7 +35,7 @@ function handles = mk_plot(runs, varargin)
       plot(r.time, missing_torque(r, opt.model));
       hold on;
       grid on;
-      ylabel('missing torque');
+      ylabel('residual torque');
       joints = {'joint 1', 'joint 2'};
       legend(joints{1:(1 + two)});
       xlabel('t [s]');

@@ -278,7 +278,7 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
             e->given.parameter[e->scale_holder]);
     if (e->verdict >= MK_VERDICT_EFFECT)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
-            fprintf(out, "  missing torque in the equation of joint %d: %.3g %s rms\n", j + 1,
+            fprintf(out, "  residual torque in the equation of joint %d: %.3g %s rms\n", j + 1,
                     e->missing[j], mk_model_unit(&e->given, j, "N m"));
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",

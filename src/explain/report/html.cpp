@@ -327,7 +327,7 @@ Series law(const mk_explanation &e, int j, bool speed, double low, double high)
     return s;
 }
 
-// Missing torque against what it seems to hang on, the law of a cause drawn through where it is one
+// Residual torque against what it seems to hang on, the law of a cause drawn through where it is one
 // of speed or angle alone.
 std::string residual_torque_plots(const mk_explanation &e)
 {
@@ -343,7 +343,7 @@ std::string residual_torque_plots(const mk_explanation &e)
                                        " of the joint, " + mk_model_unit(&e.given, j, "rad"),
                                    "command u"};
     for (int kind = 0; kind < 3; kind++) {
-        Series dots = {{}, {}, "dots", "missing torque"};
+        Series dots = {{}, {}, "dots", "residual torque"};
         for (int i = 0; i < e.residual_torque_count; i++) {
             const mk_residual_torque &p = e.residual_torque[i];
             dots.x.push_back(kind == 0 ? p.v[j] : kind == 1 ? p.q[j] : p.u);
@@ -705,7 +705,7 @@ try {
              "other logs do not. Learn from such data too.</p>";
     s += "<h2>Before and after</h2>" + error_plots(*e, log);
     if (e->verdict >= MK_VERDICT_EFFECT)
-        s += "<h2>What pushes the rig beyond the model without the cause</h2>" +
+        s += "<h2>Residual torque: what acts beyond the model without the cause</h2>" +
              residual_torque_plots(*e);
     if (e->input.made)
         s += "<h2>Which column drives it</h2>" + input_text(*e);
