@@ -343,8 +343,8 @@ FUZZ_FILES := $(wildcard src/base/*.c) src/base/number.cpp src/model/model_file.
               $(addprefix src/exchange/,import.c map.c read_mat.c read_text.c table.c unit.c) \
               $(addprefix src/exchange/,consistency.cpp plausible.cpp) src/driver/fault_script.c \
               $(addprefix src/console/script/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c) \
-              $(addprefix src/experiment/,sweep_journal.c sweep_robustness.c) src/explain/sweep_explain.c \
-              src/experiment/sweep_spec.c \
+              $(addprefix src/experiment/,sweep_axis.c sweep_journal.c sweep_robustness.c) src/explain/sweep_explain.c \
+              src/console/commands/sweep_spec.c \
               $(addprefix fuzz/,fuzz_file.c fuzz_mat.c fuzz_seen.c)
 FUZZ_OBJ := $(FUZZ_FILES:%=$(BUILD)/fuzz/%.o)
 FUZZ_CHOSEN := $(or $(TARGETS),$(FUZZ_TARGETS))
@@ -473,8 +473,10 @@ format-check: ## fail when a source is not formatted
 	$(CLANG_FORMAT) --dry-run -Werror $(FORMAT_FILES)
 
 .PHONY: floors
-floors: ## fail when a folder includes one it must not know
+floors: ## fail when a folder includes one it must not know, or files of one need each other
 	@tools/floors.sh
+	@$(MAKE) --no-print-directory $(JOBS) VARIANT=$(VARIANT) $(APP)
+	@tools/circles.sh $(B)
 
 .PHONY: tidy
 tidy: ## clang-tidy over all sources

@@ -68,6 +68,35 @@ START_TEST(whatever_is_forbidden_is_found)
 }
 END_TEST
 
+/* Two objects that call each other, with their sources, in a tree of their own. */
+START_TEST(files_that_need_each_other_are_found_and_others_pass)
+{
+    char command[2048], said[2048];
+    mkdir(scratch("src"), 0755);
+    mkdir(scratch("src/base"), 0755);
+    mkdir(scratch("tools"), 0755);
+    scratch_text("src/base/a.c", "int b(void);\nint a(void);\nint a(void) { return b(); }\n");
+    scratch_text("src/base/b.c", "int a(void);\nint b(void);\nint b(void) { return a(); }\n");
+    scratch_text("src/base/c.c", "int a(void);\nint c(void);\nint c(void) { return a(); }\n");
+    for (int apart = 0; apart < 2; apart++) {
+        if (apart)
+            scratch_text("src/base/b.c", "int b(void);\nint b(void) { return 0; }\n");
+        snprintf(
+            command, sizeof command,
+            "cd %s && cp %s/tools/circles.sh tools && mkdir -p out/src/base && for f in a b c; do "
+            "cc -c -o out/src/base/$f.o src/base/$f.c || exit 9; done; "
+            "tools/circles.sh out 2>&1",
+            scratch(""), MK_SOURCE_DIR);
+        FILE *out = popen(command, "r");
+        said[fread(said, 1, sizeof said - 1, out)] = '\0';
+        const int status = pclose(out);
+        ck_assert_msg(WIFEXITED(status) && WEXITSTATUS(status) == !apart, "%s", said);
+        if (!apart)
+            ck_assert(strstr(said, "base/a") && strstr(said, "base/b") && !strstr(said, "base/c"));
+    }
+}
+END_TEST
+
 START_TEST(what_is_allowed_passes)
 {
     char said[2048];
@@ -84,6 +113,7 @@ Suite *suite_floors(void)
     tcase_set_tags(t, "long"); /* a sanitizer sees nothing of a script */
     tcase_add_test(t, whatever_is_forbidden_is_found);
     tcase_add_test(t, what_is_allowed_passes);
+    tcase_add_test(t, files_that_need_each_other_are_found_and_others_pass);
     suite_add_tcase(s, t);
     return s;
 }

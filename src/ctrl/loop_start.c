@@ -181,24 +181,6 @@ static void forget_last_run(struct mk_loop *loop)
     memcpy(loop->mail.value, loop->ctrl->value, sizeof loop->mail.value);
 }
 
-enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
-{
-    const struct mk_board_ops *ops = loop->board->ops;
-    enum mk_status st = MK_OK;
-    if (ops->set_watchdog)
-        st = ops->set_watchdog(loop->board, loop->config.watchdog_ms, err);
-    if (st == MK_OK && loop->config.stream) {
-        st = ops->stream(loop->board, (uint32_t)lround(1e6 * loop->dt), err);
-        loop->run.streaming = st == MK_OK;
-    }
-    mk_board_watch_reset(&loop->run.watch, loop->run.streaming, loop->config.limits.stale_limit);
-    loop->run.t0_ns = mk_clock_now_ns(loop->board->clock);
-    /* In real time the first sample gets a period to wake up properly. */
-    if (!loop->simulated)
-        loop->run.t0_ns += (int64_t)(1e9 * loop->dt);
-    return st;
-}
-
 static enum mk_status begin_realtime(struct mk_loop *loop, struct mk_error *err)
 {
     enum mk_status st = mk_loop_writer_spawn(&loop->writer, err);

@@ -1,10 +1,6 @@
 // mk_data_check_logs: which checks are made of which logs, and the list of what they find.
 #include "mechkit/data_check.h"
 
-#include <algorithm>
-#include <cstdarg>
-#include <cstdio>
-#include <cstring>
 #include <new>
 
 #include "experiment/findings.hpp"
@@ -12,42 +8,6 @@
 
 namespace mk
 {
-
-std::string text(const char *format, ...)
-{
-    char buf[400];
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(buf, sizeof buf, format, arguments);
-    va_end(arguments);
-    return buf;
-}
-
-void Findings::add(enum mk_data_severity severity, const std::string &what,
-                   const std::string &remedy, int line)
-{
-    mk_data_finding f = {};
-    snprintf(f.file, sizeof f.file, "%s", log.path ? log.path : "");
-    snprintf(f.what, sizeof f.what, "%s", what.c_str());
-    snprintf(f.remedy, sizeof f.remedy, "%s", remedy.c_str());
-    f.severity = severity;
-    f.line = line;
-    mk_data_finding *end = check.finding + check.count;
-    mk_data_finding *at = severity == MK_DATA_FATAL
-                              ? std::find_if(check.finding, end,
-                                             [](const mk_data_finding &other) {
-                                                 return other.severity == MK_DATA_DOUBT;
-                                             })
-                              : end;
-    if (at == check.finding + MK_MAX_DATA_FINDINGS)
-        return;
-    if (check.count < MK_MAX_DATA_FINDINGS)
-        check.count++;
-    else
-        end--;
-    std::move_backward(at, end, end + 1);
-    *at = f;
-}
 
 namespace
 {

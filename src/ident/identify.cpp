@@ -1,8 +1,6 @@
 // mk_identify: the table of methods, and what all of them need done before and after.
-#include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <cstring>
 #include <iterator>
@@ -143,27 +141,6 @@ enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem
 }
 
 } // namespace
-
-namespace mk
-{
-
-void warn(mk_ident_result &r, const char *format, ...)
-{
-    if (r.warning_count == MK_MAX_FIT_WARNINGS)
-        return;
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(r.warning[r.warning_count++], sizeof r.warning[0], format, arguments);
-    va_end(arguments);
-}
-
-void warn_if_not_excited(mk_ident_result &r, const mk_ident_parameter &p)
-{
-    if (!p.excited)
-        warn(r, "the data say little about %s: excite it more or fix it", p.name);
-}
-
-} // namespace mk
 
 int mk_ident_method_count(void)
 {

@@ -97,15 +97,6 @@ int mk_model_state_count(const mk_model *model)
     return 2 * mk_model_joints(model) + sum_over_effects(model, &mk_effect_info::state_count);
 }
 
-bool mk_model_hides_joint(const mk_model *model)
-{
-    constexpr unsigned between = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
-    for (int e = 0; e < model->effect_count; e++)
-        if ((mk_effect(model->effect[e].index)->stages & between) == between)
-            return true;
-    return false;
-}
-
 int mk_model_event_count(const mk_model *model)
 {
     return sum_over_effects(model, &mk_effect_info::event_count);
@@ -117,10 +108,65 @@ int mk_model_parameter_count(const mk_model *model)
            sum_over_effects(model, &mk_effect_info::parameter_count);
 }
 
+bool mk_model_hides_joint(const mk_model *model)
+{
+    constexpr unsigned between = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
+    for (int e = 0; e < model->effect_count; e++)
+        if ((mk_effect(model->effect[e].index)->stages & between) == between)
+            return true;
+    return false;
+}
+
 bool mk_model_is_smooth(const mk_model *model)
 {
     return mk_model_event_count(model) == 0 &&
            mk_model_state_count(model) == 2 * mk_model_joints(model);
+}
+
+static enum mk_status check_fit(const mk_model *model, const mk_effect_info *info, int joint,
+                                mk_error *err)
+{
+    const mk_plant_info *plant = mk_plant(model->plant);
+    if (!(info->plants & (1u << model->plant)))
+        return mk_error_set(err, MK_ERR_INVALID, "effect '%s' makes no sense on the %s", info->name,
+                            plant->name);
+    if (info->joint_rule == MK_EFFECT_JOINT_NONE && joint != 0)
+        return mk_error_set(err, MK_ERR_INVALID, "effect '%s' acts on the rig: leave out joint",
+                            info->name);
+    bool needs = info->joint_rule == MK_EFFECT_JOINT_ANY;
+    if (joint < (needs ? 1 : 0) || joint > plant->joints)
+        return mk_error_set(err, MK_ERR_INVALID, "effect '%s' needs joint = 1%s, not %d",
+                            info->name, plant->joints > 1 ? " or 2" : "", joint);
+    return MK_OK;
+}
+
+enum mk_status mk_model_add_effect(mk_model *model, const char *name, int joint, mk_error *err)
+{
+    int index = 0;
+    while (name && mk_effect(index) && strcmp(mk_effect(index)->name, name) != 0)
+        index++;
+    const mk_effect_info *info = name ? mk_effect(index) : nullptr;
+    if (!info)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no effect '%s'", name ? name : "");
+    enum mk_status st = check_fit(model, info, joint, err);
+    if (st != MK_OK)
+        return st;
+    if (model->effect_count >= MK_MAX_EFFECTS)
+        return mk_error_set(err, MK_ERR_RANGE, "a model has at most %d effects", MK_MAX_EFFECTS);
+    mk_effect_use *use = &model->effect[model->effect_count];
+    int states = mk_model_state_count(model) + info->state_count;
+    int events = mk_model_event_count(model) + info->event_count;
+    if (states > MK_MAX_STATES || events > MK_MAX_EVENTS)
+        return mk_error_set(err, MK_ERR_RANGE, "too many effects with states or switching");
+    *use = {};
+    use->index = index;
+    use->joint = joint;
+    for (int i = 0; i < info->parameter_count; i++)
+        use->value[i] = strcmp(info->parameter[i].name, mk::SHARPNESS.name) == 0
+                            ? mk_model_sharpness(model, joint - 1)
+                            : info->parameter[i].initial;
+    model->effect_count++;
+    return MK_OK;
 }
 
 double mk_model_command_delay(const mk_model *model)

@@ -29,21 +29,6 @@ void tui_free(struct tui *t)
     canvas_free(&t->canvas);
 }
 
-void tui_post(struct tui *t, const char *fmt, ...)
-{
-    char line[1000];
-    va_list args;
-    va_start(args, fmt);
-    vsnprintf(line, sizeof line, fmt, args);
-    va_end(args);
-    t->door.post(t->door.user, line);
-}
-
-struct scope *tui_scope_in_view(struct tui *t)
-{
-    return t->in_log ? &t->log : &t->live;
-}
-
 /* --- news ------------------------------------------------------------------------------------ */
 
 static void card_line(struct tui_card *card, const char *fmt, ...) MK_PRINTF(2, 3);

@@ -95,6 +95,7 @@ void tui_draw_help(struct tui *t, struct tui_rect r);
 /* tui_mode.c */
 void tui_mode_key(struct tui *t, int key);
 void tui_draw_mode(struct tui *t, struct tui_rect body);
+int tui_setup_count(void);
 void tui_open_setup(struct tui *t);
 void tui_open_prompt(struct tui *t, const char *label, const char *text);
 /* tui_check.c: what to look at before a start. */

@@ -6,25 +6,9 @@
 
 /* --- chooser --------------------------------------------------------------------------------- */
 
-static int setup_count(void)
-{
-    int n = 0;
-    while (mk_ctrl_setup(n))
-        n++;
-    return n;
-}
-
-void tui_open_setup(struct tui *t)
-{
-    t->mode = MODE_SETUP;
-    for (int i = 0; i < setup_count(); i++)
-        if (mk_ctrl_setup(i) == t->status.setup)
-            t->chosen = i;
-}
-
 static void setup_key(struct tui *t, int key)
 {
-    int n = setup_count();
+    int n = tui_setup_count();
     if (key == TK_UP || key == 'k')
         t->chosen = (t->chosen + n - 1) % n;
     else if (key == TK_DOWN || key == 'j')
@@ -52,7 +36,8 @@ static void rigs_of(const struct mk_ctrl_ops *ops, char *buf, size_t size)
 static void draw_setup(struct tui *t, struct tui_rect area)
 {
     struct canvas *c = &t->canvas;
-    int n = setup_count(), room = area.rows >= n + 10 ? 3 : 0; /* for the whole of a long line */
+    int n = tui_setup_count(),
+        room = area.rows >= n + 10 ? 3 : 0; /* for the whole of a long line */
     struct tui_rect r = {area.row + 1, 2, n + 6 + room, c->cols - 4};
     canvas_fill(c, r, ' ', STYLE_NORMAL);
     struct tui_rect in = canvas_frame(c, r, "choose a setup");
@@ -75,13 +60,6 @@ static void draw_setup(struct tui *t, struct tui_rect area)
 }
 
 /* --- command line ---------------------------------------------------------------------------- */
-
-void tui_open_prompt(struct tui *t, const char *label, const char *text)
-{
-    prompt_open(&t->prompt, label, text);
-    t->mode = MODE_PROMPT;
-    t->blank_typed = false;
-}
 
 /* `halt` and `estop` do not queue up behind a command that waits. */
 static void execute(struct tui *t, const char *line)

@@ -15,8 +15,6 @@ namespace
 constexpr size_t MOST = 3;         // causes looked for from the refitted model,
 constexpr size_t MOST_MORE = 8;    // and from where most of them were found otherwise
 constexpr double CATALOGUE = 10.0; // by how much a library term must beat the catalogue
-constexpr double IMMATERIAL =
-    6.0e-4; // process noise that does not matter within a second of free run
 constexpr double PROCESS_NOISE_NEGLIGIBLE = 3.0e-3; // process noise at which little is missing
 constexpr double PROCESS_NOISE_FAINT =
     1.0e-2; // process noise at which what is missing may be too rare to show
@@ -47,11 +45,6 @@ void drop_terms(std::vector<Hypothesis> &ranked)
 }
 
 } // namespace
-
-bool CauseSearch::matters(double process_noise)
-{
-    return process_noise > IMMATERIAL;
-}
 
 bool CauseSearch::all_named() const
 {

@@ -42,7 +42,10 @@ class CauseSearch
     // What a model that follows its data leaves does not matter within a second of free run.
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
-    static bool matters(double process_noise);
+    static bool matters(double process_noise) { return process_noise > IMMATERIAL; }
+    // Process noise that moves a free run by less than its readings' noise within a second,
+    // rad/s per sqrt(s).
+    static constexpr double IMMATERIAL = 6.0e-4;
     // Process noise at which a shooting interval of the usual length says nothing, rad/s per
     // sqrt(s).
     static constexpr double LOST = 1.0;
