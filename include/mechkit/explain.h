@@ -182,6 +182,9 @@ struct mk_explain_options {
      * (MK_DATA_HOLD_OUT); NULL: it is asked. */
     const struct mk_data_check *data_check;
     bool force; /* searches in spite of a fatal finding */
+    /* Where an extension is offered, fills `control`: the rig's set-ups are tried on a virtual rig
+     * that is the extended model. A second or some. */
+    bool control;
     struct mk_row_choice rows;
     mk_progress_fn progress;
     void *progress_context;

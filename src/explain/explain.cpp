@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "explain/control_gain.h"
 #include "explain/evidence/budget.hpp"
 #include "explain/evidence/detection.hpp"
 #include "explain/evidence/gain.hpp"
@@ -116,6 +117,8 @@ class Explainer
     {
     }
 
+    // The road of a question: load and check, refit, values per log and the command's column,
+    // causes, last fit, verdict, held-out data, budget, next experiment.
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
@@ -125,12 +128,25 @@ class Explainer
         so.progress = options.progress;
         so.progress_context = options.progress_context;
         const LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
+        enum mk_status st = refit_beside_values(learn, held, so, err);
+        if (st == MK_OK)
+            st = find_causes(learn, held, so, err);
+        return st == MK_OK ? conclude(so, err) : st;
+    }
+
+  private:
+    // The refitted model, what differs from log to log, and the column of the command: before all
+    // causes, unless a single cause says more than both (ask_causes_first).
+    enum mk_status refit_beside_values(const LogList &learn, const LogList &held, SearchOptions &so,
+                                       mk_error *err)
+    {
         Hypothesis refit;
         clock.enter("refit");
         enum mk_status st = load_and_fit(learn, held, so, refit, err);
-        const mk_model given = model, given_refit = refit.point.model;
         if (st != MK_OK)
             return st;
+        given = model;
+        given_refit = refit.point.model;
         clock.enter("values per log");
         values = find_log_values(model, learn, out.window_s, *search, refit);
         clock.enter("column of the command");
@@ -146,20 +162,27 @@ class Explainer
                          ? find_log_values(model, learn, out.window_s, *search, refit)
                          : with_log_values(model, values.found, *search, refit);
         if (!values.found.empty() || out.input.changed)
-            st = ask_causes_first(learn, held, so, given, refit, err);
-        if (st != MK_OK)
-            return st;
+            st = ask_causes_first(learn, held, so, refit, err);
         plain = refit;
+        return st;
+    }
+    enum mk_status find_causes(const LogList &learn, const LogList &held, SearchOptions &so,
+                               mk_error *err)
+    {
         search_beside_values(so);
         if (reject_log_values(so))
             search_beside_values(so);
+        enum mk_status st = MK_OK;
         if (causes_first && !search->cancelled)
-            st = ask_input_again(learn, held, so, refit, err);
+            st = ask_input_again(learn, held, so, plain, err);
         if (st != MK_OK)
             return st;
         out.tried = causes->tried();
-        if (search->cancelled)
-            return mk_error_set(err, MK_ERR_INTR, "stopped");
+        return search->cancelled ? mk_error_set(err, MK_ERR_INTR, "stopped") : MK_OK;
+    }
+    // What is said of what was found, and measured on data that nothing was fitted to.
+    enum mk_status conclude(SearchOptions &so, mk_error *err)
+    {
         clock.enter("last fit");
         FinalFit last(data, training, *causes, *search);
         if (by_predictions) {
@@ -196,9 +219,9 @@ class Explainer
         return measured;
     }
 
-  private:
-    mk_model model; // as given; where values of it are unknown, as the fit starts
-    mk_model start; // base parameters right to within a factor of some three
+    mk_model model;              // as given; where values of it are unknown, as the fit starts
+    mk_model start;              // base parameters right to within a factor of some three
+    mk_model given, given_refit; // by the column that the model names, without values per log
     mk_explanation &out;
     mk_explain_options options;
     StageClock clock;
@@ -242,7 +265,7 @@ class Explainer
     // place of what they miss. Where a single cause says more than both together it is they that
     // stand in for it: then it comes first, and they are asked beside it.
     enum mk_status ask_causes_first(const LogList &logs, const LogList &holdouts, SearchOptions &so,
-                                    const mk_model &given, Hypothesis &refit, mk_error *err)
+                                    Hypothesis &refit, mk_error *err)
     {
         if (!folds->enough() || CauseSearch::likelihood_counts(values.fit) ||
             mk_model_hides_joint(&given))
@@ -347,15 +370,15 @@ class Explainer
     // those of a linear method near, and yet make the given ones the better place to search from.
     bool first_fit(SearchOptions &so, const mk_model &other, Hypothesis &refit)
     {
-        const bool given = !any_unknown(options);
-        if (!given)
+        const bool known = !any_unknown(options);
+        if (!known)
             model = other;
         start = model;
         search = std::make_unique<Search>(training, so);
         const bool fitted = search->refit(start, nullptr, refit);
         const bool same = std::equal(std::begin(other.parameter), std::end(other.parameter),
                                      std::begin(model.parameter));
-        if (!given || same || search->cancelled)
+        if (!known || same || search->cancelled)
             return fitted;
         const mk_model given_start = start;
         Hypothesis again;
@@ -776,6 +799,14 @@ try {
     result->scale_holder = mk::scale_holder(*model, nullptr);
     for (mk_model *m : {&result->given, &result->refit, &result->extended})
         m->no_motor = model->no_motor;
+    if (o.control) {
+        mk::StageClock clock(*result);
+        clock.enter("trials in control");
+        st = control_gain_measure(result.get(), err);
+        clock.stop();
+        if (st != MK_OK)
+            return st;
+    }
     result->seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     *out = *result;

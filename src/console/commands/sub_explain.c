@@ -14,7 +14,6 @@
 #include "console/commands/options.h"
 #include "console/commands/progress.h"
 #include "console/commands/signals.h"
-#include "explain/control_gain.h"
 #include "mechkit/explain.h"
 #include "mechkit/number.h"
 
@@ -223,6 +222,7 @@ static enum mk_status search(struct job *j, struct mk_error *err)
 {
     size_t count = (size_t)j->o.input.count;
     struct progress progress;
+    j->o.explain.control = true;
     if (progress_begin(&progress)) {
         j->o.explain.progress = progress_show;
         j->o.explain.progress_context = &progress;
@@ -230,8 +230,6 @@ static enum mk_status search(struct job *j, struct mk_error *err)
     enum mk_status st = mk_explain(&j->model, (const struct mk_log *const *)j->logs, count,
                                    (const struct mk_log *const *)j->holdouts, j->o.holdout.count,
                                    &j->o.explain, &j->e, err);
-    if (st == MK_OK)
-        st = control_gain_measure(&j->e, err);
     progress_end(&progress);
     return st;
 }

@@ -7,7 +7,6 @@
 
 #include "console/commands/explanation.h"
 #include "console/script/cmd_priv.h"
-#include "explain/control_gain.h"
 #include "mechkit/explain.h"
 #include "mechkit/ident.h"
 #include "mechkit/number.h"
@@ -154,7 +153,8 @@ enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct m
     char folder[SESSION_PATH + 16];
     struct mk_log *log;
     struct mk_model model;
-    struct mk_explain_options options = {.progress = on_progress, .progress_context = s};
+    struct mk_explain_options options = {
+        .control = true, .progress = on_progress, .progress_context = s};
     enum mk_status st = read_run(s, NULL, &log, err);
     struct mk_explanation *e = st == MK_OK ? calloc(1, sizeof *e) : NULL;
     if (st == MK_OK && !e)
@@ -163,8 +163,6 @@ enum mk_status cmd_do_explain(struct session *s, int argc, char **argv, struct m
         st = nominal_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_explain(&model, (const struct mk_log *const *)&log, 1, NULL, 0, &options, e, err);
-    if (st == MK_OK)
-        st = control_gain_measure(e, err);
     if (argc > 0)
         snprintf(folder, sizeof folder, "%s", argv[0]);
     else

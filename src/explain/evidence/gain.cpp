@@ -175,49 +175,76 @@ struct Gain {
             return st;
         const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
-        out.offered = found && !clearly_worse(after, refitted) && !misleads(held, refitted, after);
-        // A formula is worth having for what it predicts only, and where much is left without a
-        // name so is a cause.
-        constexpr double LESS = 0.05; // of the squared error must go, at least
-        if ((out.verdict == MK_VERDICT_UNKNOWN && after.total() > refitted.total()) ||
-            (out.verdict == MK_VERDICT_PARTIAL && after.total() > (1.0 - LESS) * refitted.total()))
-            out.offered = false;
-        // Where next to nothing is missing likelihood may take the readings' own steps for a cause.
-        // It must predict held-out data better, if by ever so little, or be likelier there.
-        constexpr double AT_NOISE = 2.0; // times
-        if (found && within(AT_NOISE, held, refitted) && after.total() > refitted.total() &&
-            !likelier_on_held_out())
-            out.offered = false;
-        if (found && !out.offered) {
-            for (int j = 0; j < mk_model_joints(&model); j++)
-                out.declined[j] = after.nrmse(j);
-            verdict.reject();
-            after = {};
-            st = held.figures(out.extended, after, err);
-            if (st != MK_OK)
-                return st;
-            offer_data_causes(held, refitted, after);
-        }
+        out.offered = found && earns_its_place(held, refitted, after);
+        if (found && !out.offered)
+            st = decline(held, refitted, after, err);
+        if (st != MK_OK)
+            return st;
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
-        if (out.verdict == MK_VERDICT_UNKNOWN && !found && at_noise(held, refitted)) {
+        if (!found && out.verdict == MK_VERDICT_UNKNOWN && at_noise(held, refitted)) {
             // A model that bends to its data leaves its values open, and what it predicts does not.
             const bool off = verdict.values_off() || clearly_worse(before, refitted);
             out.verdict = off ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
             out.structure[0] = 0;
         }
-        // Values that differ by more than chance but predict no better are as good as right.
-        if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
-            out.verdict = MK_VERDICT_NONE;
-        // Unless they predict nothing at all, if in a window or two only.
-        constexpr double NOTHING = 100.0; // in squares
-        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
-            out.verdict = MK_VERDICT_PARAMETERS;
+        judge_given_values(before, refitted);
         if (out.verdict == MK_VERDICT_NONE) {
             out.extended = out.given;
             after = before;
         }
+        keep_figures(held, before, refitted, after);
+        confirm(held, after);
+        return compare_with_training(held, err);
+    }
+    // Whether the extension is to be offered, by what it predicts of held-out data.
+    bool earns_its_place(const HeldOut &held, const HeldOutFigures &refitted,
+                         const HeldOutFigures &after) const
+    {
+        constexpr double LESS = 0.05;    // of the squared error must go, at least
+        constexpr double AT_NOISE = 2.0; // times
+        if (clearly_worse(after, refitted) || misleads(held, refitted, after))
+            return false;
+        // A formula is worth having for what it predicts only, and where much is left without a
+        // name so is a cause.
+        const double most = out.verdict == MK_VERDICT_UNKNOWN   ? 1.0
+                            : out.verdict == MK_VERDICT_PARTIAL ? 1.0 - LESS
+                                                                : HUGE_VAL;
+        if (after.total() > most * refitted.total())
+            return false;
+        // Where next to nothing is missing likelihood may take the readings' own steps for a cause.
+        // It must predict held-out data better, if by ever so little, or be likelier there.
+        return !within(AT_NOISE, held, refitted) || after.total() <= refitted.total() ||
+               likelier_on_held_out();
+    }
+    // Takes the extension back; `after` is then of what is left of it.
+    enum mk_status decline(const HeldOut &held, const HeldOutFigures &refitted,
+                           HeldOutFigures &after, mk_error *err)
+    {
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            out.declined[j] = after.nrmse(j);
+        verdict.reject();
+        after = {};
+        enum mk_status st = held.figures(out.extended, after, err);
+        if (st == MK_OK)
+            offer_data_causes(held, refitted, after);
+        return st;
+    }
+    // Values that differ by more than chance but predict no better are as good as right, unless
+    // they predict nothing at all, if in a window or two only.
+    void judge_given_values(const HeldOutFigures &before, const HeldOutFigures &refitted)
+    {
+        constexpr double NOTHING = 100.0; // in squares
+        if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
+            out.verdict = MK_VERDICT_NONE;
+        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
+            out.verdict = MK_VERDICT_PARAMETERS;
+    }
+    // closed = 1 - (after - floor) / (refitted - floor), of squared errors summed over joints.
+    void keep_figures(const HeldOut &held, const HeldOutFigures &before,
+                      const HeldOutFigures &refitted, const HeldOutFigures &after)
+    {
         double floor = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
             out.before[j] = before.nrmse(j);
@@ -228,8 +255,6 @@ struct Gain {
         }
         const double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
-        confirm(held, after);
-        return compare_with_training(held, err);
     }
     // How well the data are predicted that the models were fitted to, where held-out data are not.
     enum mk_status compare_with_training(const HeldOut &held, mk_error *err)
