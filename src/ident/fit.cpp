@@ -1,4 +1,25 @@
-// Fit: shooting, the elimination of states, and the cost.
+// Fit: shooting, the cost of a point, and its local quadratic model with the states eliminated.
+//
+// The method is multiple shooting (H. G. Bock 1987) with a Gauss-Newton step. Unknowns are the
+// parameters p and the states x_i at the shooting nodes. With F_i(x_i, p) the end of the trajectory
+// of shooting interval i, as the kernel integrates it, the cost is the negative log likelihood up
+// to a constant:
+//
+//     cost = 1/2 sum_k r_k^2 + 1/2 sum_i c_i' Q_i^-1 c_i + priors ,
+//     r_k  = w_k (y_k - h(x(t_k), p)) / sigma_j        residual of reading k, of joint j ,
+//     c_i  = F_i(x_i, p) - x_(i+1)                     continuity defect, c_i ~ N(0, Q_i) .
+//
+// About a point all r and c are linear in the steps (dx_i, dp), so that the cost is a quadratic
+// whose matrix is block tridiagonal in the states, with p as a border. The states are eliminated
+// one after the other (eliminate_log), which is an information filter; the way back (substitute) is
+// the smoother of J. Rauch, F. Tung, C. Striebel 1965. What is left is a dense quadratic in dp.
+//
+// Symbols in the code: y, w in LogData; sigma_j point.noise[j]; h(x(t_k)) and derivatives from
+// sim/shoot.hpp; F_i x_end; c_i gap; Q_i process_variance() (diagonal); x_i column i of nodes.x;
+// dF/dx F, dF/dp B. Derivatives by p are per unit of scale_of(): p = p0 + scale dp, so that dp has
+// no unit. Random effects ("own values") of several logs are eliminated last (eliminate_own).
+//
+// Decompositions are those of base/dense.hpp; ident/fit_minimise.cpp makes the steps.
 #include "ident/fit.hpp"
 
 #include <algorithm>
@@ -19,16 +40,27 @@ using Eigen::VectorXd;
 namespace
 {
 
-constexpr double HIDDEN_STD = 0.05;   // of an effect's state at the start of a log
-constexpr double MOUNT = 0.1;         // what a base does, of what the other states do
-constexpr double POSITION_STD = 1e-5; // continuity of angles between shooting intervals, rad
-constexpr double RELATIVE = 1e-6;     // drift of a wheel per speed, 1/sqrt(s)
-constexpr double PASS_STEP = 2.5e-3;  // of the passes that work is counted in, s
-constexpr double LOOSE = 1e-3;        // the same, and of effects' states, per unit of process noise
+// Standard deviation of the prior on the state of an effect at the start of a log, in the state's
+// own unit (rad, rad/s) and times state_freedom(). The prior's mean is the effect's state at rest.
+constexpr double HIDDEN_STD = 0.05;
+// How much less the states of a moving base may jump at a shooting node than those of the joints
+// (ratio of standard deviations).
+constexpr double MOUNT = 0.1;
+// Least standard deviation of the continuity defect of an angle, rad. Not 0: Q_i must have an
+// inverse.
+constexpr double POSITION_STD = 1e-5;
+// Process-noise intensity of a wheel's speed per its largest speed, 1/sqrt(s).
+constexpr double RELATIVE = 1e-6;
+// Step of the passes over the data in which work is counted (FitOptions::max_passes), s.
+constexpr double PASS_STEP = 2.5e-3;
+// Standard deviation of the continuity defect of angles and of effects' states, per unit of
+// process-noise intensity: at 1 rad/s per sqrt(s) an angle may jump by 1e-3 rad.
+constexpr double LOOSE = 1e-3;
 
 } // namespace
-// How far effects' states are left to themselves: standard deviations over those of a joint's
-// parts.
+// Factors on the standard deviations of the states: 1 for angles and speeds, MOUNT for the states
+// of a moving base, and the joint's scale for the states of an effect at a joint (0.01 where it
+// slides and states are in m).
 static VectorXd state_freedom(const mk_model &model)
 {
     VectorXd freedom = VectorXd::Ones(mk_model_state_count(&model));
@@ -101,6 +133,10 @@ const mk_model &Fit::model_of(const FitPoint &point, size_t log) const
 
 double Fit::scale_of(const mk_model &model, int number)
 {
+    //     scale = max(|p|, |p_initial| / 10) ,   0.01 where both are nothing.
+    //
+    // One unit of a scaled step then changes the parameter by about its own size. The second term
+    // keeps the scale away from 0 where a fit drives p there.
     char name[64];
     const mk_parameter_info *info = mk_model_parameter_info(&model, number, name, sizeof name);
     double v = std::fabs(mk_model_parameter(&model, number)), usual = std::fabs(info->initial);
@@ -119,7 +155,9 @@ static double sensor_delay(const mk_model &model)
     return longest;
 }
 
-// Weights of a log's readings at a point.
+// Weights of a log's readings at a point: w_k / sigma_j, so that the kernel's residuals are r_k.
+// The weight w_k, 0 to 1, is the square root of the share of an independent reading that reading k
+// is worth (ident/fit_log.hpp); a missing reading has 0.
 void Fit::lay_data(const FitPoint &point)
 {
     int joints = mk_model_joints(&point.model);
@@ -155,6 +193,9 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
                      const Job *last, bool derivatives)
 {
     static thread_local Batch batch;
+    // Columns of the jacobian: the ns start states of the interval, then the free parameters.
+    // Sensors that are late show the state as it was: of a reading at t the model's state is at t -
+    // late, so that an interval sees rows up to `late` behind its end.
     int ns = mk_model_state_count(&point.model), joints = mk_model_joints(&point.model);
     int columns = derivatives ? ns + (int)free.size() : 0;
     double late = sensor_delay(point.model);
@@ -177,6 +218,9 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         s.residual.resize(capacity);
         s.joint.resize(capacity);
         s.x_end.resize(ns);
+        // The kernel writes ns rows of `columns` numbers, row-major. Eigen's default is
+        // column-major, so that the matrix here is the transpose: jac_end(c, s) = d x_end(s) / d
+        // column c.
         s.jac_end.resize(columns ? columns : 1, ns); // transposed: row-major for the kernel
         ShootTask task = {};
         task.model = &model_of(point, l);
@@ -213,17 +257,26 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
         compress(batch.task[(size_t)(job - first)], point.noise, job->first, job->second);
 }
 
-// What a shooting interval's fit needs to know of how it went.
+// Reduces what shooting gave of an interval to its normal equations. With J_rc = - d r_r / d column
+// c and d = (dx_i, dp),
+//     1/2 |r - J d|^2 = 1/2 r'r - (J'r)' d + 1/2 d' (J'J) d ,
+// so that cost = r'r / 2, right = J'r and normal = J'J are all that the elimination needs. J itself
+// is given up: it has as many rows as the interval has readings.
 void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t i)
 {
     Segment &s = work[l][i];
+    // Each column of derivatives is counted as a sixth of what a step costs without any.
     s.effort = (double)task.steps * (1.0 + task.columns / 6.0);
     s.finite = task.finite;
     size_t n = task.finite ? task.row_count : 0;
     s.residual.resize(n);
     s.joint.resize(n);
     const Correction *c = correction ? &correction->by_log[l][i] : nullptr;
-    // States of further effects come after those of the point that the correction is from.
+    // Residuals with steps of length h differ from those with short ones by a nearly constant
+    // amount near the point that the correction was taken at:
+    //     r(p) = r_h(p) + (r_short - r_h)(p0) ,   F_i likewise.
+    // The correction is kept in rad, so that it outlives a change of sigma. States of further
+    // effects come after those of that point; they have no correction.
     if (c && n == c->residual.size() && s.x_end.size() >= c->x_end.size()) {
         for (size_t r = 0; r < n; r++)
             s.residual[r] += c->residual[r] / noise[s.joint[r]];
@@ -273,12 +326,16 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
         for (const Segment &s : work[l])
             effort += s.effort;
     }
+    // In passes: steps taken, derivatives counted in, over the steps of PASS_STEP that all logs
+    // have.
     work_done += effort / usual;
 }
 
-// What touches may come and go within a long step.
+// Within one long step a contact may begin and end unseen, since the kernel looks for a change of
+// sign from one end of the step to the other. So models with contact take shorter ones.
 double Fit::longest_step(const mk_model &model) const
 {
+    // Longest step of models with switching surfaces, s.
     constexpr double CONTACT = 2.5e-3;
     return mk_model_event_count(&model) > 0 ? std::min(options.step, CONTACT) : options.step;
 }
@@ -287,6 +344,11 @@ void Fit::coarsen(const FitPoint &point)
 {
     constexpr double READING_CHANGE = 0.02; // of the noise: so much may long steps change a reading
     correction.reset();
+    // Finds the longest step h, from `longest` down by factors of SHORTER, whose residuals differ
+    // from those of the point's own step by less than READING_CHANGE in the rms:
+    //     sqrt(mean_k (r_k(short) - r_k(h))^2) < READING_CHANGE .
+    // From then on all shooting takes h and adds the difference. Jacobians are those of h: they
+    // only have to be good enough for a step.
     const double longest = longest_step(point.model);
     if (!(point.step > 0.0 && point.step < longest))
         return;
@@ -304,8 +366,9 @@ void Fit::coarsen(const FitPoint &point)
     }
 }
 
-// What makes of the work's shooting intervals fine ones. Returns its root mean square, in readings'
-// standard deviations.
+// What makes residuals and ends of fine shooting intervals of the coarse ones that `work` holds.
+// Returns the root mean square of the change of the residuals, in the readings' standard
+// deviations.
 double Fit::correct(const FitPoint &point, const std::vector<std::vector<Segment>> &fine,
                     Corrections &out) const
 {
@@ -330,8 +393,13 @@ double Fit::correct(const FitPoint &point, const std::vector<std::vector<Segment
 
 // --- the local quadratic model ---
 
-// What is not known of the command (rows that were not recorded, digits that were not written)
-// moves the speeds: variances by joint at the end of a shooting interval.
+// What is not known of the command moves the speeds. An error e_k of the command in row k, held for
+// one period T, changes the speed by (da/du) T e_k. Errors of different rows are independent, so
+// the variance that they add up to at the end of the shooting interval is
+//     s.doubt[j] = (da_j/du T)^2 sum_k s_k^2 ,
+// with s_k = log.doubt[k] for rows that were not recorded, and s_k = u_step / sqrt(12) in every row
+// for the last digit that the log writes (uniform rounding). How the dynamics carry a change of
+// speed through the rest of the interval is left out. It adds to Q_i.
 void Fit::add_input_uncertainty(const FitPoint &point, size_t l, size_t node)
 {
     Segment &s = work[l][node];
@@ -344,7 +412,9 @@ void Fit::add_input_uncertainty(const FitPoint &point, size_t l, size_t node)
     s.doubt[0] = s.doubt[1] = 0.0;
     if (!(doubt > 0.0))
         return;
-    // The motor's torque meets the mass matrix alone.
+    // da_j/du at the node's state, by the difference between no and half of the full command:
+    // exact, because accelerations are linear in the torque. Effects are left out: friction and
+    // contact do not change how torque meets the mass matrix, and some of them are not linear in u.
     mk_model bare = point.model;
     bare.effect_count = 0;
     const int joints = mk_model_joints(&bare);
@@ -361,6 +431,13 @@ void Fit::add_input_uncertainty(const FitPoint &point, size_t l, size_t node)
 
 VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) const
 {
+    // Q_i is diagonal. With D the process-noise intensity of the speeds and s the joint's scale (1;
+    // 0.01 for a joint that slides),
+    //     angle           (s max(POSITION_STD, LOOSE D))^2
+    //     speed           (s D)^2 (t_(i+1) - t_i) + (RELATIVE v_max)^2 (t_(i+1) - t_i) + doubt
+    //     effect's state  (freedom max(POSITION_STD, LOOSE D))^2 .
+    // The speed's is a random walk: white acceleration of intensity D integrates to D^2 times the
+    // span.
     const mk_model &m = point.model;
     long joints = mk_model_joints(&m);
     const Segment &s = work[l][node];
@@ -382,8 +459,18 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     return q;
 }
 
-// Of a base parameter, in standard deviations: its logarithm against that of the known value. One
-// that vanishes is no great surprise: a friction may. The slope is per scaled parameter.
+// Prior on a base parameter with known value k, heavy-tailed as Student's distribution, of the
+// logarithm: its density in f is proportional to (1 + f^2)^(-1/2). With nu = NOTHING,
+//     f    = log((p + nu k) / (k + nu k)) / SPREAD ,
+//     cost = log(1 + f^2) / 2 = h^2 / 2 ,   h = sign(f) sqrt(log(1 + f^2)) .
+// h is returned: a residual like all others, so that h^2 / 2 joins the cost and (dh/dp)^2 the
+// information. nu k keeps f finite at p = 0, which is no great surprise: a friction may vanish.
+//
+// Near k the cost is f^2 / 2, far from it nearly flat. Its slope by f is f / (1 + f^2), 1/2 at
+// most: it decides what the data leave open and holds nothing off that they say.
+//
+// The slope is per scaled parameter: df/dp scale = scale / ((p + nu k) SPREAD) = unit, and
+//     dh/df = |f| / ((1 + f^2) |h|)  ->  1  as f -> 0 .
 double Fit::surprise(const mk_model &near, const mk_model &model, int number, double &slope)
 {
     constexpr double SPREAD = 1.0, NOTHING = 0.05;
@@ -395,10 +482,6 @@ double Fit::surprise(const mk_model &near, const mk_model &model, int number, do
         return 0.0;
     const double unit = scale_of(model, number) / ((now + NOTHING * known) * SPREAD);
     const double far = std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
-    // Half the square of what is returned is log(1 + far^2) / 2, of a Student distribution with one
-    // degree of freedom: near the known value a square, far from it nearly flat. It decides what
-    // data leave open and holds nothing off that they say: the pull is half a standard deviation at
-    // most.
     const double square = far * far, heard = std::sqrt(std::log1p(square));
     slope = heard > 1e-4 ? unit * std::fabs(far) / ((1.0 + square) * heard) : unit;
     return std::copysign(heard, far);
@@ -420,6 +503,10 @@ void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free,
     }
 }
 
+// The cost at a point whose intervals have just been shot: sums of squares of residuals, continuity
+// defects in units of Q_i, the prior of effects' states at the start of each log
+//     1/2 sum_s ((x_0s - rest_s) / (HIDDEN_STD freedom_s))^2 ,
+// that of base parameters (surprise) and that of own values. HUGE_VAL where a trajectory ran away.
 double Fit::total_cost(const FitPoint &point) const
 {
     double sum = 0.0;
@@ -450,11 +537,34 @@ double Fit::total_cost(const FitPoint &point) const
     return std::isfinite(sum) ? sum : HUGE_VAL;
 }
 
-// The states of one log are eliminated one after the other: with (A, C, a) what is known of the
-// next state x and its coupling to the parameters p,
-//     x'A x/2 + x'C p - a'x ,
-// each shooting interval adds its normal equations, x is eliminated, and what is known is carried
-// through the shooting interval's end (jacobian F) and widened by the process noise.
+// Eliminates the states of one log, first to last. Before interval i, all that earlier intervals
+// say of the step x of node i and of the parameters p is the quadratic
+//     x'A x/2 + x'C p - a'x  +  p'D p/2 - d'p .
+// A is ns x ns, C is ns x nf, and D, d are out.information and out.gradient, which gather what is
+// left of p. One interval takes three operations.
+//
+// 1. Add the interval's normal equations: blocks of J'J to A, C, D and of J'r to a, d.
+//
+// 2. Eliminate x. Given p, x ~ N(P (a - C p), P) with P = A^-1. Put in, this leaves
+//     D <- D - C'P C ,   d <- d - C'P a .
+//
+// 3. Carry on through x_next = c + F x + B p + w, w ~ N(0, Q). Given p, x_next is normal with
+//     mean        mu + G p ,   mu = c + F P a ,   G = B - F P C ,
+//     covariance  S = F P F' + Q ,
+// which in the form above is, for the next node,
+//     A = S^-1 ,   C = -S^-1 G ,   a = S^-1 mu ,   D += G'S^-1 G ,   d -= G'S^-1 mu .
+// Only S is inverted, never Q: next to no process noise is no trouble.
+//
+// Laplace's integral over the states (for nlml) has the determinant of the whole state matrix H_xx
+// and the norms of the continuity defects. They come along without H_xx ever being formed, because
+// |A| |Q + F A^-1 F'| = |Q| |A + F'Q^-1 F|:
+//     1/2 log|H_xx| + 1/2 sum_i log|Q_i| = 1/2 sum_i (log|A_i| + log|S_i|) .
+//
+// With p held, the cost falls by out.state_decrease when the states step to their best:
+//     sum_i (a'P a + c'Q^-1 c - mu'S^-1 mu) / 2 .
+//
+// `damping` is Levenberg-Marquardt's on the states, in units of what the interval's own readings
+// say.
 void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, QuadraticModel &out)
 {
     MatrixXd &D = out.information;
@@ -465,6 +575,8 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, Quadrat
     VectorXd x0 = point.nodes[l].x.col(0);
     double rest[MK_MAX_STATES];
     mk_model_initial_state(&model_of(point, l), x0.data(), x0.data() + joints, rest);
+    // Before the first interval: the prior of effects' states. 1e-9 (a standard deviation of 3e4)
+    // keeps A regular where no reading sees a state.
     MatrixXd A = MatrixXd::Identity(ns, ns) * 1e-9, C = MatrixXd::Zero(ns, nf);
     VectorXd a = VectorXd::Zero(ns);
     for (long s = 2 * joints; s < ns; s++) {
@@ -481,6 +593,8 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, Quadrat
         if (damping > 0.0)
             A.diagonal() += damping * s.normal.diagonal().head(ns);
         d += s.right.tail(nf);
+        // invert_positive returns log sqrt(determinant), half of the logarithm that the formula
+        // has.
         out.log_determinant += dense::invert_positive(A, s.P);
         s.C = C;
         s.a = a;
@@ -512,6 +626,9 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, Quadrat
 QuadraticModel Fit::eliminate(const FitPoint &point, const std::vector<int> &free, double damping)
 {
     QuadraticModel out;
+    // Sum over logs. Where parameters have own values, the logs of one source see other values of p
+    // than those of the next: their quadratics are first added by source, and the own values
+    // eliminated from each. A trajectory that ran away has no derivatives: `finite` stays false.
     const long nf = (long)free.size();
     out.information.setZero(nf, nf);
     out.gradient.setZero(nf);
@@ -538,6 +655,7 @@ QuadraticModel Fit::eliminate(const FitPoint &point, const std::vector<int> &fre
             source.D += part.information, source.d += part.gradient;
     }
     eliminate_own(point, free, out);
+    // Rounding makes D a little unsymmetric; LDL' reads one half of it.
     MatrixXd &D = out.information;
     D = 0.5 * (D + D.transpose().eval());
     for (size_t l = 0; l < logs.size(); l++)
@@ -548,7 +666,16 @@ QuadraticModel Fit::eliminate(const FitPoint &point, const std::vector<int> &fre
     return out;
 }
 
-// Steps of own values are in the same scaled units as those of their means.
+// Eliminates the own values b of each source. Its logs see p + E b in place of p, E the columns of
+// unity that pick the means (`place`), so their quadratic p'D p/2 - d'p becomes one in (p, b). With
+// b0 the own values now, spread s and everything in scaled units, u = scale / s, the prior of b0 +
+// b adds
+//     1/2 (b0/s + u b)^2 = b0^2 / (2 s^2) + (b0/s) u b + u^2 b^2 / 2 .
+// So b is normal given p, and with K = D E
+//     P    = (E'D E + u^2)^-1 ,   beta = E'd - u b0/s ,   b = P (beta - K'p) ,
+//     D   <- D - K P K' ,         d <- d - K P beta .
+// The integral over b gives log|P^-1| / 2 - sum log u for nlml (u is the norm of the prior in
+// scaled units) and takes beta'P beta / 2 off the cost.
 void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, QuadraticModel &out)
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -583,7 +710,7 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Qua
     }
 }
 
-// The prior of the own values.
+// Prior of the own values, b ~ N(0, spread^2): 1/2 sum (b / spread)^2.
 double Fit::own_cost(const FitPoint &point) const
 {
     double sum = 0.0;
@@ -594,7 +721,12 @@ double Fit::own_cost(const FitPoint &point) const
     return sum;
 }
 
-// Moves the states and the own values along with a step of the parameters (backward sweep).
+// Moves the states and the own values along with a step of the parameters, last node to first (the
+// smoother of Rauch, Tung, Striebel). With the next node's step known,
+//     dx_i = P (a - C dp + F' S^-1 (dx_(i+1) - mu - G dp)) ;
+// the last interval has no such term. `step` is dp as it is taken, already shortened to `length` of
+// the full one: a, mu and beta, which are not proportional to dp, are shortened here, so that all
+// unknowns go the same share of the way.
 void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
 {
     std::vector<VectorXd> own_step; // of the parameters as a source sees them
@@ -635,6 +767,9 @@ double Fit::cost(const FitPoint &point)
     return total_cost(point);
 }
 
+//     nlml = cost + 1/2 log|H_xx| + 1/2 sum_i log|Q_i| + sum_k w_k^2 log sigma_j + own values ,
+// Laplace's approximation of the negative log marginal likelihood, the states integrated out, up to
+// a constant; `own values` is what eliminate_own adds.
 QuadraticModel Fit::quadratic(const FitPoint &point, const std::vector<int> &free)
 {
     shoot_all(point, free, true);
@@ -645,7 +780,8 @@ QuadraticModel Fit::quadratic(const FitPoint &point, const std::vector<int> &fre
     return p;
 }
 
-// Parameters differ by many orders of magnitude: inverted with a unit diagonal.
+// Diagonal entries of the information H differ by many orders of magnitude. With R = diag(H)^(-1/2)
+// the matrix U = R H R has a unit diagonal, and H^-1 = R U^-1 R.
 static MatrixXd inverse_of(const MatrixXd &information)
 {
     const VectorXd root = information.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
@@ -655,6 +791,9 @@ static MatrixXd inverse_of(const MatrixXd &information)
     return root.asDiagonal() * inverse * root.asDiagonal();
 }
 
+// Gauss-Newton's H is the Fisher information of the scaled parameters, so that S H^-1 S with S =
+// diag(scale) is the Cramer-Rao bound in the parameters' own units. Its roots are the standard
+// errors.
 MatrixXd Fit::covariance(const mk_model &model, const QuadraticModel &quadratic,
                          const std::vector<int> &free)
 {
@@ -683,6 +822,10 @@ FitResiduals Fit::residuals(const FitPoint &point)
     return out;
 }
 
+// Maximum likelihood of sigma_j with everything else held. The terms in it,
+//     chi2_j / 2 + sum_k w_k^2 log sigma_j ,   chi2_j = sum_k r_k^2 ~ 1 / sigma_j^2 ,
+// are least where sigma_j^2 grows by the factor chi2_j / sum_k w_k^2. A joint with fewer than 20
+// independent readings keeps its noise; 1e-9 rad is the least.
 double Fit::update_noise(FitPoint &point)
 {
     FitResiduals r = residuals(point);
@@ -711,7 +854,10 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticMode
         const Source &s = sources[n];
         if (s.place.empty())
             continue;
-        // b = P (beta - K'p): var b = P + P K' cov K P, var (p + b) likewise with p in the bracket.
+        // Given p, b = P (beta - K'p) with covariance P; p itself has the covariance `cov`. So
+        //     var b       = P + M cov M' ,              M = -P K' ,
+        //     var (p + b) = P + (E' + M) cov (E' + M)' ,
+        // E' + M being row i of M with 1 added in the column of its own mean.
         const MatrixXd by = -s.P * s.K.transpose();
         for (size_t i = 0; i < s.place.size(); i++) {
             const long k = (long)i;
@@ -731,12 +877,16 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticMode
     return all;
 }
 
-// The spread of largest marginal likelihood, by MacKay's fixed point: spread^2 = sum b^2 / sum
-// (1 - var b / spread^2), the numerator what the own values are, the denominator how many of them
-// the data determine. (With well determined values and a free mean: the sample variance.)
+// Spread of largest marginal likelihood, by the fixed point of D. MacKay, Neural Computation 4,
+// 1992:
+//     spread^2 = sum_l b_l^2 / gamma ,   gamma = sum_l (1 - var b_l / spread^2) ,
+// gamma counting how many of the own values the data determine rather than the prior. With well
+// determined values and a free mean gamma is the number of logs less one: the sample variance. One
+// round changes a spread by a factor of 10 at most, and `gamma` near 0 is kept at 1e-3.
 double Fit::update_spreads(FitPoint &point, const QuadraticModel &quadratic)
 {
-    constexpr double LEAST = 1e-3; // of the parameter's scale: next to no spread
+    // Least spread, of the parameter's scale: logs that do not differ end there, next to no spread.
+    constexpr double LEAST = 1e-3;
     double change = 0.0;
     const std::vector<OwnValue> values = own_values(point, quadratic);
     for (int number : own_parameters(point.model)) {

@@ -1,4 +1,21 @@
-// Fit: the way to the minimum, and from process noise to process noise.
+// Fit: the way to the minimum at a given process noise, and from one process noise to the next.
+//
+// Three loops lie inside each other.
+//
+// 1. minimise(): Levenberg-Marquardt on the quadratic model that ident/fit.cpp makes,
+//     cost(d) = cost - g'd + d'H d / 2 ,
+//     (H + lambda diag H) d = g   within the parameters' ranges,
+// with g = gradient, H = information, lambda = damping. ident/stepper.hpp solves it in coordinates
+// in which models are nearly linear; the states follow by back substitution.
+//
+// 2. solve_at(): alternates the minimum with what belongs to it: the integration step, the
+// readings' noise sigma_j, and the spreads of own values.
+//
+// 3. continue_over_process_noise(): a continuation (homotopy) in the process-noise intensity D. At
+// a large D the trajectory may jump at every shooting node, and the cost is nearly quadratic. D
+// then falls by factors of ten, each minimum the start of the next, and the D with the least nlml
+// is the result. The nlml has the norms of D in it, so that a large D pays for its freedom: a right
+// model ends with next to none.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -13,15 +30,17 @@ namespace mk
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double EXACTING = 0.02; // process noise below which errors of the integration show
-// Gains far below what evidence is weighed in: again and again they are kinks of friction, not
-// progress.
+// Process-noise intensity below which errors of the integration show, rad/s per sqrt(s).
+constexpr double EXACTING = 0.02;
+// Gain of a step, in log likelihood, that is far below what evidence is weighed in: again and again
+// such gains are kinks of friction, not progress.
 constexpr double CREEP = 0.1;
 
 namespace
 {
 
-// What the next step would gain if the cost were as its quadratic model.
+// Decrease that the quadratic model promises for the full step d, with the states at their best:
+//     state_decrease + g'd - d'H d / 2 .
 double promise(const mk_model &model, const std::vector<int> &free, const QuadraticModel &p)
 {
     const Stepper stepper(model, free);
@@ -34,7 +53,9 @@ double promise(const mk_model &model, const std::vector<int> &free, const Quadra
 bool Fit::step(const mk_model &model, const QuadraticModel &quadratic, const std::vector<int> &free,
                mk_model &out)
 {
-    constexpr double TRACE = 1e-6; // damping: parameters may be collinear
+    // Damping relative to diag H: parameters may be collinear. A step that makes no rig (a mass
+    // matrix that is not positive definite) is halved.
+    constexpr double TRACE = 1e-6;
     constexpr int HALVINGS = 6;
     const Stepper stepper(model, free);
     VectorXd step = stepper.solve(quadratic, TRACE);
@@ -49,6 +70,10 @@ bool Fit::step(const mk_model &model, const QuadraticModel &quadratic, const std
 
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
+    // Ends when one of these holds: the quadratic model promises less than a tenth of the
+    // tolerance; a step gains less than the tolerance although it was hardly damped or shortened;
+    // three steps in a row gain less than CREEP; no trial step goes down; iterations or work are
+    // used up. The last is no convergence.
     int creeping = 0;
     left = 0.0;
     double damping = 1e-4;
@@ -71,6 +96,8 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             return true;
         }
         Stepper stepper(point.model, free);
+        // `length` in (0, 1] shortens the whole step. `state_damping` is lambda for the states' own
+        // diagonal: it needs another elimination, since the states are eliminated before p.
         bool accepted = false;
         double length = 1.0, state_damping = 0.0;
         for (int attempt = 0; attempt < 14 && !accepted && work_done < most_work; attempt++) {
@@ -83,6 +110,9 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
                 substitute(trial, step, length);
                 trial.cost = cost(trial);
             }
+            // Any decrease will do; the reduction of the quadratic model is not compared with it.
+            // The damping falls and rises by factors of ten. 1e-9 lets a step at the minimum pass
+            // that is equal but for rounding.
             if (possible && trial.cost < point.cost + 1e-9) {
                 accepted = true;
                 double gain = point.cost - trial.cost;
@@ -95,8 +125,9 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
                 damping = std::max(damping * 0.1, 1e-9);
                 continue;
             }
-            // Damping shortens and turns the step: that of the parameters first, then the states'
-            // too, in the end the whole.
+            // Damping shortens and turns the step: that of the parameters first. Where contact
+            // makes the cost kink in the states as well, theirs follows after two attempts. In the
+            // end the whole step is shortened.
             damping = std::max(damping * 10.0, 1e-6);
             bool contact = mk_model_event_count(&point.model) > 0;
             if (attempt >= 2 && contact) {
@@ -122,10 +153,14 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 }
 
 // To the minimum as it is with the point's own step. Where that is short, the way is gone with long
-// steps, corrected by what the short ones change at its start, and the correction stays in force.
+// steps, corrected by what the short ones change at its start:
+//     r(p) ~ r_h(p) + (r_short - r_h)(p0) ,
+// and the correction stays in force. It is taken anew, up to ROUNDS times, where the cost fell by
+// FAR or more: it then belongs to a point far away.
 bool Fit::minimise_finely(FitPoint &point, const std::vector<int> &free)
 {
-    constexpr double FAR = 100.0; // gain from a point at which its correction does not hold
+    // Gain from p0, in log likelihood, beyond which its correction does not hold.
+    constexpr double FAR = 100.0;
     constexpr int ROUNDS = 4;
     // What touches at other instants does not differ by a correction.
     if (mk_model_event_count(&point.model) > 0)
@@ -145,12 +180,14 @@ bool Fit::minimise_finely(FitPoint &point, const std::vector<int> &free)
     return true;
 }
 
-// Shortens the step until that changes the cost no more; false when it was short enough. A model
-// that is pushed hard is spared the last of it.
+// Shortens the step h by the factor s = SHORTER until that changes the cost no more; false when it
+// was short enough. A model that is pushed hard is spared the last of it.
 bool Fit::refine_step(FitPoint &point, bool needs_process_noise)
 {
     // Contact changes with every step length a little; its instants are found anyway.
     const bool contact = mk_model_event_count(&point.model) > 0;
+    // `shortest`: least step, s. `much`: change of the cost, in log likelihood, below which the
+    // step is short enough.
     const double shortest = needs_process_noise ? 2.5e-3
                             : contact           ? 5e-4
                                                 : 2e-4,
@@ -170,7 +207,9 @@ bool Fit::refine_step(FitPoint &point, bool needs_process_noise)
         }
         refined = true;
         now = finer;
-        // Where friction bends sharply errors fall by the square of the step, else faster.
+        // The next change is less than s^2 times this one if errors fall by h^2 or faster. Where
+        // friction bends sharply within a step they fall by h^2, else by h^4 (the classical
+        // Runge-Kutta method).
         if (change * SHORTER * SHORTER < much)
             break;
     }
@@ -184,8 +223,8 @@ bool Fit::solve_at(FitPoint &point, const std::vector<int> &free, double process
 {
     for (double &d : options.process_noise)
         d = process_noise;
-    // All ways to the minimum together.
-    constexpr double SHARE = 1.5; // of what one may cost
+    // All ways to the minimum together, of what one may cost.
+    constexpr double SHARE = 1.5;
     work_limit = work_done + SHARE * options.max_passes;
     const bool needs_process_noise = process_noise >= EXACTING;
     if (needs_process_noise)
@@ -196,9 +235,13 @@ bool Fit::solve_at(FitPoint &point, const std::vector<int> &free, double process
         found = minimise_finely(point, free);
     // The noise belongs to the estimate; a second round where it changed.
     if (found && update_noise(point) > 0.02)
+        // What the step length changes must not be taken for what the model lacks: a finer step has
+        // its own minimum.
         found = minimise_finely(point, free);
     if (found)
         result = quadratic(point, free);
+    // Own values: minimum and spreads in turn, as MacKay's fixed point (update_spreads) needs both.
+    // Ends where no spread changes by more than SAME_SPREAD, relative.
     constexpr int SPREAD_ROUNDS = 4;
     constexpr double SAME_SPREAD = 0.02;
     for (int round = 0; found && !point.own.empty() && round < SPREAD_ROUNDS; round++) {
@@ -216,10 +259,15 @@ bool Fit::solve_at(FitPoint &point, const std::vector<int> &free, double process
 bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double first, double last,
                          QuadraticModel &result)
 {
-    constexpr double MORE = 1.5; // process noise, to see whether the data ask for it
+    // Factor on the process noise by which the slope of nlml is asked for.
+    constexpr double MORE = 1.5;
+    // Ratio of the fitted noise to the readings' own scatter above which a model is doubted.
     constexpr double NOISY = 3.0;
+    // Iterations that a direct way may take: where it is right it takes few.
     constexpr int ITERATIONS = 12;
     const int usual = std::exchange(options.max_iterations, ITERATIONS);
+    // Two conditions for nlml(D) to be least at D = last: it is less there than at `first`, and it
+    // rises from `last` to MORE last.
     QuadraticModel above;
     above.nlml = HUGE_VAL;
     bool found = (first < MORE * last || solve_at(point, free, first, above)) &&
@@ -228,8 +276,9 @@ bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double f
     // What a model is off by may pass for noise where there is no process noise to take it.
     if (!found || beyond_scatter(logs, point.noise) > NOISY)
         return false;
-    // States and parameters are where the cost does not change with them: it tells at once how the
-    // evidence goes with the process noise.
+    // Slope by D. At a minimum the cost does not change with states and parameters to first order
+    // (envelope theorem), so that they need not be fitted again: the derivatives from the last
+    // shooting give nlml at the larger process noise at once.
     for (double &d : options.process_noise)
         d = MORE * last;
     const QuadraticModel more = eliminate(point, free, 0.0);
@@ -242,6 +291,9 @@ bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double f
 bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &free, double first,
                                       double last, QuadraticModel &result)
 {
+    // Ends two process noises after the best one: nlml that has risen by more than 2 twice does not
+    // come back. Or where no minimum is found: the data cannot be followed with so little process
+    // noise.
     FitPoint trial = point;
     bool any = false;
     double best_process_noise = first;

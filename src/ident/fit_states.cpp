@@ -1,4 +1,10 @@
-// Fit: where shooting intervals start, and the states there.
+// Fit: where shooting intervals start, and the states there before anything is fitted.
+//
+// Gauss-Newton needs states near the right ones. Angles and speeds of a node come from local
+// polynomials through the readings around it (mk_record_state_at), which no model can lead astray.
+// The states of effects (a bristle, the far side of a backlash) are not in the readings: the model
+// hands them on from shooting interval to shooting interval, x_(i+1) = F_i(x_i, p), angles and
+// speeds being those of the readings again at every node.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -25,6 +31,9 @@ static int joint_of(const mk_model &model, int number)
     return -1;
 }
 
+// Rows of the shooting nodes: about duration / interval intervals of the same length, the nearest
+// row at or after t_i = duration i / count. A node needs more than three rows to the one before it,
+// so that every interval has readings of its own; else it is left out.
 static std::vector<size_t> node_rows(const FitLog &log, double interval)
 {
     std::vector<size_t> rows;
@@ -53,6 +62,8 @@ static mk_record record_of(const FitLog &log)
     return r;
 }
 
+// Start of a fit. The noise of each joint's readings is the largest, over logs, of what their
+// scatter shows and of the rounding to counts, count / sqrt(12) (uniform over one count).
 FitPoint Fit::start(const mk_model &model)
 {
     FitPoint p;
@@ -87,6 +98,8 @@ void Fit::adopt_own(const FitPoint &from, FitPoint &to) const
     to.own.clear();
     if (own.empty())
         return;
+    // One vector of own values for every source that there is, in the order of
+    // own_parameters(to.model).
     int count = 0;
     for (const FitLog *log : logs)
         count = std::max(count, log->source + 1);
@@ -111,9 +124,13 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     FitPoint p = from;
     p.model = model;
     adopt_own(from, p);
+    // The step that was short enough for the model before; with contact, within a factor of SHORTER
+    // below the longest one.
     if (p.step > 0.0 && mk_model_event_count(&model) > 0)
         p.step = std::min(std::max(p.step, SHORTER * longest_step(model)), longest_step(model));
     int joints = mk_model_joints(&model), ns = mk_model_state_count(&model);
+    // A model that hides a side of a joint has few, long shooting intervals (thin). One that no
+    // longer does gets the short ones back, from the readings; only the noise is kept.
     const bool hidden = mk_model_hides_joint(&model),
                was_hidden = mk_model_hides_joint(&from.model);
     if (was_hidden && !hidden) {
@@ -124,6 +141,7 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
         const MatrixXd known = p.nodes[l].x;
         p.nodes[l].x.resize(ns, known.cols());
         for (long i = 0; i < known.cols(); i++) {
+            // Effects' states at rest for the angles and speeds of the node.
             double full[MK_MAX_STATES];
             mk_model_initial_state(&model, &known(0, i), &known(joints, i), full);
             for (int s = 0; s < ns; s++)
@@ -145,9 +163,9 @@ FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
     return p;
 }
 
-// With short shooting intervals hidden states can explain readings that the model does not: false
-// optima, one for each side that a joint may touch. Where the trajectory is not chaotic, long
-// shooting intervals have none of them.
+// Keeps every n-th node, n = hidden_interval / interval. With short shooting intervals hidden
+// states can explain readings that the model does not: false optima, one for each side that a joint
+// may touch. Where the trajectory is not chaotic, long shooting intervals have none of them.
 void Fit::thin(ShootingNodes &nodes) const
 {
     size_t step =
@@ -161,9 +179,11 @@ void Fit::thin(ShootingNodes &nodes) const
     nodes = std::move(kept);
 }
 
-// A light side in a play is seen, its heavy side is not. From a first guess in which both are
-// together at every node: the model hands on where they are against each other, the readings where
-// both are.
+// A light side in a backlash is seen, its heavy side is not. At first both are together at every
+// node. With q, v of the heavy side (the joint's coordinates) and y, w of the light side (the
+// effect's first two states), the readings give y. The end of the interval before gives how far
+// they are apart:
+//     y_(i+1) = y read ,   q_(i+1) = y read - (y - q)(end of interval i) ,   w, v likewise.
 void Fit::carry_apart(FitPoint &point, size_t l)
 {
     ShootingNodes &nodes = point.nodes[l];
@@ -175,6 +195,7 @@ void Fit::carry_apart(FitPoint &point, size_t l)
             return;
         const VectorXd &end = work[l][i].x_end;
         auto next = nodes.x.col((long)i + 1);
+        // Angles and speeds by polynomial: those of the side that carries the encoder.
         const VectorXd seen = next;
         long at = 2 * joints;
         for (int e = 0; e < m.effect_count; e++) {
@@ -182,6 +203,7 @@ void Fit::carry_apart(FitPoint &point, size_t l)
             next.segment(at, info->state_count) = end.segment(at, info->state_count);
             if ((info->stages & MK_STAGE_STATE) && (info->stages & MK_STAGE_MEASUREMENT)) {
                 long j = m.effect[e].joint - 1;
+                // k = 0: angle, k = 1: speed.
                 for (long k = 0; k < 2; k++) {
                     long own = k * joints + j;
                     next(own) = seen(own) - (end(at + k) - end(own));
@@ -193,7 +215,8 @@ void Fit::carry_apart(FitPoint &point, size_t l)
     }
 }
 
-// Effects that only listen hand their states on from shooting interval to shooting interval.
+// States of effects that do not hide a joint: those at the end of an interval are those of the next
+// node. Angles and speeds stay at what the readings say.
 void Fit::carry_states(FitPoint &point, size_t l)
 {
     ShootingNodes &nodes = point.nodes[l];
@@ -218,6 +241,7 @@ void Fit::prepare(const FitPoint &point)
         for (size_t i = 0; i < nodes.row.size(); i++) {
             Segment &s = work[l][i];
             s.begin = logs[l]->t[nodes.row[i]];
+            // The last interval ends with the log and has no continuity defect.
             s.last = i + 1 == nodes.row.size();
             s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
             add_input_uncertainty(point, l, i);
