@@ -1,3 +1,21 @@
+// Free runs over windows of logs as least squares (ident/free_runs.hpp).
+//
+// About a point, window w's squared error of joint j is a quadratic in a step d of the scaled
+// parameters, its start state eliminated (sim/window_fit.hpp):
+//     S_wj(d) = S_wj - 2 g_wj'd + d'H_wj d .
+// In the code: squares[j], g[j], H[j] of a WindowQuadratic, in counts^2; before[j] is the squared
+// error at the point's own start state. The cost of a point is
+//     cost = sum_w nu n_w / 2 rho(e_w) + priors ,   e_w = sum_j S_wj / s_j^2 / n_w ,
+//     rho(e) = k log(1 + e / k) ,
+// with n_w the window's readings of all joints, s_j^2 = scale[j] the usual squared error of a
+// reading, and nu = `independent` the share of readings that are independent errors: what a model
+// lacks hardly changes within SAME_ERROR, so that readings closer together count as one. rho keeps
+// windows that no model predicts from deciding (USUAL_UP_TO is k).
+//
+// Folds are groups of logs. Their quadratics are added up fold by fold (normal_of), own values of
+// each fold eliminated (eliminate_own), and summed (whole). Leaving fold f out of the sum, one
+// Gauss-Newton step and the quadratics of f's own windows give at once what a fit to all other
+// folds would leave in f (left_out): cross-validation without further fits.
 #include "ident/free_runs.hpp"
 
 #include <algorithm>
@@ -18,15 +36,24 @@ namespace mk
 namespace
 {
 
-constexpr double SAME_ERROR = 0.05;     // s over which a model's error hardly changes
-constexpr size_t FEWEST_ROWS = 12;      // of a window
-constexpr size_t TOGETHER = 24;         // windows at most that are shot side by side
-constexpr double ROUNDING = 1.0 / 12.0; // variance of a reading, counts^2
-constexpr double MOST_LOST = 0.1;       // of the windows
-constexpr double TRACE = 1e-6;          // damping: parameters may be collinear
-constexpr double HELD = 0.004;          // s for which a command is held at least
-constexpr double LONGEST_STEP = 0.005;  // of the integration, s
+// Time over which a model's error hardly changes, s.
+constexpr double SAME_ERROR = 0.05;
+// Least rows of a window.
+constexpr size_t FEWEST_ROWS = 12;
+// Windows at most that are shot side by side.
+constexpr size_t TOGETHER = 24;
+// Variance of a reading that is rounded to counts, counts^2: uniform over one count.
+constexpr double ROUNDING = 1.0 / 12.0;
+// Share of the windows that may fail to run before a point is refused.
+constexpr double MOST_LOST = 0.1;
+// Damping relative to the diagonal: parameters may be collinear.
+constexpr double TRACE = 1e-6;
+// Least time for which a command is held, s; faster ones are averaged.
+constexpr double HELD = 0.004;
+// Of the integration, s.
+constexpr double LONGEST_STEP = 0.005;
 
+// Places of the wanted parameters among the free ones.
 std::vector<long> columns_of(const std::vector<int> &wanted, const std::vector<int> &free)
 {
     std::vector<long> columns;
@@ -35,8 +62,10 @@ std::vector<long> columns_of(const std::vector<int> &wanted, const std::vector<i
     return columns;
 }
 
-// A command held from each row to the next one, as its means over stretches of HELD: what a rig
-// makes of the edges between does not show in a free run, and each costs a step.
+// A command held from each row to the next one, as its means over stretches of HELD:
+//     mean = sum_k u_k (t_(k+1) - t_k) / (t_last - t_first) .
+// Its integral over each stretch is kept, so that the rig's momentum is: what a rig makes of the
+// edges between does not show in a free run, and each costs a step.
 std::vector<double> smoothed(const double *u, const mk_record &record)
 {
     constexpr double NEARLY = 0.95; // times are not read to the last digit
@@ -56,8 +85,8 @@ std::vector<double> smoothed(const double *u, const mk_record &record)
 
 } // namespace
 
-// p'Ap/2 - a'p of a fold in the wanted parameters, and what own values b make of it:
-// b = M (beta - K'p) once they are eliminated.
+// p'Ap/2 - a'p of a fold in the wanted parameters, and what own values b make of it: b = M (beta -
+// K'p) once they are eliminated.
 struct FreeRuns::Normal {
     MatrixXd A;
     VectorXd a;
@@ -65,6 +94,7 @@ struct FreeRuns::Normal {
     VectorXd beta;
 };
 
+// A step: in the stepper's coordinates, as scaled parameters see it, and of the own values.
 struct FreeRuns::Step {
     VectorXd coordinates, scaled; // of the parameters
     std::vector<VectorXd> own;    // by fold, scaled
@@ -93,12 +123,14 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
         seconds += logs[i].record.t[logs[i].record.rows - 1] - logs[i].record.t[0];
         rows += (double)logs[i].record.rows;
     }
+    // nu = T / (N SAME_ERROR): one independent error in SAME_ERROR, but no more than one a reading.
     independent = std::min(1.0, seconds / std::max(rows, 1.0) / SAME_ERROR);
     parallel_for(threads, logs.size(),
                  [&](size_t i) { logs[i].way = way_of(logs[i].record, near); });
     measure_readings();
 }
 
+// Cuts a log into windows of window_s. A window ends where rows that are left out begin or end.
 void FreeRuns::add_windows(int log, double window_s)
 {
     const mk_record &r = logs[(size_t)log].record;
@@ -113,6 +145,8 @@ void FreeRuns::add_windows(int log, double window_s)
     }
 }
 
+// Standard deviation of each joint's readings about their mean over all logs, in counts: the unit
+// of the figures that left_out() reports.
 void FreeRuns::measure_readings()
 {
     for (int j = 0; j < mk_model_joints(&near); j++) {
@@ -245,6 +279,8 @@ void FreeRuns::find_states(RunPoint &point, int threads_now) const
     });
 }
 
+// States of effects that the model adds, or remembers otherwise, are those of a run along the
+// readings (recall); angles and speeds at the start of the windows stay.
 RunPoint FreeRuns::adopt(const RunPoint &from, const mk_model &model, int threads_now) const
 {
     const long own = (long)own_parameters(model).size(), measured = 2 * mk_model_joints(&model);
@@ -274,8 +310,9 @@ RunPoint FreeRuns::adopt_traces(const RunPoint &from, const mk_model &model, int
     return point;
 }
 
-// Whether the start state is not where it fits the window best: the linear step from it promises
-// more than a little.
+// Whether the start state is not where it fits the window best. The linear step of the start state
+// alone promises to lower the squared error from `before` to `squares`; more than a tenth of it is
+// too much.
 bool FreeRuns::off_its_best(const WindowQuadratic &q) const
 {
     constexpr double A_LITTLE = 0.1;
@@ -338,7 +375,9 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
 bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool converge,
                          int threads_now, RunQuadraticModel &out) const
 {
-    constexpr double LOST = 30.0; // times the usual squared error
+    // Mean squared error, in units of the usual one, of a window whose start state is looked for
+    // anew.
+    constexpr double LOST = 30.0;
     out.free = free;
     out.window.assign(windows.size(), {});
     std::vector<double> unit;
@@ -389,12 +428,15 @@ double FreeRuns::relative(int joint, double error) const
     return sd > 0.0 ? error / sd : 0.0;
 }
 
-// Base parameters are somewhere near the given ones. The shape of an effect (a yield, a speed, a
-// time) is known by its order of magnitude: far from it the law is another one, as a cable that
-// never yields is a spring, and data that leave it open would let it go there.
+// Priors, as residuals (Fit::surprise, ident/fit.cpp). Base parameters are somewhere near the given
+// ones. The shape of an effect (a yield, a speed, a time) is known by its order of magnitude:
+//     f = log(p / p_initial) / SPREAD ,   df/d(scaled p) = scale / (p SPREAD) .
+// Far from it the law is another one, as a cable that never yields is a spring, and data that leave
+// it open would let it go there.
 double FreeRuns::surprise(const mk_model &model, int number, double &slope) const
 {
-    constexpr double SPREAD = 1.6; // of the logarithm
+    // Standard deviation of the logarithm: a factor of 5.
+    constexpr double SPREAD = 1.6;
     if (number < mk_plant(model.plant)->parameter_count)
         return Fit::surprise(near, model, number, slope);
     slope = 0.0;
@@ -407,7 +449,7 @@ double FreeRuns::surprise(const mk_model &model, int number, double &slope) cons
     return std::log(now / info->initial) / SPREAD;
 }
 
-// Of own values and of base parameters.
+//     sum_folds sum_i (b_i / spread_i)^2 / 2 + sum_free f^2 / 2 .
 double FreeRuns::prior(const RunPoint &point, const std::vector<int> &free) const
 {
     double sum = 0.0;
@@ -428,10 +470,12 @@ double FreeRuns::prior(const RunPoint &point, const std::vector<int> &free) cons
 // Errors of windows differ by orders of magnitude: some begin where nobody predicts. A sum of
 // squares would be about those alone. A window of n readings and mean squared error e, in units of
 // what is usual, counts
-//     n/2 k log(1 + e / k) ,
+//     n/2 rho(e) ,   rho(e) = k log(1 + e / k) ,
 // which is n/2 e where errors are usual, and their logarithm where they are far from it (Student's
-// distribution with a scale of its own in every window: Lange, Little and Taylor 1989). A slope of
-// it is that of n/2 e by 1 / (1 + e / k).
+// distribution with a scale of its own in every window: K. Lange, R. Little, J. Taylor, JASA 84,
+// 1989). Its slope by any d is that of n/2 e, times
+//     rho'(e) = 1 / (1 + e / k) ,
+// so that Gauss-Newton becomes iteratively reweighted least squares with rho' as a window's weight.
 constexpr double USUAL_UP_TO = 10.0; // k
 
 static double in_proportion(double e)
@@ -444,7 +488,8 @@ static double weight_of(double e)
     return 1.0 / (1.0 + e / USUAL_UP_TO);
 }
 
-// Mean squared error of a window in units of what is usual, joints together.
+// e_w: mean squared error of a window in units of what is usual, joints together. LOST where it
+// cannot be run.
 double FreeRuns::error_of(const WindowQuadratic &q, const double *squares) const
 {
     constexpr double LOST = 1e3; // a window that cannot be run
@@ -455,13 +500,15 @@ double FreeRuns::error_of(const WindowQuadratic &q, const double *squares) const
     return n > 0.0 ? sum / n : LOST;
 }
 
+// n_w, readings that are missing counted in: a window costs the same by its length whether it can
+// be run or not.
 double FreeRuns::rows_of(size_t window) const
 {
     return (double)((windows[window].last - windows[window].first) *
                     (size_t)mk_model_joints(&near));
 }
 
-// Of the readings in units of what is usual, and of what is known beforehand.
+// sum_w nu n_w / 2 rho(e_w) + priors, from the point's own start states.
 double FreeRuns::cost(const RunPoint &point, const RunQuadraticModel &quadratic) const
 {
     double sum = prior(point, quadratic.free);
@@ -472,8 +519,12 @@ double FreeRuns::cost(const RunPoint &point, const RunQuadraticModel &quadratic)
     return sum;
 }
 
-// What errors are usual, joint by joint, s^2: at its best it is the mean over all readings of their
-// windows' weights times their squares.
+// Scale s_j^2 of largest likelihood, joint by joint. With N_j readings, the terms in it,
+//     sum_w n_w / 2 rho(e_w) + sum_j N_j / 2 log s_j^2 ,
+// are least where
+//     s_j^2 = sum_w rho'(e_w) S_wj / N_j ,
+// the mean over all readings of their windows' weights times their squares. The weights depend on
+// s_j^2: ROUNDS of the fixed point, the first with all weights 1. No less than what rounding makes.
 void FreeRuns::usual_errors(const RunQuadraticModel &quadratic, double *usual) const
 {
     constexpr int ROUNDS = 20;
@@ -497,8 +548,10 @@ void FreeRuns::usual_errors(const RunQuadraticModel &quadratic, double *usual) c
     }
 }
 
-// What errors are usual is a parameter by itself, at its best: N independent errors make N/2 log
-// s^2 beside what they are in units of it. Windows that cannot be run are as bad as the worst.
+// Negative log likelihood of the readings with the scale at its best:
+//     sum_w nu n_w / 2 (mean_j log s_j^2 + rho(e_w)) .
+// It does not depend on scale[], so that points with other scales compare. Windows that cannot be
+// run are as bad as the worst of those that can.
 double FreeRuns::surprise_of_readings(const RunQuadraticModel &quadratic) const
 {
     double usual[MK_MAX_JOINTS], worst = 0.0, sum = 0.0;
@@ -522,6 +575,8 @@ double FreeRuns::surprise_of_readings(const RunQuadraticModel &quadratic) const
     return sum;
 }
 
+// A and a of a fold: Gauss-Newton's terms of its windows,
+//     A = sum_w sum_j rho'(e_w) nu / s_j^2 H_wj ,   a likewise of g_wj .
 FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
                                      const std::vector<long> &columns, size_t fold,
                                      bool first_half) const
@@ -549,7 +604,8 @@ FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
 
 // Own values b = b0 + db with the prior |b / spread|^2 / 2: with E the columns of their means,
 //     K = A E ,  M = (E'AE + D)^-1 ,  beta = E'a - D b0 ,  D = (scale / spread)^2 ,
-// A - K M K' and a - K M beta are left.
+// A - K M K' and a - K M beta are left, as in Fit::eliminate_own (ident/fit.cpp). Here beta = E'a;
+// pull_of_prior() gives D b0.
 void FreeRuns::eliminate_own(const RunPoint &point, const std::vector<int> &wanted, Normal &n) const
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -573,6 +629,7 @@ void FreeRuns::eliminate_own(const RunPoint &point, const std::vector<int> &want
     n.M = dense::inverse(inner);
 }
 
+// b0 in units of the parameters' scales.
 static VectorXd scaled_own(const RunPoint &point, size_t fold)
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -582,6 +639,7 @@ static VectorXd scaled_own(const RunPoint &point, size_t fold)
     return b;
 }
 
+// D b0.
 static VectorXd pull_of_prior(const RunPoint &point, size_t fold)
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -594,7 +652,8 @@ static VectorXd pull_of_prior(const RunPoint &point, size_t fold)
     return pull;
 }
 
-// All folds but one, own values eliminated, and what is known of base parameters.
+// Sum over all folds but one (`but`; none where it is their number), own values eliminated, and the
+// priors of the parameters: (df/dp)^2 to the information, -f df/dp to the gradient.
 QuadraticModel FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted,
                                const std::vector<Normal> &parts, size_t but) const
 {
@@ -618,6 +677,7 @@ QuadraticModel FreeRuns::whole(const RunPoint &point, const std::vector<int> &wa
     return p;
 }
 
+// The Normal of every fold, own values eliminated: beta = E'a - D b0.
 std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point,
                                                    const RunQuadraticModel &quadratic,
                                                    const std::vector<int> &wanted) const
@@ -632,7 +692,9 @@ std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point,
     return parts;
 }
 
-// Expectation and maximisation: spread^2 = mean over folds of b^2 + var(b).
+// Spread of own values by expectation and maximisation: given the data b is normal with mean b0 and
+// covariance M (parameters held), so that
+//     spread^2 = E[b^2] = 1/folds sum_f (b_f^2 + scale^2 M_f) .
 void FreeRuns::update_spreads(RunPoint &point, const RunQuadraticModel &quadratic) const
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -649,6 +711,8 @@ void FreeRuns::update_spreads(RunPoint &point, const RunQuadraticModel &quadrati
     point.cost = cost(point, quadratic);
 }
 
+// (H + lambda diag H) d = g within the ranges, then the own values by back substitution,
+//     db = M (beta - K'd) .
 FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunQuadraticModel &quadratic,
                                  double damping) const
 {
@@ -662,6 +726,8 @@ FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunQuadraticModel 
     return step;
 }
 
+// The point after a step. Start states follow as the windows' quadratics have it: x + shift -
+// follow d, d with the own values of the window's fold added to their means.
 RunPoint FreeRuns::moved(const RunPoint &from, const RunQuadraticModel &quadratic,
                          const Step &step) const
 {
@@ -684,11 +750,13 @@ RunPoint FreeRuns::moved(const RunPoint &from, const RunQuadraticModel &quadrati
     return to;
 }
 
-// Levenberg and Marquardt.
+// Levenberg-Marquardt. Any decrease of the cost is taken; the damping then falls by EASIER, else it
+// rises by HARDER. Spreads are updated with every step that is taken.
 bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int iterations,
                         int threads_now, RunQuadraticModel &quadratic) const
 {
-    constexpr double SETTLED = 0.05; // log likelihood
+    // Gain of a step, in log likelihood, below which it ends.
+    constexpr double SETTLED = 0.05;
     constexpr double FIRST = 1e-2, HARDER = 10.0, EASIER = 0.1, MOST_DAMPING = 50.0;
     if (!linearise(point, free, true, threads_now, quadratic))
         return false;
@@ -718,11 +786,14 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
     return true;
 }
 
+// Levenberg-Marquardt may end where start states are stuck in minima of their own. So these are
+// found anew from the readings, and it goes on from there as long as that gains SAME_COST.
 bool FreeRuns::converge(RunPoint &point, const std::vector<int> &free, int threads_now,
                         RunQuadraticModel &quadratic) const
 {
     constexpr int MOST_ROUNDS = 4, MOST_ITERATIONS = 30;
-    constexpr double SAME_COST = 1.0; // log likelihood
+    // Gain, in log likelihood, that start states found anew must bring.
+    constexpr double SAME_COST = 1.0;
     if (!minimise(point, free, MOST_ITERATIONS, threads_now, quadratic))
         return false;
     for (int i = 1; i < MOST_ROUNDS; i++) {
@@ -739,12 +810,15 @@ bool FreeRuns::converge(RunPoint &point, const std::vector<int> &free, int threa
     return true;
 }
 
+// The sum over all folds: the information of the parameters, and nlml of the point.
 QuadraticModel FreeRuns::information(const RunPoint &point,
                                      const RunQuadraticModel &quadratic) const
 {
     const std::vector<Normal> parts = normals_of(point, quadratic, quadratic.free);
     QuadraticModel out = whole(point, quadratic.free, parts, folds);
-    // Own values integrated out: their prior's and their posterior's widths.
+    // Own values integrated out (Laplace): log|M^-1| / 2, and the norm of their prior,
+    // log(spread / scale). Of M the diagonal is used: exact for one own value; of several, their
+    // correlations are left out.
     out.cost = out.nlml = surprise_of_readings(quadratic) + prior(point, quadratic.free);
     const std::vector<int> own = own_parameters(point.model);
     for (const Normal &part : parts)
@@ -756,6 +830,7 @@ QuadraticModel FreeRuns::information(const RunPoint &point,
     return out;
 }
 
+// nu times the number of readings.
 double FreeRuns::independent_errors() const
 {
     double rows = 0.0;
@@ -764,7 +839,10 @@ double FreeRuns::independent_errors() const
     return rows * independent * mk_model_joints(&near);
 }
 
-// Squared errors of a fold's windows after a step, over the variance of the readings.
+// Squared errors of a fold's windows after a step d, over the variance of the readings:
+//     (S_wj - 2 g_wj'd + d'H_wj d) / deviation_j^2 ,
+// no less, in a window's sum, than what rounding makes: a quadratic may go below 0 far from its
+// point. A window that cannot be run counts 0, which is: not judged.
 void FreeRuns::add_errors(const RunQuadraticModel &quadratic, const std::vector<long> &columns,
                           size_t fold, bool halves, const VectorXd &step, HeldOutFigures &out) const
 {
@@ -792,6 +870,9 @@ void FreeRuns::add_errors(const RunQuadraticModel &quadratic, const std::vector<
     }
 }
 
+// Leave-one-fold-out by the quadratics. For each fold f, the step d_f of a fit to all other folds,
+// from the sum without f; then f's own errors there. Of parameters with own values, those of f come
+// from the first halves of its logs given d_f, and (with `halves`) its second halves are judged.
 bool FreeRuns::left_out(const RunPoint &point, const RunQuadraticModel &quadratic,
                         const std::vector<int> &wanted, bool halves, HeldOutFigures &out) const
 {

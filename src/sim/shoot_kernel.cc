@@ -1,13 +1,30 @@
-// The shooting kernel of one instruction set (MK_ISA), for MK_WIDTH stretches side by side, with
-// derivatives (MK_DERIVATIVES) or without. As in fast_kernel.cc nothing here may leak through the
-// linker.
+// The shooting kernel of one instruction set (MK_ISA), for MK_WIDTH shooting intervals side by
+// side, with derivatives (MK_DERIVATIVES) or without. As in fast_kernel.cc nothing here may leak
+// through the linker.
 //
-// Every stretch has a lane of its own: it goes at its own pace, with its own steps, and when it
+// It integrates dx/dt = f(x, u, p, t) over each interval from its start state, compares the
+// trajectory with the readings,
+//     r_k = w_k (y_k - h(x(t_k), p)) ,
+// and differentiates all of it by the columns c = (start state x_0, free parameters p). The method
+// is the classical Runge-Kutta method of fourth order with fixed steps between the edges of the
+// command.
+//
+// Derivatives are those of the numbers that the method computes, not of the exact solution
+// (internal differentiation, H. G. Bock 1981): they belong to the residuals exactly, at any step
+// length. f is differentiated by what it sees, state and parameters (forward mode,
+// model/sparse_dual.hpp); what the state itself depends on is carried along as columns X = dx/dc:
+//     df/dc = (df/dx) X + df/dp dp/dc                                 (chain) ,
+//     dX/dt = df/dc , X(0) = (1 0)   by the same Runge-Kutta stages as x.
+//
+// Where f is not smooth the instant tau of the change depends on the columns too, and a trajectory
+// that changes its slope there from f_before to f_after gains
+//     X <- X + (f_before - f_after) dtau/dc .
+// This is done at edges of a command with a delay that is fitted (follow_edges), and where a law
+// switches, as in contact (step_to_switch): tau then comes from the switching function g(x, p) = 0
+// by the implicit function theorem.
+//
+// Every interval has a lane of its own: it goes at its own pace, with its own steps, and when it
 // arrives the next one takes its place. What comes out does not depend on who travels beside it.
-//
-// Derivatives are those of the numbers that the method computes, by the chain rule: laws are
-// differentiated by the state and the parameters that they see, and what the state itself depends
-// on is carried along as columns.
 #include "model/rhs.hpp"
 #include "model/simd.hpp"
 #include "model/sparse_dual.hpp"
@@ -68,8 +85,8 @@ inline const Base &base_of(const Scalar &x)
 }
 #endif
 
-// A state, or its slope, and what it depends on: derivative of number i by column c in
-// d[i * columns + c].
+// A state x, or its slope f, of all lanes, and what it depends on: derivative of number i by column
+// c in d[i * columns + c].
 struct Point {
     Base v[MK_MAX_STATES];
     Base d[MK_MAX_STATES * MOST_COLUMNS + 1];
@@ -79,9 +96,12 @@ struct Row {
     Base d[MOST_COLUMNS + 1];
 };
 
+// A time that never comes, s.
 constexpr double NONE = 1e300;
-constexpr double PAST = 1e-8; // s, how far past a switch a step ends
-constexpr int MOST_PARTS = 6; // of a step that a law switches in
+// How far past a switch a step ends, s, so that the next one starts under the new law.
+constexpr double PAST = 1e-8;
+// Switches within one planned step that are looked for; further ones are stepped over.
+constexpr int MOST_PARTS = 6;
 
 // One stretch on its way.
 struct Lane {
@@ -206,6 +226,10 @@ class Shooter
     }
     void seed()
     {
+        // Each free parameter is a column: dp/dc is its scale in its own column and 0 elsewhere.
+        // Columns 0 .. ns - 1 are the start state; a law sees the state as variables of its own, of
+        // slope 1, and chain() puts the real columns in. The first parameter of a delay is the
+        // delay.
         double slope[MK_MAX_EFFECTS] = {}; // of an effect's first parameter
         int column[MK_MAX_EFFECTS] = {};
         for (int f = first; f - first < columns - ns; f++) {
@@ -230,6 +254,8 @@ class Shooter
             seen[i] = Scalar(0.0);
             vary(seen[i], i, 1.0);
         }
+        // Speeds at which friction may reverse: those of the joints, and that of the light side of
+        // a backlash.
         constexpr unsigned apart = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
         int states = 2 * c.joints;
         for (int j = 0; j < c.joints; j++)
@@ -301,6 +327,7 @@ class Shooter
         for (int s = 0; s < ns; s++) {
             put(x.v[s], i, lane[i].task->x[s]);
             for (int d = 0; d < columns; d++)
+                // X(0): by the start state unity, by parameters nothing.
                 put(x.d[s * columns + d], i, d == s ? 1.0 : 0.0);
         }
     }
@@ -404,7 +431,10 @@ class Shooter
         double edge = next_edge(l);
         return edge <= l.now && edge <= l.task->end;
     }
-    // If an edge moves with the delay, so does what follows.
+    // An edge at t_e + late moves with the delay `late`. The command before it acts longer, the one
+    // after it shorter, by d(late)/dc:
+    //     X <- X + (f_before - f_after) d(late)/dc .
+    // `before` holds f_before, f0 is f_after.
     void follow_edges()
     {
         bool any = false;
@@ -427,7 +457,7 @@ class Shooter
 
     // --- steps ---
 
-    // Slopes at a state, with derivatives.
+    // f and df/dc at a state.
     void derivative(const Base &t, const Point &at, Point &f)
     {
         Scalar dx[MK_MAX_STATES];
@@ -451,7 +481,8 @@ class Shooter
             seen[i] = v[i];
 #endif
     }
-    // Columns weighed and added; N of them, where the compiler knows how many (else 0).
+    // row = sum_i by[i] from[i], over all columns. N is how many terms there are where the compiler
+    // shall unroll them; 0: n of them.
     template <int N>
     void weigh(int n, const Base *by, const Base *const *from, Base *row) const
     {
@@ -462,8 +493,10 @@ class Shooter
             row[d] = sum;
         }
     }
-    // The chain rule: derivatives by the columns of what laws made of a state, whose own are
-    // row_of(its number).
+    // The chain rule. A law made `number` of the state and the parameters; mask says by what it was
+    // differentiated, bits below ns for states:
+    //     d number/dc = sum_s (d number/dx_s) X_sc + d number/dp_c .
+    // Most laws see one to six states, for which weigh() is unrolled.
     void chain(const Scalar &number, const Point &at, Base *row) const
     {
         chain_rows(
@@ -502,6 +535,7 @@ class Shooter
         default:
             weigh<0>(n, by, from, row);
         }
+        // What depends on a parameter directly, beside what the state carries of it.
         Scalar::each(number.mask & ~((1u << ns) - 1u), [&](int d) { row[d] += number.d[d]; });
 #else
         (void)number, (void)row_of, (void)row;
@@ -519,10 +553,13 @@ class Shooter
                     begin_interval(i);
                 begin_run(i);
             }
+            // The last step of a run ends on its end to the last digit.
             l.target = l.step + 1 == l.steps ? l.to : l.from + l.h * (double)(l.step + 1);
         }
     }
-    // From here to the next edge, under one command.
+    // From here to the next edge or the end, under one command. Three runs of equal steps where
+    // friction reverses fast within it: up to the reversal, through it in `fine` steps, and behind
+    // it. Else one.
     void begin_interval(int i)
     {
         Lane &l = lane[i];
@@ -549,6 +586,10 @@ class Shooter
         if (!(length > 0.0))
             return;
         count = usual > count ? usual : count;
+        // An explicit method is stable where h times the fastest rate stays below some 2.8, the
+        // length of the classical method's stability interval on the negative real axis (E. Hairer,
+        // G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.2). h rate is
+        // kept at 1.6 or below, with 24 steps at most.
         if (stiff) {
             double at[MK_MAX_STATES];
             for (int s = 0; s < c.state_count; s++)
@@ -559,8 +600,11 @@ class Shooter
         l.steps = count;
         l.h = length / (double)count;
     }
-    // A light wheel runs through the whole turn of its friction within a fraction of a step: when,
-    // and how many steps it takes to follow. 0: no such thing.
+    // Friction c v + F tanh(15 v), v in rad/s, turns over within |v| < 0.35 or so. A light wheel
+    // with acceleration a runs through that within a fraction of a step. With v and a as they are
+    // now the reversal is at t = -v/a and takes 0.35/|a| either way; that part is stepped through
+    // at 0.7/14 = 0.05 rad/s a step. Returns how many steps it takes, and when; 0 where speeds
+    // change by less than 0.4 rad/s until the next edge, or nothing reverses.
     long sharp_reversal(int i, double length, double &left, double &right) const
     {
         for (int j = 0; j < speed_count; j++) {
@@ -578,7 +622,8 @@ class Shooter
         }
         return 0;
     }
-    // Friction turns over within |v| < 0.2 rad/s; a step must resolve that.
+    // The same for slower reversals, by the steps of the whole interval: where the speed comes to
+    // within 0.2 rad/s of 0, a step shall change it by 0.05 rad/s at most. Not more than 8 steps.
     long reversal_steps(int i, double length) const
     {
         long count = 1;
@@ -592,7 +637,10 @@ class Shooter
         return count;
     }
 
-    // The classical Runge-Kutta method from x to y; slopes are summed as they come.
+    // The classical Runge-Kutta method from x to y, with k1 = f0 known:
+    //     k2 = f(t + h/2, x + h/2 k1) ,  k3 = f(t + h/2, x + h/2 k2) ,  k4 = f(t + h, x + h k3) ,
+    //     y  = x + h/6 (k1 + 2 k2 + 2 k3 + k4) .
+    // The columns take the same steps with dk/dc in the place of k. stage_sum is k1 + 2 k2 + 2 k3.
     void runge_kutta(const Base &h)
     {
         Base half = 0.5 * h, sixth = (1.0 / 6.0) * h, mid = now + half;
@@ -607,7 +655,7 @@ class Shooter
         for (int i = 0; i < ns * columns; i++)
             y.d[i] = x.d[i] + sixth * (stage_sum.d[i] + stage.d[i]);
     }
-    // y = x + h f, and the sum of slopes begins.
+    // y = x + h k1, and the sum of slopes begins.
     void first_stage(const Base &h)
     {
         for (int i = 0; i < ns; i++)
@@ -615,6 +663,7 @@ class Shooter
         for (int i = 0; i < ns * columns; i++)
             stage_sum.d[i] = f0.d[i], y.d[i] = x.d[i] + h * f0.d[i];
     }
+    // y = x + h k, k the slope of the stage before.
     void next_stage(const Base &h)
     {
         for (int i = 0; i < ns; i++)
@@ -622,7 +671,7 @@ class Shooter
         for (int i = 0; i < ns * columns; i++)
             stage_sum.d[i] += 2.0 * stage.d[i], y.d[i] = x.d[i] + h * stage.d[i];
     }
-    // The same without derivatives.
+    // The same without derivatives, to look ahead.
     void bare_runge_kutta(const Base &h, Base *to) const
     {
         Base half = 0.5 * h, mid = now + half;
@@ -648,6 +697,7 @@ class Shooter
 
     void step()
     {
+        // Idle lanes take a step of length 0.
         Base end = now;
         for (int i = 0; i < W; i++)
             if (lane[i].task)
@@ -660,8 +710,17 @@ class Shooter
         arrive(end);
     }
 
-    // Where a law switches inside (contact), the step ends there, just past it, and another goes
-    // on. The instant moves with what is differentiated by, and the state at it with the instant.
+    // Where a law switches inside a step (contact), the step ends just past the switch, and another
+    // goes on. In lanes that switch:
+    //
+    // 1. find_switch() looks ahead without derivatives and shortens h to tau - now + PAST.
+    //
+    // 2. A law may jump at its switch, and all stages of a step must see one law. So the
+    // Runge-Kutta step goes up to `hop` before its end, and a straight line under the old law
+    // covers the rest:
+    //     y <- y + hop f(y) ,   hop = 2 PAST + h / 1000 ,   the columns likewise.
+    //
+    // 3. move_instants() adds what the instant depends on.
     void step_to_switch(Base &end)
     {
         Base h = end - now, hop = Base(0.0), bare_y[MK_MAX_STATES];
@@ -690,7 +749,14 @@ class Shooter
             y.d[d] += hop * stage.d[d];
         move_instants(end, any ? which : nullptr, stage.v);
     }
-    // Slopes: at y, under the old law.
+    // The length h of this step depends on the columns: it begins at a switch (dtau/dc in `passed`,
+    // 0 where it began at none) and ends at a switch or at a time that stands still. y was computed
+    // with h held, so
+    //     dy/dc <- dy/dc + f(y) dh/dc ,
+    //     dh/dc = -passed                          to a fixed end ,
+    //     dh/dc = -(dg/dc) / (dg/dt)               to a switch g = 0 ,   passed <- passed + dh/dc .
+    // The next step, under the new law, subtracts `passed` again times its own slope: together
+    // (f_before - f_after) dtau/dc. `slopes` are f(y) under the old law.
     void move_instants(const Base &end, const int *which, const Base *slopes)
     {
         Base instant[MOST_COLUMNS + 1];
@@ -710,7 +776,10 @@ class Shooter
                 put(passed.d[d], i, switching ? get(passed.d[d], i) + get(instant[d], i) : 0.0);
         }
     }
-    // By the implicit function theorem: how long steps to a switch take, by the columns.
+    // dh/dc by the implicit function theorem: g(y(h, c), c) = 0 for all c, so that
+    //     dg/dc + (dg/dt) dh/dc = 0 ,   dg/dt = sum_s (dg/dx_s) f_s ,
+    // with dg/dc the total derivative at a fixed h (chain). g does not depend on time by itself. A
+    // grazing contact, dg/dt = 0, keeps the value for a fixed end.
     void instants(const Base &end, const int *which, const Base *slopes, Base *instant)
     {
         Scalar g[MK_MAX_EVENTS];
@@ -738,7 +807,9 @@ class Shooter
         }
     }
     // Which law switches in which lane (-1: none) on the way over h to y; shortens h there to what
-    // it takes to get just past it. False: nowhere.
+    // it takes to get just past it. False: nowhere. A switch is a change of sign of g_e between
+    // both ends; of several the one that a straight line puts first. Two changes within one step
+    // are not seen.
     bool find_switch(Base &h, const Base *y_end, int *which) const
     {
         Base ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
@@ -751,6 +822,7 @@ class Shooter
             if (!lane[i].task || lane[i].switched >= MOST_PARTS || get(h, i) < 10.0 * PAST)
                 continue;
             for (int e = 0; e < c.event_count; e++) {
+                // Share of h at which a straight line through both ends is 0.
                 double va = get(ga[e], i), vb = get(gb[e], i);
                 if ((va > 0.0) != (vb > 0.0) && va / (va - vb) <= share) {
                     share = va / (va - vb);
@@ -762,6 +834,10 @@ class Shooter
         if (!any)
             return false;
         Base a = pick(ga, which), b = pick(gb, which);
+        // Root of g along the trajectory: from the straight line, three steps of the chord method,
+        // whose slope stays that of the line,
+        //     tau <- tau - g(x(tau)) / rate ,
+        // each with a Runge-Kutta step from x of its own. Kept within (0, h).
         Base rate = (b - a) / h, guess = h * (a / (a - b));
         for (int round = 0; round < 3; round++) {
             Base at[MK_MAX_STATES], g[MK_MAX_EVENTS];
@@ -803,6 +879,7 @@ class Shooter
             move(f1, f0);
         }
         move(y, x);
+        // A trajectory has run away where a state is beyond 1e6 or not a number.
         Base far = Base(0.0);
         for (int s = 0; s < ns; s++) {
             Base size = fabs(x.v[s]);
@@ -854,6 +931,7 @@ class Shooter
         }
         return r;
     }
+    // A reading at t of a sensor that is late shows the state at t - age.
     double time_of(const Lane &l, int j, long row) const
     {
         return l.task->data->t[row] - age[j];
@@ -870,7 +948,8 @@ class Shooter
                     return true;
         return false;
     }
-    // Readings that fall on the start of a step need no interpolation.
+    // Readings that fall on the start of a step need no interpolation. Times are compared to within
+    // 1e-9 s.
     void take_at_start()
     {
         for (int j = 0; j < c.joints; j++)
@@ -897,8 +976,13 @@ class Shooter
     {
         compare_rows(j, r, at.v, rate, [&](int i) { return at.d + i * columns; });
     }
-    // Cubic Hermite between both ends of a step. A reading depends on few of the states: no others
-    // have their derivatives interpolated.
+    // A reading between both ends of a step: cubic Hermite interpolation. With s = (t - now)/h,
+    //     x(t) = h00 x + h10 f0 + h01 y + h11 f1 ,
+    //     h00 = (1 + 2 s)(1 - s)^2 ,   h10 = h s (1 - s)^2 ,
+    //     h01 = s^2 (3 - 2 s) ,        h11 = -h s^2 (1 - s) ,
+    // and g00 .. g11 are their derivatives by t, for the slope of the state (g01 = -g00). Its error
+    // is of fourth order, as that of the method. A reading depends on few of the states: no others
+    // have their derivatives interpolated. An idle lane has h = 0; 1 is put in its place.
     void compare_within(int j, const Readings &r, const Base &end)
     {
         Base h = end - now, inverse = 1.0 / if_positive(h, h, Base(1.0));
@@ -920,6 +1004,9 @@ class Shooter
     }
     // Readings beside what the model reads in a state, whose derivatives are row_of(its number).
     template <class RowOf>
+    // Residuals and their rows of J: with h_j what the model reads at joint j,
+    //     r = w (y - h_j) ,   J = w dh_j/dc .
+    // Readings without weight (missing ones) give no row. row_of(s) gives dx_s/dc.
     void compare_rows(int j, const Readings &r, const Base *at, const Base *rate, RowOf &&row_of)
     {
         Scalar reading[MK_MAX_JOINTS];
@@ -944,15 +1031,16 @@ class Shooter
             l.rows++;
         }
     }
-    // Derivatives of a state at the age of a joint's readings, which moves with what is
-    // differentiated by.
+    // dx_s/dc at the time t - age, if the age is fitted: later readings would show the state as it
+    // was before, so d x_s(t - age)/dc = X_sc - f_s d(age)/dc.
     const Base *aged(int i, int j, const Base *young, const Base *rate)
     {
         for (int d = 0; d < columns; d++)
             older.d[i * columns + d] = young[d] - age_slope[j][d] * rate[i];
         return older.d + i * columns;
     }
-    // Into a row of all columns: the states', then this pass's parameters.
+    // Into a row of all columns: the states', then this pass's parameters. A kernel has room for
+    // MOST_COLUMNS columns; further parameters take another pass (first_free).
     void store(const Base *d, int i, double w, double *row) const
     {
         for (int s = 0; s < columns; s++)

@@ -1,3 +1,19 @@
+// One-step predictions of an extended Kalman filter, and tests of whether their errors are white.
+//
+// With state x, covariance P and the reading of joint j at row k, y = h(x) + noise N(0, sigma_j^2):
+//     e = y - h(x^-) ,   s = H P H' + sigma_j^2 ,   H = dh/dx ,
+//     x = x^- + P H' e / s ,   P <- P - P H' H P / s                    update ,
+//     x^-(t_(k+1)) = F(x) ,    P <- F_x P F_x' + Q (t_(k+1) - t_k)      prediction .
+// Readings are taken in one at a time. F is the trajectory over one sample and F_x its derivative,
+// both by the shooting kernel. For a right model the innovations e / sqrt(s) are independent and of
+// variance 1 (L. Ljung, System Identification, 1999, 16.6; A. Jazwinski, Stochastic Processes and
+// Filtering Theory, 1970). Three things are asked of them: their rms, their autocorrelation (Ljung,
+// Box 1978), and their correlation with what a missing law would depend on (Fisher's z, samples
+// counted after Bartlett).
+//
+// The filter takes start state, noise sigma_j and process noise from the fit (ident/fit.hpp).
+// Parameters are as they were fitted; that they took something of the data for themselves is left
+// out.
 #include "explain/evidence/innovations.hpp"
 
 #include <Eigen/Dense>
@@ -16,20 +32,27 @@ namespace
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double STEP = 2.5e-3;     // s
-constexpr double SETTLING = 0.5;    // s until the filter has forgotten its start
-constexpr double START_SPEED = 0.3; // rad/s, uncertainty of the start
-constexpr double HIDDEN = 1e-3;     // per sqrt(s), of effects' states
-constexpr double CREEP = 0.3;       // counts from one sample to the next
+// Longest integration step, s.
+constexpr double STEP = 2.5e-3;
+// Time until the filter has forgotten its start, s: innovations before it are not judged.
+constexpr double SETTLING = 0.5;
+// Standard deviation of the speeds at the start, rad/s (times the joint's scale).
+constexpr double START_SPEED = 0.3;
+// Process-noise intensity of effects' states, per sqrt(s).
+constexpr double HIDDEN = 1e-3;
+// Least motion from one sample to the next, counts, for a reading to be judged.
+constexpr double CREEP = 0.3;
+// Autocorrelations tested.
 constexpr int LAGS = 20;
 
-// One joint's errors, over their predicted standard deviation, with what they are held against.
+// One joint's innovations e / sqrt(s), and beside each what it is held against.
 struct Series {
     std::vector<double> error;
     std::vector<std::vector<double>> with; // as `regressors`
     double squares = 0.0;
 };
 
+// What an innovation may go with: by name in the report.
 struct Regressor {
     const char *name;
     int joint; // of q, v; -1: none
@@ -73,7 +96,8 @@ class Filter
         }
     }
 
-    // False when the model runs away.
+    // Over all rows of the log. P at the start is diagonal: angles are known to the noise of a
+    // reading, speeds to START_SPEED, effects' states to 0.05. False when the model runs away.
     bool run(const VectorXd &start, Series *series)
     {
         VectorXd x = start;
@@ -124,6 +148,10 @@ class Filter
         shoot(task);
         if (!task.finite || !x_end.allFinite())
             return false;
+        // The kernel gives residual y - h(x) and H about the state x before any of the row's
+        // readings. The joints' readings are taken in one after the other, with scalar divisions
+        // only: after the first, x has moved by `correction`, and the second one's innovation is
+        //     e = y - h(x) - H correction   (to first order) .
         VectorXd correction = VectorXd::Zero(ns);
         for (size_t r = 0; r < task.row_count; r++) {
             const int j = joint_of[r];
@@ -136,17 +164,24 @@ class Filter
             correction += ph * (e / s);
             P -= ph * ph.transpose() / s;
         }
+        // The trajectory started from the uncorrected x; its end moves with the correction to first
+        // order.
         x = x_end + F * correction;
+        // Symmetric but for rounding, which would grow.
         const MatrixXd carried = F * P * F.transpose();
         P = 0.5 * (carried + carried.transpose());
+        // Q: white accelerations of intensity `process_noise` (times the joint's scale), and HIDDEN
+        // for effects' states. Angles get none: they follow from the speeds.
         const double span = log.t[k + 1] - log.t[k];
         for (int s = joints; s < ns; s++)
             P(s, s) +=
                 (s < 2 * joints ? std::pow(process_noise * size_of(s), 2) : HIDDEN * HIDDEN) * span;
         return x.allFinite();
     }
-    // Readings that stay on their count repeat their error, and where they creep from one to the
-    // next it is the same each time: one for each count that went by, where counts go by.
+    // Takes an innovation into the series, if it may count as a sample of its own. Readings that
+    // stay on their count repeat their rounding error; where they creep from one count to the next
+    // it is the same each time. So the speed must carry the joint over CREEP counts a sample, and
+    // over one count since the last innovation taken.
     void note(size_t k, int j, const VectorXd &x, double error, Series *series)
     {
         const double t = log.t[k];
@@ -167,6 +202,7 @@ class Filter
     }
 };
 
+// x <- (x - mean) / standard deviation; nothing where all values are the same.
 void standardise(std::vector<double> &x)
 {
     double mean = 0.0, square = 0.0;
@@ -178,7 +214,7 @@ void standardise(std::vector<double> &x)
         v = square > 0.0 ? v / std::sqrt(square) : 0.0;
 }
 
-// Of standardised series.
+// r(lag) = 1/n sum_k a_k b_(k - lag), of standardised series.
 double correlation(const std::vector<double> &a, const std::vector<double> &b, size_t lag)
 {
     double sum = 0.0;
@@ -187,8 +223,10 @@ double correlation(const std::vector<double> &a, const std::vector<double> &b, s
     return sum / (double)a.size();
 }
 
-// Ljung, Box 1978: chi-square of LAGS degrees if the series is white. The figure returned is the
-// root mean square of the autocorrelations.
+// Ljung, Box 1978: of a white series of n values
+//     n (n + 2) sum_(lag = 1)^LAGS r(lag)^2 / (n - lag)
+// is chi-square with LAGS degrees of freedom. Returns the rms of the autocorrelations; p is the
+// probability of such a sum or a larger one by chance.
 double whiteness(const std::vector<double> &e, double &p)
 {
     double n = (double)e.size(), sum = 0.0, squares = 0.0;
@@ -201,7 +239,11 @@ double whiteness(const std::vector<double> &e, double &p)
     return std::sqrt(squares / LAGS);
 }
 
-// With the number of independent samples as Bartlett counts them.
+// Fisher's z: with r the correlation of n independent pairs, atanh(r) sqrt(n - 3) is standard
+// normal where there is none. Both series hang together from sample to sample, so that n pairs are
+// worth (Bartlett)
+//     n / (1 + 2 sum_lag r_e(lag) r_x(lag)) ,
+// lags up to 100 or a quarter of the series; never more than n. |r| = 1 is kept out of atanh.
 double dependence(const std::vector<double> &e, const std::vector<double> &x, double &p)
 {
     double n = (double)e.size(), overlap = 1.0;
@@ -229,7 +271,8 @@ struct Test {
     double figure, p;
 };
 
-// Empty where a joint moved too little to judge by.
+// Whiteness first, then each regressor that the rig has. Empty where fewer than FEW innovations
+// count: the joint moved too little to judge by.
 std::vector<Test> tests_of(Series &s, int joints)
 {
     constexpr size_t FEW = 100;
@@ -257,6 +300,7 @@ bool leaves_white_noise(const std::vector<const FitLog *> &training, const Hypot
     Series series[MK_MAX_JOINTS];
     if (mk_model_hides_joint(&h.point.model) || !errors_of(training, h, h, series))
         return false;
+    // Of n tests the least p is below 0.01 / n by chance in 1 % of cases at most (Bonferroni).
     const int joints = mk_model_joints(&h.point.model);
     double least = 1.0;
     size_t count = 0;
@@ -274,6 +318,8 @@ bool leaves_white_noise(const std::vector<const FitLog *> &training, const Hypot
 void test_innovations(const std::vector<const FitLog *> &training, const Hypothesis &refit,
                       const Hypothesis &best, mk_explanation &out)
 {
+    // Both models with the process noise and reading noise of the better one, so that errors
+    // compare. A model that hides a joint from its readings has no innovations that could be white.
     out.residual_test_count = 0;
     if (mk_model_hides_joint(&best.point.model))
         return;
