@@ -1,8 +1,22 @@
-// Free runs of a window: least squares over its own readings.
+// Free runs of a window: least squares over its own readings (sim/window_fit.hpp).
 //
-// Levenberg and Marquardt's method with exact derivatives, on longer and longer beginnings of the
-// window: over a short one the trajectory is nearly linear in its start state, and its optimum is
-// where the next one starts (a progressive horizon).
+// The start state x of a window minimises
+//     S(x) = |r(x)|^2 + (z - z0)' K (z - z0) ,   r_k = w_k (y_k - h(x(t_k))) ,
+// with z the part of x that belongs to effects, z0 what is known of it beforehand (`expected`, or
+// where the search begins) and K = diag(1 / s^2) how well (`known`). Angles and speeds have no such
+// term: the readings of the window say them. Least squares with J = dh/dx w (columns Js of the
+// start state, Jp of parameters):
+//     H = Js'Js + K ,   g = Js'r + K (z0 - z) ,   S(x + d) ~ S - 2 g'd + d'H d .
+// S has no factor 1/2.
+//
+// The method is Levenberg and Marquardt's (D. Marquardt 1963) with exact derivatives, on longer and
+// longer beginnings of the window: over a short one the trajectory is nearly linear in its start
+// state, and its optimum is where the next one starts (a progressive horizon). Several windows of
+// one model go side by side through the kernel; each is a state machine (Progress) that proposes
+// the next trajectory and takes what came of it.
+//
+// linearise() then eliminates the start state, so that what is left is a quadratic in the
+// parameters.
 #include "sim/window_fit.hpp"
 #include "base/dense.hpp"
 
@@ -18,15 +32,26 @@ namespace mk
 namespace
 {
 
-constexpr double HIDDEN_STD = 0.05;      // s above, of a joint's far side (rad, rad/s),
-constexpr double KNOWN = 0.01;           // and of other states of effects, of what is usual,
-constexpr double FORGOTTEN = 0.5;        // s after which it is no more: what was before the log
-constexpr double FIRST_HORIZON = 0.05;   // s
-constexpr double LONGER = 2.0;           // from one horizon to the next
-constexpr size_t FEWEST_READINGS = 12;   // rows of a horizon
-constexpr double SETTLED_ROUGHLY = 1e-2; // relative decrease at which a horizon is done,
-constexpr double SETTLED = 1e-7;         // and the whole window
-constexpr int MOST_STEPS = 25, SOME_STEPS = 6; // of a horizon; where the start is near
+// Standard deviation s of an effect's state about z0 where nothing better is known, as of a joint's
+// far side: rad, rad/s.
+constexpr double HIDDEN_STD = 0.05;
+// Of other states of effects, over what they usually vary by: what a run through the readings
+// before the window leaves open.
+constexpr double KNOWN = 0.01;
+// Time constant, s, with which a state at the start of the log stops to matter.
+constexpr double FORGOTTEN = 0.5;
+// First horizon, s, and the factor from one to the next.
+constexpr double FIRST_HORIZON = 0.05;
+constexpr double LONGER = 2.0;
+// Least rows of a horizon.
+constexpr size_t FEWEST_READINGS = 12;
+// Relative decrease of S below which a horizon is done, and below which the whole window is.
+constexpr double SETTLED_ROUGHLY = 1e-2;
+constexpr double SETTLED = 1e-7;
+// Steps at most of one horizon; and where the start is near.
+constexpr int MOST_STEPS = 25, SOME_STEPS = 6;
+// Levenberg's damping, relative to the diagonal of H, and its factors after a step that was taken
+// and one that was not.
 constexpr double FIRST_DAMPING = 1e-4, LEAST_DAMPING = 1e-9, MOST_DAMPING = 1e6;
 constexpr double EASIER = 0.1, HARDER = 10.0;
 
@@ -60,8 +85,12 @@ WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_r
     jac.resize(capacity * (size_t)ns);
     x_end.resize((size_t)ns);
     jac_end.resize((size_t)(ns * ns));
-    // However far an effect is from where it was before the log, it is not free to be anywhere at
-    // the start of a window: a state that is makes up for whatever the model misses there.
+    // K = 1 / s^2. With the finder's usual variation u of a state (remember()) and T the length of
+    // the readings that lead to the window,
+    //     s = (KNOWN + exp(-T / FORGOTTEN)) u .
+    // The exponential is the doubt of where the effect was before the log. However large it is, a
+    // state is not free to be anywhere: one that is makes up for whatever the model misses at the
+    // start.
     known = VectorXd::Constant(ns, 1.0 / (HIDDEN_STD * HIDDEN_STD));
     for (long s = 0; s < f.usual.size(); s++) {
         const double run_up = f.t[from] - f.t[begin_of(f, from)];
@@ -155,6 +184,7 @@ WindowFit::Progress WindowFit::begin(const VectorXd &x) const
 
 void WindowFit::begin_horizon(Progress &p) const
 {
+    // Rows of the horizon: those within p.horizon of the start, FEWEST_READINGS at least.
     p.whole = p.horizon >= f.t[to - 1] - f.t[from];
     p.last = to;
     while (!p.whole && p.last > from + FEWEST_READINGS && f.t[p.last - 1] - f.t[from] > p.horizon)
@@ -175,7 +205,9 @@ void WindowFit::end_horizon(Progress &p) const
         begin_horizon(p);
 }
 
-// Levenberg and Marquardt: the next trial is x + d with (H + l diag H) d = g.
+// Levenberg and Marquardt: the next trial is x + d with (H + lambda diag H) d = g. 1e-9 keeps
+// angles and speeds that no reading sees where they are. Ends the horizon where damping or steps
+// are used up.
 void WindowFit::propose(Progress &p) const
 {
     const long joints = mk_model_joints(f.model);
@@ -191,7 +223,8 @@ void WindowFit::propose(Progress &p) const
     end_horizon(p);
 }
 
-// What the trajectory from p.trial says.
+// What the trajectory from p.trial says. The first one of a horizon is its start; later ones are
+// taken where S has not risen. Small decreases end the horizon.
 void WindowFit::take(const ShootTask &task, Progress &p) const
 {
     WindowNormal there;
@@ -224,7 +257,7 @@ void WindowFit::take(const ShootTask &task, Progress &p) const
         propose(p);
 }
 
-// What is known of hidden states: H += 1/s^2, g += (z - z0)/s^2.
+// The term of z in S: H += K, g += K (z0 - z), S += (z0 - z)' K (z0 - z).
 void WindowFit::add_known(const Progress &p, WindowNormal &out) const
 {
     for (long s = 2 * mk_model_joints(f.model); s < ns; s++) {
@@ -322,13 +355,22 @@ void WindowFit::linearise(std::vector<WindowFit> &fits, const std::vector<Vector
         fits[i].quadratic_of(tasks[i], out[i]);
 }
 
-// With J = [Js Jp] about the trajectory, the start state follows a step d of the parameters by
-//     x + a - B d ,  a = (Js'Js + P)^-1 (Js'r + P (z - x)) ,  B = (Js'Js + P)^-1 Js'Jp ,
-// with z what is known of hidden states and P how well,
-// so that r - Js a - (Jp - Js B) d is left of the readings.
+// Elimination of the start state. A step d of the parameters leaves r - Js a - Jp d of the
+// readings, a the step of the start state, and S is least over a where
+//     a = shift - follow d ,
+//     shift  = (Js'Js + K)^-1 (Js'r + K (z0 - z)) ,
+//     follow = (Js'Js + K)^-1 Js'Jp .
+// Put in,
+//     rest - left d ,   rest = r - Js shift ,   left = Jp - Js follow ,
+// and of each joint's rows the quadratic is
+//     S_j(d) = squares - 2 g'd + d'H d ,
+//     H = left'left ,   g = left'rest ,   squares = rest'rest .
+// All joints share one a, that of their common least squares. `before` is |r|^2 of the joint, from
+// the start state as it was. The term of z is not in S_j: it is no error of the readings.
 void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
 {
-    constexpr double TRACE = 1e-9; // states that the readings say nothing about stay
+    // States that the readings say nothing about stay: relative and absolute part of the diagonal.
+    constexpr double TRACE = 1e-9;
     out.finite = task.finite;
     if (!task.finite)
         return;
@@ -348,6 +390,7 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
             known.tail(expected.size())
                 .cwiseProduct(expected -
                               Eigen::Map<const VectorXd>(task.x, ns).tail(expected.size()));
+    // One decomposition for all p + 1 right-hand sides.
     MatrixXd both(ns, p + 1);
     both << dense::transpose_product(Js, Jp), dense::transpose_product(Js, VectorXd(r)) + pull;
     const MatrixXd solved = dense::solve_symmetric(states, both);
@@ -399,6 +442,8 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     return task;
 }
 
+// Places of a log, 40 ms apart, with angles and speeds by polynomial. Rows that are left out break
+// the way: from there on readings begin anew.
 std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model)
 {
     constexpr double APART = 0.04; // s
@@ -430,8 +475,9 @@ bool remembers(const mk_model &model)
            !mk_model_hides_joint(&model);
 }
 
-// From each place of the way to the next the model runs by itself; there it is set back to the
-// readings, so that what it lacks does not carry it away.
+// What effects remember along the way: from each place to the next the model runs by itself; there
+// angles and speeds are set back to the readings, so that what the model lacks does not carry it
+// away, and the states of effects go on. `usual` is the rms of each about its mean, 1e-9 at least.
 void remember(mk_start_finder &f)
 {
     f.memory.clear();
@@ -456,6 +502,8 @@ void remember(mk_start_finder &f)
     f.usual = (squares / n - (sum / n).cwiseAbs2()).cwiseMax(1e-18).cwiseSqrt();
 }
 
+// From the place before the row a run of the model up to it; where that fails, what was remembered
+// there.
 VectorXd remembered(const mk_start_finder &f, size_t row)
 {
     const std::vector<size_t> &rows = f.way->row;
@@ -468,8 +516,8 @@ VectorXd remembered(const mk_start_finder &f, size_t row)
     return run.tail(own);
 }
 
-// State at `row` to start a search from: angles and speeds by polynomial; what effects remember of
-// the past by a run of the model up to there.
+// State at `row` to start a search from: angles and speeds by polynomial; what effects remember by
+// a run of the model up to there, of MEMORY seconds where there is no way.
 bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
 {
     constexpr double MEMORY = 0.5; // s
