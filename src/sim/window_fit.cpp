@@ -4,8 +4,8 @@
 //     S(x) = |r(x)|^2 + (z - z0)' K (z - z0) ,   r_k = w_k (y_k - h(x(t_k))) ,
 // with z the part of x that belongs to effects, z0 what is known of it beforehand (`expected`, or
 // where the search begins) and K = diag(1 / s^2) how well (`known`). Angles and speeds have no such
-// term: the readings of the window say them. Least squares with J = dh/dx w (columns Js of the
-// start state, Jp of parameters):
+// term: the readings of the window say them. With J = w dh/d(x, p), columns Js of the
+// start state and Jp of the parameters:
 //     H = Js'Js + K ,   g = Js'r + K (z0 - z) ,   S(x + d) ~ S - 2 g'd + d'H d .
 // S has no factor 1/2.
 //

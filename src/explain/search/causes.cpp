@@ -1,3 +1,28 @@
+// Which effects a model lacks: found one after another by likelihood, and earlier ones
+// reconsidered.
+//
+// A greedy forward search with backward steps. With L the penalised nlml of a hypothesis
+// (search.cpp; less is better), a cause is added if the best extension of the best model has
+//     L(best) - L(extension) >= ACCEPT_FIRST ,   ACCEPT_FURTHER for all but the first .
+// With Gaussian noise a difference of 12 beyond the penalty is far beyond what some hundred
+// candidates reach by chance (docs/explain.md, "How it decides", 4).
+//
+// A forward search goes wrong where one cause stands in for another that is still missing. Four
+// steps answer that:
+//     idle_without_last   the model does as well without the latest cause, if it starts from the
+//                         fit with it: the cause is dropped;
+//     reconsider          with the later cause there, something else, or nothing, may be better in
+//                         the place of an earlier one;
+//     try_runners_up      a first cause that leads to no model that follows its data gives way to
+//                         those that came next;
+//     drop_idle           at the end, any cause without which the fit does as well goes.
+//
+// Process noise says how much a model misses. Its thresholds are intensities in rad/s per sqrt(s):
+// right models end at 1e-4, and what is below IMMATERIAL does not matter within a second of free
+// run.
+//
+// In `best` the effects of the given model come first (model.effect_count of them), then the
+// causes, in the order of `rounds`.
 #include "explain/search/causes.hpp"
 
 #include <algorithm>
@@ -12,16 +37,22 @@ namespace mk
 namespace
 {
 
-constexpr size_t MOST = 3;         // causes looked for from the refitted model,
-constexpr size_t MOST_MORE = 8;    // and from where most of them were found otherwise
-constexpr double CATALOGUE = 10.0; // by how much a library term must beat the catalogue
-constexpr double PROCESS_NOISE_NEGLIGIBLE = 3.0e-3; // process noise at which little is missing
-constexpr double PROCESS_NOISE_FAINT =
-    1.0e-2; // process noise at which what is missing may be too rare to show
-constexpr double PROCESS_NOISE_FAR =
-    0.1;                            // process noise from which a refit leads to none that is slight
-constexpr double ROUGH = 2.0e-2;    // process noise that contact may leave,
-constexpr double SMALL_PART = 0.02; // at most this share of the refitted model's
+// Causes looked for from the refitted model, and from where most of them were found otherwise.
+constexpr size_t MOST = 3;
+constexpr size_t MOST_MORE = 8;
+// Log likelihood by which a term of the library must beat the catalogue: the library is large, and
+// names nothing.
+constexpr double CATALOGUE = 10.0;
+// Process noise at which little is missing.
+constexpr double PROCESS_NOISE_NEGLIGIBLE = 3.0e-3;
+// Process noise at which what is missing may be too rare to show, and up to which likelihood
+// counts.
+constexpr double PROCESS_NOISE_FAINT = 1.0e-2;
+// Process noise from which a refit leads to none that is slight.
+constexpr double PROCESS_NOISE_FAR = 0.1;
+// Process noise that contact may leave, at most SMALL_PART of the refitted model's.
+constexpr double ROUGH = 2.0e-2;
+constexpr double SMALL_PART = 0.02;
 
 // In passes over the data (Search::work_done): nothing more is looked for after so many, and
 // earlier causes are not looked at again after fewer. Most searches end long before.
@@ -166,18 +197,24 @@ void CauseSearch::add_causes()
     }
 }
 
+// The best model still says nothing within a shooting interval, and its cause gained too little a
+// reading for likelihood to be the right judge: predictions are asked in its place
+// (prediction_search.cpp).
 bool CauseSearch::gives_up() const
 {
     return best.process_noise >= LOST &&
            refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 
+// Of a model that does not follow its data the fitted noise holds what the model misses. The
+// readings' own scatter is then the better figure, where it is less.
 double CauseSearch::noise(int joint) const
 {
     const double fitted = best.point.noise[joint];
     return follows(best) ? fitted : std::min(fitted, scatter_of(search.training(), joint));
 }
 
+// `judge` puts the figures of free runs in the place of likelihoods, so that L compares by them.
 bool CauseSearch::take_over(const PredictionSearch &other)
 {
     best = refit;
@@ -280,8 +317,11 @@ void CauseSearch::try_runners_up()
     }
 }
 
-// Whether the causes so far do as well without the latest one once they are given its fit to
-// start from: then it is dropped.
+// Whether the causes so far do as well without the latest one once they are given its fit to start
+// from: then it is dropped. With L_0 the model without it, as it was before or as fitted from
+// there, whichever is less, it stays if
+//     L_0 - L(best) >= ACCEPT_FIRST   (ACCEPT_FURTHER) .
+// A better start shows that the earlier fit was stuck, not that the cause is there.
 bool CauseSearch::idle_without_last()
 {
     Hypothesis without;
@@ -322,7 +362,7 @@ void CauseSearch::drop_idle()
     }
 }
 
-// Whether the data leave a parameter of the law open beside its size.
+// Whether the data leave a parameter of the law open beside its size: standard error >= value.
 bool CauseSearch::has_open_shape(size_t cause) const
 {
     const int at = model.effect_count + (int)cause;
@@ -386,8 +426,11 @@ void CauseSearch::shed(size_t cause, Hypothesis without)
     last.ranked = led_by(latest, std::move(last.ranked));
 }
 
-// What a model that follows its data leaves does not matter within a second of free run.
-// Contact leaves a little more, by the instants at which a simulation or a rig touches.
+// Whether what a model leaves does not matter within a second of free run: its process noise is at
+// most IMMATERIAL. A model with contact may leave more, by the instants at which a simulation or a
+// rig touches:
+//     min(ROUGH, SMALL_PART D_refit) ,   5 ROUGH in place of ROUGH with backlash ,
+// D_refit the refitted model's process noise, or meet its readings in one shooting interval a log.
 bool CauseSearch::follows(const Hypothesis &h) const
 {
     bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
@@ -559,8 +602,10 @@ void CauseSearch::forget_lacks()
         round.lack.reset();
 }
 
-// Nothing came near this cause, not by as much as all that was found after it gained, and the data
-// are explained.
+// Nothing came near this cause: the distance to its nearest rival is more than all that was found
+// after it gained,
+//     min L(rival) - L(cause) > L(cause) - L(best) ,
+// and the data are explained. Then no rival can overtake it with the same further causes.
 bool CauseSearch::stands_alone(const Round &round) const
 {
     const Hypothesis &chosen = round.ranked[0];
@@ -587,8 +632,11 @@ std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
     return ranked;
 }
 
-// An earlier choice was made while another cause was still missing: would something else be
-// better in its place now, or nothing?
+// An earlier choice was made while another cause was still missing. For each cause but the last:
+// the model without it, refitted, and from there all that ever competed. With L_less the model
+// without it and L_rival the best of those,
+//     L_less < min(L_rival, L(best)) + ACCEPT_FIRST   the cause is not needed any more ,
+//     L_rival < L(best)                               the rival takes its place .
 void CauseSearch::reconsider()
 {
     for (size_t i = 0; i + 1 < rounds.size(); i++) {
@@ -626,6 +674,7 @@ void CauseSearch::reconsider()
     }
 }
 
+// `best`'s model without the effect of a cause; its own effects come first.
 mk_model CauseSearch::removed(size_t cause) const
 {
     mk_model m = best.point.model;
@@ -641,6 +690,8 @@ bool CauseSearch::remove(size_t cause, Hypothesis &without)
     return search.refit(removed(cause), &best, without);
 }
 
+// L and nlml without a cause, for the evidence that it is given. Known from the search, or, of two
+// causes, from a rival of this cause's round that is the other cause alone; else by a fit.
 Lack CauseSearch::without(size_t cause)
 {
     if (rounds.size() == 1)
@@ -672,6 +723,8 @@ void CauseSearch::warm_start(Hypothesis &rival)
 
 void CauseSearch::polish_rivals()
 {
+    // Log likelihood behind the best within which a rival is polished, and within which its process
+    // noise is, too.
     constexpr double NEAR = 50.0, BESIDE = 25.0;
     for (Round &r : rounds) {
         for (size_t i = 1; i < r.ranked.size() && i <= 3; i++) {

@@ -1,3 +1,17 @@
+// The search for what is missing, by likelihood: hypotheses are fitted, screened and compared.
+//
+// A hypothesis is a model with its fit (ident/fit.hpp). Models compare by
+//     penalised nlml = nlml + k/2 log N ,
+// half of the Bayesian information criterion (G. Schwarz 1978): k parameters, N = reading_count the
+// independent readings (sum of w^2). Less is better; a difference of 1 is one of log likelihood.
+//
+// extend() goes through four stages, each with fewer candidates and more work for each: 1. linear
+// candidates are screened by a score test (screen, trials.cpp); 2. the best of them and all others
+// are tried for a few iterations (try_all, trials.cpp); 3. the best of those compete in full fits,
+// process noise by process noise (compete); 4. one hypothesis for each cause is left, best first.
+//
+// Work is counted in passes over the data, not timed: what is left out for want of it does not
+// depend on the machine.
 #include "explain/search/search.hpp"
 
 #include <algorithm>
@@ -15,11 +29,17 @@ namespace mk
 namespace
 {
 
-constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4; // process noise, rad/s per sqrt(s)
-constexpr double TIGHTER = 1.0 / 30.0;            // from one process noise to the next
-constexpr double FAR_BEHIND = 40.0;               // log likelihood at the same process noise
-constexpr double ROUGHEST = 0.05;                 // process noise that backlash may need
-constexpr double LOST_SHARE = 0.3; // log likelihood a reading that no fit makes up for
+// Process-noise intensities between which fits go, rad/s per sqrt(s).
+constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4;
+// Factor from one process noise to the next in compete().
+constexpr double TIGHTER = 1.0 / 30.0;
+// Log likelihood behind the leader, at the same process noise, from which a full fit is given up.
+constexpr double FAR_BEHIND = 40.0;
+// Process noise that backlash may need, rad/s per sqrt(s). Models with one shooting interval a log
+// are fitted at the first process noise and from here on down, not between.
+constexpr double ROUGHEST = 0.05;
+// Loss of log likelihood a reading that no further fit makes up for.
+constexpr double LOST_SHARE = 0.3;
 
 } // namespace
 
@@ -55,6 +75,7 @@ FitOptions Search::fit_options() const
     return o;
 }
 
+// k counts the fitted parameters and the spreads.
 void Search::finish(Fit &fit, Hypothesis &h) const
 {
     h.process_noise = fit.options.process_noise[0];
@@ -72,6 +93,8 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     std::vector<int> free = fitted_parameters(model);
     out.free_count = (int)free.size();
     data = data_range(model, logs);
+    // From a fit: ten times its process noise, so that the states may find another place. Anew: the
+    // loosest.
     double first = from ? std::min(LOOSEST, std::max(10.0 * from->process_noise, 0.1)) : LOOSEST;
     bool fitted = fit.continue_over_process_noise(out.point, free, first, TIGHTEST, out.quadratic);
     work += fit.work_done;
@@ -97,6 +120,8 @@ bool Search::refit_at(const mk_model &model, const Hypothesis &from, double proc
     return fitted;
 }
 
+// No parameter is free: states, noise and process noise alone. The process noise falls by threes
+// from `most` as long as nlml falls with it.
 bool Search::follow(const mk_model &model, const Hypothesis *from, double most, Hypothesis &out)
 {
     FitOptions o = fit_options();
@@ -156,6 +181,9 @@ void Search::polish(Fit &fit, Hypothesis &h, bool process_noise_too) const
         }
         return better;
     };
+    // A one-dimensional search over the process noise D by factors of three, from where h is.
+    // Downwards first, as long as penalised nlml stays within EVEN of the least seen; upwards where
+    // there was nothing below.
     try_process_noise(h.process_noise, 0.0);
     if (!process_noise_too)
         return;
@@ -181,6 +209,7 @@ void Search::polish(Fit &fit, Hypothesis &h, bool process_noise_too) const
         continue;
 }
 
+// k/2 log N.
 double Search::penalty(int parameters) const
 {
     return 0.5 * parameters * std::log(std::max(reading_count, 2.0));
@@ -205,6 +234,9 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
                   all.end());
     for (Candidate &c : all)
         c.linear = c.linear && !how.only;
+    // The base once more at the process noise that candidates are tried at: at its minimum the
+    // base's own parameters have no slope, and what a trial gains is the candidate's. `small`: that
+    // of the base. Else 0.01 at least.
     tried_count = (int)all.size();
     FitOptions loose = fit_options();
     loose.threads = 1;
@@ -282,6 +314,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         terms += library;
         full_fits.push_back(std::move(t));
     }
+    // Full fits from a process noise of 0.1 at least, unless what is missing is small.
     return compete(base.penalised_nlml, how.acceptance,
                    how.small ? small_process_noise : std::max(base.process_noise, 0.1), full_fits);
 }
@@ -295,6 +328,8 @@ std::vector<Candidate> Search::starts(const mk_model &model, const char *effect,
     return some;
 }
 
+// Nothing is left to be explained: the process noise ended at its least, one-step predictions leave
+// white noise, and the fitted noise of the readings is near their scatter.
 bool Search::complete(const Hypothesis &h) const
 {
     constexpr double FLOOR = 1.5 * TIGHTEST;
@@ -313,6 +348,9 @@ bool Search::meets_readings(const Hypothesis &h) const
            beyond_scatter(logs, h.point.noise) < MORE;
 }
 
+// The size of the added effect (its parameter number added.size) has gone to an end of its range:
+// off, at its least or largest value, or beyond the candidate's own limit. In parts of the size's
+// usual value, `off` is below 1e-7.
 bool Search::discredited(const Hypothesis &h)
 {
     const mk_effect_use &last = h.point.model.effect[h.point.model.effect_count - 1];
@@ -323,6 +361,8 @@ bool Search::discredited(const Hypothesis &h)
     return off || at_end || std::fabs(value) > h.added.most;
 }
 
+// Standard error of a parameter over its value, from the covariance of the fit (Cramer-Rao). 0
+// where it is not fitted.
 double Search::relative_error(const Hypothesis &h, int effect, int parameter)
 {
     const mk_model &m = h.point.model;
@@ -339,8 +379,13 @@ double Search::relative_error(const Hypothesis &h, int effect, int parameter)
     return std::isfinite(relative) ? relative : HUGE_VAL;
 }
 
-// Full fits, process noise by process noise side by side: who falls far behind at a process noise
-// is not carried on.
+// Full fits side by side, from the process noise `first` down by factors of TIGHTER (successive
+// elimination). At `first` there are three rounds of FEW_ITERATIONS; after each, who is far behind
+// the leader, and does not catch up, is dropped. Then each process noise is fitted to its end, and
+// who is FAR_BEHIND the leader there is not carried on. Every fit ends by itself two process noises
+// after its best.
+//
+// `from`: penalised nlml of the base. `acceptance`: that of a hypothesis to be compared with.
 std::vector<Hypothesis> Search::compete(double from, double acceptance, double first,
                                         std::vector<Trial> &full_fits)
 {
@@ -361,6 +406,7 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
         running_fits[i].free = fitted_parameters(running_fits[i].point.model);
         running_fits[i].best.free_count = (int)running_fits[i].free.size();
     }
+    // Number of process noises, for the progress that is shown.
     double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
     int stage = 0;
     auto run_all = [&](double process_noise, int most_iterations) {
@@ -414,6 +460,9 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
         run_all(first, FEW_ITERATIONS);
         const double lead = std::min(leader(), acceptance);
         for (RunningFit &r : running_fits) {
+            //     near:   now < lead + max(CLOSE, share (from - lead)) ,
+            //     comes:  earlier - now > CATCHING_UP (now - lead) .
+            // The share falls from round to round.
             const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
             const bool comes =
                 std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
@@ -436,6 +485,7 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
     std::sort(out.begin(), out.end(), [](const Hypothesis &a, const Hypothesis &b) {
         return a.penalised_nlml < b.penalised_nlml;
     });
+    // Several starts of one cause: the best.
     std::vector<Hypothesis> one_each;
     for (Hypothesis &h : out)
         if (std::none_of(one_each.begin(), one_each.end(),

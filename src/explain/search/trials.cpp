@@ -1,4 +1,15 @@
 // Candidates on trial: what the slope of the likelihood promises, and a few iterations of a fit.
+//
+// A linear candidate vanishes with its size parameter s: at s = 0 the model is the base. With the
+// cost's gradient g (of the negative log likelihood, with sign reversed) and information H at s
+// near 0, states eliminated, the gain in log likelihood that a Gauss-Newton step promises is
+//     gain = g'H^-1 g / 2 - k/2 log N ,
+// over the base's parameters and the candidate's together: half of Rao's score statistic (C. R. Rao
+// 1948), less the penalty for the candidate's k parameters. One shooting of all data with
+// derivatives screens several candidates.
+//
+// Others (contact, delays, bristles) have no slope that says anything at s = 0; they are tried from
+// several starts.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -14,6 +25,7 @@ namespace mk
 namespace
 {
 
+// Iterations of a cause's starts that have others beside them, and of those that go on.
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
@@ -37,8 +49,9 @@ FitPoint with_states(const FitPoint &from, const mk_model &model)
 
 } // namespace
 
-// Gain in log likelihood that each linear candidate promises, from the slope of the cost where the
-// candidate is next to nothing. Many are looked at in one pass.
+// Gain in log likelihood that each linear candidate promises. TOGETHER of them share a model, each
+// next to nothing; their columns of H and g are then looked at one candidate at a time. One with
+// states is looked at alone.
 void Search::screen(const Hypothesis &base, const FitOptions &loose,
                     const std::vector<Candidate> &all, std::vector<double> &gain)
 {
@@ -69,7 +82,8 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         QuadraticModel p;
         Fit fit(logs, loose);
         fit.coarsen_as(here);
-        // So little of each that the trajectory stays where it is.
+        // So little of each that the trajectory stays where it is: the cost changes by less than
+        // 0.5. Not 0, where a derivative by the shape would be 0 as well.
         for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
             model = base.point.model;
             members.clear();
@@ -115,7 +129,10 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         work += one;
 }
 
-// Second-order reduction of the cost if only the wanted parameters move.
+// Second-order reduction of the cost if only the wanted parameters move: g'H^-1 g / 2 of their rows
+// and columns. With R = diag(H)^(-1/2) the matrix U = R H R has a unit diagonal; 1e-9 is added to
+// it, since candidates may be collinear with the base:
+//     (R g)' (U + 1e-9)^-1 (R g) / 2 .
 double Search::promised(const QuadraticModel &p, const std::vector<int> &free,
                         const std::vector<int> &wanted)
 {
@@ -164,6 +181,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
     trial.gain = -HUGE_VAL;
     if (!fitted || !std::isfinite(p.cost))
         return false;
+    // Costs, not nlml: both are at the same process noise and reading noise.
     trial.gain = base.point.cost - p.cost - penalty(extra);
     trial.point = std::move(p);
     trial.begun = true;
@@ -174,8 +192,11 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
 // the best of all. Contact may begin far off.
 void Search::thin_out(std::vector<Trial> &trials)
 {
-    constexpr double SHARE = 0.5, CLOSE = 20.0; // of the best gain of the cause, log likelihood
-    constexpr double HOPELESS = 0.03;           // of the best of all
+    // A start is behind where it gained less than the best start of its cause by CLOSE (log
+    // likelihood) and by SHARE of that gain.
+    constexpr double SHARE = 0.5, CLOSE = 20.0;
+    // Share of the best gain of all, below which further starts of a cause are given up.
+    constexpr double HOPELESS = 0.03;
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     const double least = trials.empty() ? 0.0 : HOPELESS * trials[0].gain;
@@ -242,6 +263,8 @@ void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vect
         work += t.work;
 }
 
+// Backlash is fitted over longer and longer beginnings of the logs (backlash_search.hpp) and
+// compares by nlml.
 void Search::try_backlash(const Hypothesis &start, const FitOptions &loose,
                           const std::vector<Candidate> &backlashes, double acceptance,
                           std::vector<Trial> &trials)
