@@ -1,3 +1,17 @@
+// Whether a cause improves the prediction of data that it was not fitted to
+// (explain/evidence/carry_over.hpp).
+//
+// With e_w the squared error that a model leaves in window w of a fold that it was not fitted to,
+// each window gives
+//     r_w = log((e_w(with) + c) / (e_w(without) + c)) ,
+// c a tenth of the mean error without. Ratios, not differences: windows differ by orders of
+// magnitude, and the largest would decide alone. c: a window in which next to nothing is missed
+// says next to nothing. With m_f the mean of r_w over fold f, and F folds,
+//     mean  = 1/F sum_f m_f ,
+//     error = sqrt(max(sum_f (m_f - mean)^2 / (F (F - 1)), var(r_w) / number of windows)) .
+// The second is the standard error as if windows were independent: of few folds the scatter among
+// them can be small by chance. A cause is there if mean is enough standard errors below 0, folds
+// agree, and the gap that it closes has a size.
 #include "explain/evidence/carry_over.hpp"
 
 #include <algorithm>
@@ -13,13 +27,20 @@ namespace mk
 namespace
 {
 
+// Folds that are made where there are too few logs.
 constexpr size_t USUAL_FOLDS = 4;
-constexpr double SURE = 2.0;             // standard errors, of one model asked
-constexpr double LEAST_SHARE = 0.05;     // of the gap, or
-constexpr double LEAST_OF_REST = 0.1;    // of what is left of it
-constexpr double NEGLIGIBLE_SHARE = 0.1; // of the usual squared error of a window
-constexpr double WORSE = 0.02;           // mean log ratio of a fold that is not as good
-constexpr double HONEST = 5.0;           // log likelihood of independent errors, at least
+// Standard errors, of one model asked.
+constexpr double SURE = 2.0;
+// Least share of the gap between refitted model and noise to be closed, or
+constexpr double LEAST_SHARE = 0.05;
+// of what the model without the cause leaves of it.
+constexpr double LEAST_OF_REST = 0.1;
+// c, over the mean squared error of a window.
+constexpr double NEGLIGIBLE_SHARE = 0.1;
+// Mean log ratio from which a fold counts as worse: 2 % more squared error.
+constexpr double WORSE = 0.02;
+// Least gain in log likelihood of independent errors.
+constexpr double HONEST = 5.0;
 
 } // namespace
 
@@ -27,6 +48,7 @@ constexpr double HONEST = 5.0;           // log likelihood of independent errors
 // of those with some windows of prediction in each.
 Folds::Folds(const TrainingData &data, double window_s)
 {
+    // Least length of a block, in windows of prediction.
     constexpr double WINDOWS = 2.0;
     std::set<int> sources;
     for (const FitLog &log : data.logs)
@@ -54,7 +76,8 @@ Folds::Folds(const TrainingData &data, double window_s)
     }
 }
 
-// In how many resamples of the folds, and of the windows in each, it would still be chosen.
+// In how many resamples of the folds, and of the windows in each, it would still be chosen: mean
+// below 0 and most folds better (bootstrap of two levels; B. Efron 1979).
 static double inclusion_of(const std::vector<std::vector<double>> &ratios)
 {
     constexpr int RESAMPLES = 200;
@@ -131,6 +154,12 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     c.window_error = std::sqrt(by_window);
     c.error = std::sqrt(std::max(spread / (c.folds * (c.folds - 1.0)), by_window));
     int judged = 0, known = 0;
+    // Per joint, with s the nrmse of a model and n that of the noise,
+    //     closed     = s_without^2 - s_with^2 ,
+    //     share      = closed / (s_refit^2 - n^2) ,
+    //     rest_share = closed / (s_without^2 - n^2) ,
+    // means over the joints at which the refitted model is farther than twice the noise from its
+    // data (s^2 - n^2 > 3 n^2).
     double over_noise = 0.0;
     for (int j = 0; j < joints; j++) {
         if (floor[j] > 0.0)
@@ -172,10 +201,13 @@ bool carry_over::enough(const Carried &c, int tried, double gain)
 {
     if (gain < HONEST || !promising(c))
         return false;
-    // Of many models that change nothing one passes by chance: 2 ln(n) is the square of the largest
-    // of n normal deviates, about.
+    // Of `tried` models that change nothing one passes by chance: 2 log(tried) is about the square
+    // of the largest of so many normal deviates. So
+    //     z^2 = SURE^2 + 2 log(tried) .
     const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
-    // The same quantile of Student's distribution, the error being one of few folds.
+    // The same quantile of Student's distribution with nu = F - 1 degrees of freedom, the error
+    // being one of few folds, by the first term of its expansion (Abramowitz, Stegun 26.7.5): t = z
+    // + (z^3 + z) / (4 nu).
     const double t = z * (1.0 + (z * z + 1.0) / (4.0 * std::max(c.folds - 1.0, 1.0)));
     // Where no fold is worse the scatter among folds is that of how much is gained, not of whether:
     // windows say what chance would do. Where moreover the likelihood leaves no doubt it is all in

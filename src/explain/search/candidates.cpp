@@ -1,3 +1,15 @@
+// The catalogue as a search sees it: for each effect, at each joint where it makes sense, values to
+// start a fit from.
+//
+// A start has two parts. The size of the effect (a torque, mostly) is taken small against what acts
+// in the rig: for an effect that vanishes with its size the likelihood's slope there says how much
+// is to be gained (search by score test, trials.cpp), and a fit is linear in it. The shape (a
+// speed, a place, a yield, a frequency) is taken at several values that cover what the data can
+// tell apart, since a likelihood has one optimum for each.
+//
+// Symbols: T = torque() the rig's usual torque, V = speed() the joint's largest speed, L = size() a
+// motion of 1 rad in the joint's unit (1; 0.01 m where it slides), I = inertia() that of the
+// joint's body.
 #include "explain/search/candidates.hpp"
 
 #include <algorithm>
@@ -36,7 +48,8 @@ struct Setting {
     double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1 * size()); }
 };
 
-constexpr double TOO_FAST = 3000.0; // 1/s
+// Fastest rate of bristles or a cable that readings could tell from a jump, 1/s: speed over yield.
+constexpr double TOO_FAST = 3000.0;
 
 using Starts = std::vector<std::vector<double>>;
 
@@ -58,12 +71,13 @@ Starts product(std::initializer_list<double> first, std::initializer_list<double
     return all;
 }
 
-// A small amplitude: fits are linear in it.
+// T / 100: fits are linear in an amplitude as small as that.
 double small(const Setting &s)
 {
     return 0.01 * s.torque();
 }
 
+// Friction of the motor joint is a base parameter already, on every plant.
 Starts viscous(const Setting &s)
 {
     return s.motor() ? Starts{} : Starts{{small(s) / s.speed()}};
@@ -84,6 +98,7 @@ Starts torque_offset(const Setting &s)
 {
     return {{small(s)}};
 }
+// Level T/50, speeds of 0.1, 0.4, 1.5 L per second.
 Starts stribeck(const Setting &s)
 {
     const double k = s.size();
@@ -93,6 +108,8 @@ Starts quadratic_drag(const Setting &s)
 {
     return {{small(s) / (s.speed() * s.speed())}};
 }
+// Bristles (LuGre): stiffness, damping, level g = T/50. They bend by g / stiffness = bend before
+// they slide.
 Starts stiction(const Setting &s)
 {
     Starts all;
@@ -144,6 +161,8 @@ Starts imbalance(const Setting &s)
 {
     return s.level() ? Starts{} : Starts{{small(s), 0.3}};
 }
+// Place: so much of the range of the data within its end. With the rate w of the rig against the
+// stop, stiffness k = I w^2 and damping 0.8 k / w = 0.8 I w.
 Starts end_stop(const Setting &s)
 {
     if (s.wheel())
@@ -162,6 +181,8 @@ Starts reflected_inertia(const Setting &s)
     // At joint 1 of every rig, and at any single joint, it is part of a base parameter.
     return s.j == 0 ? Starts{} : Starts{{0.02 * s.inertia()}};
 }
+// Gap width, contact stiffness k = J w^2 of the light side J = share I with w = 150 1/s, contact
+// damping 30 J, share of the joint's inertia, and drag.
 Starts backlash(const Setting &s)
 {
     if (s.j != 1 && s.plant->joints == 2)
@@ -234,7 +255,8 @@ Starts base_tilt(const Setting &)
 {
     return {{0.001}};
 }
-// Frequencies as near as the width of a lightly damped resonance.
+// Frequencies in Hz, from 1.5 to 26, in steps of 7 %: as near as the width of a lightly damped
+// resonance.
 Starts base_compliance(const Setting &)
 {
     Starts all;
@@ -261,6 +283,8 @@ Starts custom(const Setting &s)
         if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()) || catalogued(n))
             continue;
         // Angles are of the order of one.
+        // The term is v^a w^b u^c t^d: its size at the largest values of the data. Angles are of
+        // the order of one. The coefficient makes a torque of T / 1000 of it.
         const double size = std::pow(s.speed(), term.v) * std::pow(w, term.w) *
                             std::pow(s.range->u_max, term.u) * std::pow(s.range->seconds, term.t);
         all.push_back({0.1 * small(s) / size, (double)n});
@@ -292,6 +316,8 @@ Starts custom_well(const Setting &s)
     return all;
 }
 
+// Name, linear, starts; the largest size that any rig has; the number of the parameter that is held
+// until the size is about right.
 const Row rows[] = {{"viscous", true, viscous},
                     {"coulomb", true, coulomb},
                     {"coulomb-asymmetry", true, coulomb_asymmetry},
@@ -361,6 +387,7 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
             count += 1.0;
         }
     }
+    // Root mean square of the command.
     r.torque = count > 0.0 ? std::sqrt(sum / count) : 0.0;
     // A rig that only swings has no command to measure by.
     double q[MK_MAX_JOINTS] = {0.5, 0.5}, zero[MK_MAX_JOINTS] = {0.0, 0.0}, g[MK_MAX_JOINTS];

@@ -1,3 +1,15 @@
+// The search by predictions of data left out (explain/search/prediction_search.hpp).
+//
+// A cause is asked by two figures, both of free runs (ident/free_runs.cpp):
+//     carried    what a fit to all folds but one leaves in that one, with the cause against
+//                without, window by window (explain/evidence/carry_over.cpp): whether it is there;
+//     L          penalised nlml of independent errors, nlml + k/2 log N: which of several it is.
+// N are the independent errors (one in 0.05 s), k the fitted parameters and spreads.
+//
+// The road: screen() asks all candidates cheaply; add_one() fits the most promising in full, and of
+// those whose carried figures are enough takes the one of least L; exchange() tries in the place of
+// each cause what came next when it was found; decide() leaves out each cause with all others
+// fitted again, and drops the weakest that is not missed; claim() asks data that chose nothing.
 #include "explain/search/prediction_search.hpp"
 
 #include <algorithm>
@@ -13,15 +25,23 @@ namespace mk
 namespace
 {
 
+// Causes at most, one after another.
 constexpr size_t MOST_CAUSES = 8;
-constexpr size_t MOST_FULL_FITS = 6; // of a round, fitted in full
-constexpr double DONE = 0.6;         // of a search, as far as anybody can tell
+// Candidates of a round that are fitted in full.
+constexpr size_t MOST_FULL_FITS = 6;
+// Progress that is shown meanwhile, as far as anybody can tell.
+constexpr double DONE = 0.6;
 constexpr const char *ASKING = "asking what predicts";
+// Runners-up that are kept for each cause.
 constexpr size_t RIVALS = 2;
-constexpr double BETTER = 3.0;     // log likelihood, of one cause in another's place
-constexpr double NEAR_NOISE = 2.0; // times the noise of the readings: nothing is missing there
+// Log likelihood that one cause must gain in another's place; what differs by less is as likely.
+constexpr double BETTER = 3.0;
+// Error over the noise of the readings at which nothing is missing.
+constexpr double NEAR_NOISE = 2.0;
+// Iterations of a full fit, of one that starts where its model was fitted before, and of a trial.
 constexpr int FULL_ITERATIONS = 16, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
 
+// Those of the free parameters that belong to an effect, by number.
 std::vector<int> range_of(const mk_model &model, int effect, const std::vector<int> &free)
 {
     int first = mk_plant(model.plant)->parameter_count;
@@ -63,6 +83,8 @@ PredictionSearch::PredictionSearch(Search &search_in, FreeRuns &runs_in, const m
 {
 }
 
+// [0]: errors of whole folds; [1]: of their second halves, for comparisons in which a model has own
+// values.
 bool PredictionSearch::leave_out(const std::vector<int> &wanted, RunFit &fit) const
 {
     return runs.left_out(fit.point, fit.quadratic, wanted, false, fit.left_out[0]) &&
@@ -112,6 +134,7 @@ bool PredictionSearch::fit_added(const mk_model &model, const Candidate &cause, 
     return fit(from, begun, iterations, 1, out);
 }
 
+// sqrt(mean_j (nrmse_j / floor_j)^2) of the best model on data left out.
 double PredictionSearch::times_noise() const
 {
     double sum = 0.0, n = 0.0;
@@ -121,6 +144,8 @@ double PredictionSearch::times_noise() const
     return n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
+// The base fitted, and what errors are usual taken from it. floor: what the readings' noise leaves
+// of a joint's nrmse.
 bool PredictionSearch::start()
 {
     RunPoint from = runs.start(base);
@@ -188,7 +213,10 @@ std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
     return ranked;
 }
 
-// Those that vanish with their size, from their slope where they are next to nothing.
+// Those that vanish with their size, several together, from the quadratics of the windows about a
+// point where each is next to nothing (its cost changes by less than SAME). For each, the columns
+// of the base's parameters and its own say what fits to all folds but one would leave: no candidate
+// is fitted.
 void PredictionSearch::screen_group(const std::vector<Candidate> &group,
                                     std::vector<Asked> &out) const
 {
@@ -254,7 +282,9 @@ void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
         out.insert(out.end(), group.begin(), group.end());
 }
 
-// All others from where they start, on some of the windows.
+// All others, fitted for a few iterations from where they start, on one in EVERY windows. `less` is
+// the base on the same windows. A start that is not better by a standard error is not tried again
+// in later rounds (hopeless).
 void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out)
 {
     constexpr size_t EVERY = 3;
@@ -301,6 +331,7 @@ bool PredictionSearch::was_hopeless(const Candidate &cause) const
 // however strong.
 bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) const
 {
+    // FAR: factor beyond all starts of a cause. AWAY: rad.
     constexpr double FAR = 3.0, AWAY = 12.0;
     const mk_effect_use &use = model.effect[model.effect_count - 1];
     Hypothesis h;
@@ -359,8 +390,9 @@ static std::vector<Asked> in_turn(const std::vector<Asked> &these, const std::ve
     return all;
 }
 
-// What might carry over, the most promising first: what is better in most windows, and what takes
-// away most of the error, be it in a few.
+// What might carry over, the most promising first: by the mean log ratio of windows (what is better
+// in most of them), and by the share of the gap (what takes away most of the error, be it in a
+// few), in turn.
 std::vector<Asked> PredictionSearch::screen()
 {
     // Over a window frequencies are told apart less finely than over a log.
@@ -422,6 +454,7 @@ bool PredictionSearch::add_one()
     const auto may_stay = [&](const RunFit &f) {
         return carry_over::enough(f.carried, 1, now - penalised_nlml(f));
     };
+    // full_fits are sorted by L: the first that may stay is the likeliest.
     auto chosen = std::find_if(full_fits.begin(), full_fits.end(), may_stay);
     // Of two that are as likely the one with fewer parameters: it says the same with less.
     for (auto f = chosen; f != full_fits.end(); ++f)
@@ -538,8 +571,13 @@ bool PredictionSearch::has_open_size(size_t cause) const
            Search::relative_error(h, effect, c.size) >= 1.0;
 }
 
-// Causes that no longer carry over beside those found after them, or whose size is open: the
-// weakest goes, and the others are asked again.
+// Causes that no longer carry over beside those found after them, or whose size is open. With L(i)
+// the best model without cause i, all others fitted again, cause i stays if
+//     carried is enough for as many causes as are asked, L(i) - L(best) being its gain ,
+//     it closes a part of the gap that is worth naming ,
+//     the standard error of its size is below the size.
+// Of those that do not, the one of least gain goes, and the others are asked again: they may make
+// up for it.
 void PredictionSearch::decide()
 {
     while (!causes.empty() && !search.cancelled) {
@@ -570,11 +608,22 @@ void PredictionSearch::eliminate(size_t cause)
     runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
 }
 
-// The cause without which held-out data are predicted as well within what chance would do, if any:
-// of several the least sure one, which others that are surer may make up for.
+// The cause without which held-out data are predicted as well within what chance would do, if any.
+// With MSE_j the mean squared error of joint j, of the best model (with), without the cause (less)
+// and refitted,
+//     gain  = sum_j (MSE_j(less) - MSE_j(with)) / MSE_j(refit) ,
+//     ratio = mean over windows of log(with / less) ,
+// and 90 % intervals of both from resamples of logs and windows, it is confirmed if
+//     the interval of gain is above 0 , or
+//     gain > 0 and the interval of ratio is below 0 , or
+//     no fold was worse, the likelihood leaves no doubt, and gain > SHOWS a joint.
+// A few windows make up most of the squares, hence the second; two logs more are too few for an
+// interval, hence the third. Of several that are not, the one whose carried mean is the fewest
+// standard errors from 0.
 size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 {
-    constexpr double SHOWS = 0.1; // of the refitted model's squared error
+    // Of the refitted model's squared error.
+    constexpr double SHOWS = 0.1;
     const int joints = mk_model_joints(&base);
     HeldOutFigures before, with;
     size_t weakest = causes.size();
@@ -663,6 +712,8 @@ void PredictionSearch::judge(const RunFit &fit, Hypothesis &out) const
     judge_by_runs(runs, fit.point, fit.quadratic, out);
 }
 
+// Puts the figures of free runs where a fit by likelihood has its own: information, nlml and
+//     L = nlml + k/2 log N .
 void judge_by_runs(const FreeRuns &runs, const RunPoint &point, const RunQuadraticModel &quadratic,
                    Hypothesis &out)
 {
