@@ -1,3 +1,17 @@
+// The budget of the gap: which item closes how much of it (explain/evidence/budget.hpp).
+//
+// With MSE_j(S) the mean squared error of free runs on held-out data, joint j, of the extended
+// model with the set S of items only, all else fitted again, and n_j^2 that of the readings' noise,
+// S closes
+//     v(S) = mean_j (MSE_j(none) - MSE_j(S)) / (MSE_j(none) - n_j^2) .
+// The share of item i is its Shapley value (L. Shapley 1953): what it adds to v when it is added,
+// averaged over orders,
+//     share_i = mean over orders of v(before i and i) - v(before i) .
+// It does not depend on the order in which the search found items, and the shares add up to v(all)
+// in every single order. An item is a cause, what differs from log to log, or the command's other
+// column with its delay.
+//
+// Sets are bit masks; v of each is computed once (`figures`), since it takes a fit.
 #include "explain/evidence/budget.hpp"
 
 #include <algorithm>
@@ -53,7 +67,8 @@ class Shares
     }
     Set everything() const { return (1u << items.size()) - 1u; }
 
-    // Of the gap closed, mean over the joints that have one; of windows counted so many times.
+    // v(S), or of a resample in which window w counts times[w]. Mean over the joints that have a
+    // gap: squared error above the noise by more than CLOSE of it.
     double closed(Set set, const Times *times = nullptr)
     {
         double sum = 0.0;
@@ -69,7 +84,7 @@ class Shares
         }
         return judged ? sum / judged : 0.0;
     }
-    // Mean squared error over that of the readings, summed over the joints.
+    // sum_j MSE_j(S) / n_j^2.
     double in_noise(Set set)
     {
         double sum = 0.0;
@@ -85,6 +100,7 @@ class Shares
             find_orders();
         return weights[item];
     }
+    // sum over the sets that come before the item, weighted by how many orders have them there.
     double share(size_t item, const Times *times = nullptr)
     {
         double sum = 0.0;
@@ -197,8 +213,8 @@ class Shares
         other = std::make_unique<Search>(views, so);
         return *other;
     }
-    // All orders where there are few; else each item first, last and in between, in orders and
-    // their reverses.
+    // All n! orders up to ALL_ORDERS items; else the model's order and its reverse, 2 n fits at
+    // most in place of 2^n.
     void find_orders()
     {
         const size_t n = items.size();
@@ -225,6 +241,8 @@ class Shares
     static constexpr size_t ALL_ORDERS = 3;
 };
 
+// The same windows and times for all sets: errors of windows are computed once, and a resample only
+// weighs them.
 void find_intervals(Shares &shares)
 {
     const std::vector<Interval> found = intervals_of(shares.of(0), [&](const Times &times) {
@@ -239,8 +257,8 @@ void find_intervals(Shares &shares)
     }
 }
 
-// Causes by the squared error, in the readings' noise, that their absence leaves, all else fitted
-// again; pieces of what has no name stay last.
+// Causes by in_noise(all but the cause), what their absence leaves, all else fitted again; pieces
+// of what has no name stay last.
 void sort_causes(Shares &shares, mk_explanation &out)
 {
     if (out.cause_count < 2)
@@ -269,6 +287,9 @@ void sort_causes(Shares &shares, mk_explanation &out)
             item.entry.cause = place[item.entry.cause];
 }
 
+// The joint with the largest rest, if its error is more than twice the noise, and what that error
+// goes with: tests of one-step predictions (innovations.cpp) below LEVEL over all tests
+// (Bonferroni), the strongest first.
 void tell_rest(const mk_explanation &e, mk_budget &b)
 {
     constexpr double LEVEL = 0.01; // over all tests

@@ -1,3 +1,10 @@
+// Bootstrap of two levels (B. Efron, The Annals of Statistics 7, 1979): a resample draws as many
+// logs as there are, with replacement, and from each as many windows as it has. Windows of one log
+// hang together, as logs differ in what they excite: windows alone would make intervals too narrow.
+// A resample is told by how often each window counts (Times); what depends on it is a weighted mean
+// of errors that are computed once.
+//
+// The generator starts from the same seed each time, so that answers are repeatable.
 #include "explain/evidence/resamples.hpp"
 
 #include <algorithm>
@@ -10,6 +17,7 @@ namespace mk
 namespace
 {
 
+// Resamples, and the quantiles of their figures that are the ends of an interval: 90 % lie between.
 constexpr int RESAMPLES = 400;
 constexpr double LOW = 0.05, HIGH = 0.95;
 
@@ -32,6 +40,9 @@ std::vector<std::vector<size_t>> windows_by_log(const HeldOutFigures &f)
 
 } // namespace
 
+// Without `times` the mean square over all readings. With them
+//     sum_w times_w S_w / (sum_w times_w  mean readings of a window) ,
+// S_w the squared error of window w. Windows of different length are taken for equally long.
 double mean_square(const HeldOutFigures &f, int joint, const Times *times)
 {
     if (!times)

@@ -1,3 +1,16 @@
+// Verdict, evidence of each cause, and rivals (explain/evidence/verdict.hpp).
+//
+// With L the penalised nlml (explain/search/search.cpp) and nlml the same without its penalty, a
+// cause has
+//     gain       = L(without it) - L(best) ,                 delta BIC = 2 gain ,
+//     raw        = nlml(without it) - nlml(best) ,
+//     p          = P(chi-square_k > 2 raw) times the number of candidates tried ,
+// k its fitted parameters: the likelihood ratio test (S. Wilks 1938), corrected after Bonferroni,
+// and
+//     confidence = 0.99 / (1 + exp(-a)) ,   a = min(gain, L(best rival) - L(cause)) ,
+// the posterior probability of the better of two hypotheses with equal priors, 0.99 at most.
+//
+// Standard errors are those of the last fit, all base parameters fitted along.
 #include "explain/evidence/verdict.hpp"
 
 #include <algorithm>
@@ -13,10 +26,12 @@ namespace mk
 
 namespace
 {
+// A standard error or figure that does not exist.
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 
-// From the log likelihood by which the best rival, or nothing, is behind. However far that is, one
-// cause in a hundred of those hidden in generated data was something else: no hypothesis was right.
+// 1 / (1 + exp(-ahead)) is the probability of the better of two hypotheses by log likelihood.
+// However far ahead, one cause in a hundred of those hidden in generated data was something else,
+// since no hypothesis was right: LAPSE.
 double confidence_of(double ahead)
 {
     constexpr double LAPSE = 0.01;
@@ -86,8 +101,9 @@ bool Verdict::carries_over() const
                        [](const Round &r) { return !is_library(r.ranked[0].added.effect); });
 }
 
-// How far the given values are from the estimate, in its own covariance: chi-square distributed
-// if they are right.
+// d'H d, d the given values less the estimate in scaled units and H the information of the refit:
+// chi-square distributed with as many degrees of freedom as parameters if the given values are
+// right.
 double Verdict::distance_of_given() const
 {
     std::vector<int> free = fitted_parameters(last.refit.point.model);
@@ -101,6 +117,7 @@ double Verdict::distance_of_given() const
 
 bool beyond_chance(double distance2, int free_count)
 {
+    // Probability of a false alarm.
     const double by_chance = 1e-4;
     return chi2_tail(distance2, free_count) < by_chance;
 }
@@ -130,6 +147,8 @@ std::vector<double> Verdict::standard_errors(const Hypothesis &h)
     return error;
 }
 
+// Every cause's size is SURE standard errors from 0. Laws that nearly cancel have large errors:
+// together they make up a shape that none of them has.
 bool Verdict::established() const
 {
     constexpr double SURE = 4.0; // standard errors
@@ -152,8 +171,13 @@ bool Verdict::established() const
     return true;
 }
 
-// Standard error of an effect's size, other parameters of it as they are unless the law is
-// linear in them and the size; `alone`: at its joint. NaN where it was not fitted.
+// Standard error of an effect's size: the root of the diagonal of the inverse information, of the
+// rows and columns that are kept. Rows left out are parameters held:
+//     those of the effect's own shape, unless the law is linear in them and the size (phase,
+//     centre) ;
+//     base parameters, of a wave that is the only effect at its joint (`alone`) .
+// Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
+// matter: something of it is there. NaN where the size was not fitted.
 double Verdict::error_of_size(int first, const mk_effect_info &info, int size, bool alone) const
 {
     const Hypothesis &h = last.best;
@@ -252,6 +276,7 @@ void Verdict::add_missed_counts()
     c.effect = effect;
     c.joint = correction.joint;
     c.value[0] = correction.step;
+    // Rate of lost pulses, 1/s, a Poisson count: its standard error is the root of the count.
     c.value[1] = correction.count / seconds;
     c.std_error[0] = correction.std_error;
     c.std_error[1] = std::sqrt(correction.count) / seconds;
@@ -318,7 +343,8 @@ void Verdict::describe_rivals()
 
 void Verdict::describe_suspects()
 {
-    constexpr double SHOWS = 0.005; // of the gap
+    // Least share of the gap.
+    constexpr double SHOWS = 0.005;
     out.suspect_count = 0;
     if (out.verdict < MK_VERDICT_PARTIAL)
         return;

@@ -1,6 +1,17 @@
-// A rig is zeroed where friction left it hanging, a drive is warm or cold: such things differ from
-// log to log, and one value for all of them cannot say it. What the search would find in their
-// place is a cause that is none, so they come first (docs/explain.md).
+// What differs from log to log, found before any cause (docs/explain.md).
+//
+// A rig is zeroed where friction left it hanging, a drive is warm or cold: one value for all logs
+// cannot say that, and what the search would find in its place is a cause that is none. A parameter
+// theta of a group gets a random effect,
+//     theta_l = theta + b_l ,   b_l ~ N(0, spread^2) ,   l the log (ident/fit.hpp),
+// and a group is accepted if three things agree:
+//     gain     L(one value) - L(own values) >= ACCEPT_FIRST ,
+//     size     spread > SIGNIFICANT times the largest standard error of a log's value,
+//              and > NO_SIZE of the usual one ,
+//     predict  values from first halves of logs predict second halves surely better
+//              (ident/held_out.hpp) ,
+// L the penalised nlml (explain/search/search.cpp), both models fitted from the same point at the
+// same process noise.
 #include "explain/search/log_values.hpp"
 
 #include <algorithm>
@@ -29,8 +40,10 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
-constexpr double SIGNIFICANT = 3.0; // spread over the standard error of a log's value
-constexpr double NO_SIZE = 5e-3;    // of a group's usual spread: below it nothing differs
+// Least spread over the standard error of a log's value.
+constexpr double SIGNIFICANT = 3.0;
+// Least spread over the group's usual one: below it nothing differs.
+constexpr double NO_SIZE = 5e-3;
 
 bool has(const mk_model &m, const mk_effect_info *effect, int joint)
 {
@@ -40,6 +53,8 @@ bool has(const mk_model &m, const mk_effect_info *effect, int joint)
     return false;
 }
 
+// The effects of a group that the model does not have yet: at each joint that is no wheel, or at
+// the motor's.
 std::vector<Candidate> members(const Group &group, const mk_model &model)
 {
     std::vector<Candidate> all;
@@ -141,6 +156,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
     LogValues out = {given, refit, {}};
     if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.process_noise))
         return out;
+    // The logs as held out: own values from first halves, errors of second halves.
     const HeldOut halves(logs, window_s, true, search.settings().threads);
     for (const Group &group : groups) {
         std::vector<Candidate> added = members(group, out.model);
@@ -161,6 +177,8 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             for (size_t i = 0; i < added.size(); i++)
                 if (keep[first + i])
                     fewer.push_back(added[i]);
+            // Members whose values do not differ leave the group; the others are asked once more
+            // without them.
             if (fewer.size() < added.size()) {
                 added = std::move(fewer);
                 continue;
@@ -229,10 +247,15 @@ std::vector<LogValue> usual_log_values(const mk_model &model)
     return all;
 }
 
-// Where dry friction F holds a joint against gravity's stiffness K about its rest: F / K.
+// How far dry friction can hold a joint from where it hangs. With G_j(q) the joint's torque at
+// rest, its stiffness is
+//     K = (G_j(q0 + h) - G_j(q0 - h)) / (2 h) ,
+// about the rest q0, by central differences; friction of level F balances it up to F / K. NaN where
+// gravity does not pull the joint back (K <= 0).
 static double held_off(const mk_model &m, int joint)
 {
-    constexpr double SIDE = 1e-4; // rad
+    // h, rad.
+    constexpr double SIDE = 1e-4;
     const mk_plant_info *plant = mk_plant(m.plant);
     double q[MK_MAX_JOINTS], still[MK_MAX_JOINTS] = {0.0, 0.0}, a[MK_MAX_JOINTS] = {},
                              b[MK_MAX_JOINTS] = {};
@@ -291,6 +314,8 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
                 c.spread[k] = m.effect[e].spread[k];
                 c.std_error[k] = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
             }
+            // delta BIC = 2 gain; p: chi-square of one degree of freedom, of 2 gain; confidence as
+            // in verdict.cpp, nothing being the rival.
             c.delta_bic = 2.0 * v.gain;
             c.p_value = chi2_tail(2.0 * v.gain, 1);
             c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
