@@ -1,10 +1,20 @@
-// The time-optimal swing-up: the shortest duration for which solve() meets the goal.
+// The time-optimal swing-up: the shortest duration for which solve() meets the goal
+// (ctrl/swingup_solve.hpp has the problem of fixed duration).
 //
-// Whether a start of the search leads anywhere depends on little where the time is ample. So all
-// starts are tried at an ample duration; what they end in are a few different swing-ups, and each
-// of those is shortened, a few per cent at a time, with the last solution stretched over the new
-// time as its start, until the bound on the command leaves no other. The shortest of them is the
-// answer.
+//     T* = min { n h :  x_0 at rest hanging, x_n = goal, |u_k| <= u_lim }
+//
+// is the search for the least n for which a problem of fixed duration has a solution. Fixed
+// durations are smooth problems, with free end time as an outer loop; a bang-bang command need not
+// be guessed. Solutions are local: which of several swing-ups (numbers of swings, ways round) a
+// start leads to depends on the start, and whether it leads to any depends little on it where the
+// time is ample. So
+//
+// 1. all starts are tried at an ample duration (different_solutions); what they end in are a few
+// different swing-ups; 2. each of those is shortened, a few per cent at a time, with the last
+// solution stretched over the new time as its start, until the bound on the command leaves no other
+// (shorten); 3. the shortest is solved again on finer intervals, then with a part of the command
+// held in reserve for the feedback, and at last on the samples of the loop, with some slack
+// (design).
 #include "mechkit/swingup.h"
 
 #include <algorithm>
@@ -20,22 +30,36 @@ using namespace mk::swing;
 namespace
 {
 
-constexpr double COARSE_S = 0.02;      // interval of the search
-constexpr double SEARCH_STEP_S = 5e-3; // of the integration meanwhile
-constexpr double TOLERANCE = 1e-4;     // of the goal while searching: 0.1 mrad, 1 mrad/s
-constexpr double FINE = 1e-7;          // of the trajectory that is handed out
-constexpr int ITERATIONS = 30;         // between two updates of the multipliers
-constexpr double SMOOTHNESS = 0.1;     // 1/s
-constexpr double OF_LIMITS = 0.9;      // of travel and speed
-constexpr double FIRST_S = 1.0;        // of the durations tried
-constexpr double LONGEST_S = 12.0;     // no swing-up takes longer
-constexpr double AMPLE = 1.3;          // growth of the duration until starts lead somewhere
-constexpr double AMPLE_SHARE = 0.25;   // of the starts
-constexpr double SHORTEN = 0.06;       // at once
-constexpr double RESOLUTION = 0.004;   // of the duration
-constexpr double INTERVALS = 400.0;    // of a path that is shortened, about
-constexpr double SAME = 0.01;          // of the effort: solutions that are one
-constexpr size_t KEPT = 4;             // different swing-ups that are shortened
+// Interval of the search, s.
+constexpr double COARSE_S = 0.02;
+// Longest step of the integration meanwhile, s.
+constexpr double SEARCH_STEP_S = 5e-3;
+// Largest error at the goal while searching, in units of Problem::unit: 0.1 mrad, 1 mrad/s of a
+// link.
+constexpr double TOLERANCE = 1e-4;
+// The same of the trajectory that is handed out.
+constexpr double FINE = 1e-7;
+// Iterations between two updates of the multipliers.
+constexpr int ITERATIONS = 30;
+// r of the problem, 1/s.
+constexpr double SMOOTHNESS = 0.1;
+// Share of the rig's limits on travel and speed that is used.
+constexpr double OF_LIMITS = 0.9;
+// First duration tried, s; it grows by AMPLE until starts lead somewhere, up to LONGEST_S.
+constexpr double FIRST_S = 1.0;
+constexpr double LONGEST_S = 12.0;
+constexpr double AMPLE = 1.3;
+// Share of the starts that must lead somewhere for a duration to be ample.
+constexpr double AMPLE_SHARE = 0.25;
+// Share of the duration by which it is shortened at first, and that at which shortening ends.
+constexpr double SHORTEN = 0.06;
+constexpr double RESOLUTION = 0.004;
+// Intervals of a path that is shortened, about.
+constexpr double INTERVALS = 400.0;
+// Relative difference of effort below which two solutions are one.
+constexpr double SAME = 0.01;
+// Different swing-ups that are shortened.
+constexpr size_t KEPT = 4;
 constexpr int THREADS = 2;
 
 struct Candidate {
@@ -46,6 +70,8 @@ struct Candidate {
     double seconds(double h) const { return (double)path.u.size() * h; }
 };
 
+// sum_k h (u_k / u_lim)^2, the integral of the squared command in units of the limit, s. It tells
+// solutions apart.
 double effort_of(const Path &path, double limit, double h)
 {
     double sum = 0.0;
@@ -54,7 +80,8 @@ double effort_of(const Path &path, double limit, double h)
     return sum;
 }
 
-// The command of `from` over n intervals instead.
+// The command of `from` over n intervals instead: u(t / T) is kept, sampled in the middle of each
+// interval.
 std::vector<double> stretched(const std::vector<double> &from, size_t n)
 {
     std::vector<double> u(n);
@@ -76,7 +103,8 @@ bool solve_over(Problem problem, const Candidate &from, size_t n, double toleran
     return true;
 }
 
-// The shortest swing-up that `c` can be shortened to, to RESOLUTION or one interval.
+// The shortest swing-up that `c` can be shortened to. Each step takes `share` of the intervals
+// away; where that fails the share is halved, down to RESOLUTION or one interval.
 void shorten(const Problem &problem, double first, Candidate &c)
 {
     for (double share = first; share >= RESOLUTION;) {
@@ -119,7 +147,8 @@ Problem problem_of(const Dynamics &d, int equilibrium, double limit, double h)
     return p;
 }
 
-// Where the free joint may arrive: either way round, if it is no wheel.
+// Where the free joint may arrive: at the equilibrium or a turn either way, if it is no wheel and
+// no farther than about a turn from where it hangs.
 std::vector<State> goals_of(const Problem &p)
 {
     const int free = 1 - p.dynamics->motor;
@@ -134,7 +163,8 @@ std::vector<State> goals_of(const Problem &p)
     return goals;
 }
 
-// First guesses: sines of either phase, at rates below, at and above those at which links swing.
+// First guesses: u = 0.8 u_lim sin(pi (m t / T + phase / 2)), m half waves in T, at rates below, at
+// and above those at which links swing.
 std::vector<Candidate> starts_of(const Problem &p, size_t n)
 {
     static const double half_waves_per_s[] = {1.5, 3.0, 4.5};
@@ -242,6 +272,8 @@ enum mk_status check(const mk_model *model, int equilibrium, const mk_swingup_op
 enum mk_status design(const mk_model *model, int equilibrium, const mk_swingup_options *o,
                       mk_swingup **out, mk_error *err)
 {
+    // `limit` leaves the share `reserve` of the command to the feedback that follows the
+    // trajectory.
     Dynamics d(*model, SEARCH_STEP_S), exact(*model);
     const double dt = 1.0 / o->rate_hz, limit = (1.0 - o->reserve) * model->u_max;
     Problem coarse = problem_of(d, equilibrium, model->u_max, COARSE_S);
@@ -256,6 +288,8 @@ enum mk_status design(const mk_model *model, int equilibrium, const mk_swingup_o
                             "no swing-up was found within %g s with |u| <= %g: is the motor strong "
                             "enough?",
                             LONGEST_S, limit);
+    // Samples of the loop, the duration longer by the slack; one more per cent at a time where that
+    // cannot be solved to FINE.
     size_t n = (size_t)std::ceil(best.seconds(h) * (1.0 + o->slack) / dt);
     kept.h = dt;
     kept.dynamics = &exact;

@@ -1,3 +1,18 @@
+// Foreign contact (ident/contact.hpp): an outlier test on the torque that each equation of the
+// plant lacks.
+//
+// Blocks k of 50 ms have a residual torque r_k and what acts in the equation, a_k
+// (ident/residual_torque.hpp). Averages over some blocks are weighed by
+//     m_k = mean r / sqrt(1 + (mean a / usual)^2) ,   size_k = |m_k| / s ,
+// s the robust standard deviation of all m: errors of a model are a part of what acts, so that more
+// is tolerated where more acts. A stretch is foreign if it is far out of proportion to what usually
+// remains (PEAK), to what remains anywhere else (EXCESS), and to what acts at that time (SHARE),
+// the last two multiplied PRODUCT at least. An error of the model is a part of what acts, and comes
+// again wherever the rig does the same again; a hand does neither.
+//
+// Five things look like a touch and are none: what takes up much of the motion or of a log, what
+// pushes back from the end of the travel each time, what is small against busy times, what changes
+// its sign within a few blocks, and what the given model predicts as it is.
 #include "ident/contact.hpp"
 
 #include <algorithm>
@@ -64,6 +79,7 @@ class Sizes
             for (size_t i = k; i < k + width; i++)
                 size[i] = std::max(size[i], std::fabs(mean));
         }
+        // Robust standard deviation of the averages.
         const double usual =
             deviation(Eigen::Map<Eigen::VectorXd>(means.data(), (long)means.size()));
         for (double &x : size)
@@ -93,6 +109,7 @@ class Sizes
     std::vector<double> size, left;
 
     bool same_log(size_t a, size_t b) const { return all.log[a] == all.log[b]; }
+    // m of blocks [first, first + width); NaN across logs, and where a residual torque is unknown.
     double tolerated_mean(size_t first, size_t width) const
     {
         double torque = 0.0, acting = 0.0;
@@ -179,7 +196,8 @@ class EquationSearch
     const ResidualTorques::Equation &equation;
     const Sizes narrow;
 
-    // The stretches before the place where their sizes, in their order, drop most.
+    // Sizes of separate stretches, largest first, p_1 >= p_2 >= ...: those before the place where
+    // p_i / max(p_(i+1), FLANK) is largest, which is the excess. Twice the number of logs at most.
     Found largest(size_t width) const
     {
         Found f = {Sizes(all, equation, width), {}, 0.0};
@@ -286,7 +304,9 @@ void unite(std::vector<Contact> &all)
     all = std::move(out);
 }
 
-// Squared residuals of the straight line through the readings of rows [first, last), counts^2.
+// Squared residuals of the straight line through the readings of rows [first, last), counts^2, sum
+// over joints: with centred sums,
+//     S_yy - S_xy^2 / S_xx .
 double off_a_line(const mk_model &model, const mk_record &r, size_t first, size_t last)
 {
     double sum = 0.0;
@@ -305,9 +325,9 @@ double off_a_line(const mk_model &model, const mk_record &r, size_t first, size_
     return sum;
 }
 
-// Whether the model as it is predicts the stretch: of what turns its motion off straight lines free
-// runs from the best start states leave next to nothing. Then nothing that is foreign acts there,
-// however much a smoother makes of it.
+// Whether the model as it is predicts the stretch: of what turns its motion off straight lines, in
+// windows of WINDOW_S, free runs from the best start states leave less than NEXT_TO_NOTHING
+// (squared). Then nothing that is foreign acts there, however much a smoother makes of it.
 bool is_predicted(const mk_model &model, const mk_record &record, const Contact &c)
 {
     constexpr double WINDOW_S = 0.2, NEXT_TO_NOTHING = 0.04;

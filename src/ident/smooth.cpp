@@ -1,5 +1,15 @@
-// Position, speed and acceleration from readings by a fixed-interval smoother: a Kalman filter
-// forwards and the recursion of Bryson and Frazier (1963) backwards, which inverts scalars only.
+// Position, speed and acceleration from readings by a fixed-interval smoother.
+//
+// The motion is a triple integrator driven by white jerk of intensity sqrt(j) (`jerk2` = j), the
+// readings have noise of variance r (`noise2`):
+//     x = (q, v, a) ,   x_k = F x_(k-1) + w ,   w ~ N(0, Q) ,   y_k = q_k + e ,   e ~ N(0, r) .
+// No model of the rig takes part: what comes out may be held against one. The smoothed position is
+// a quintic smoothing spline (G. Wahba 1978); its bandwidth w follows from j / r (most_likely).
+//
+// Forwards a Kalman filter, backwards the recursion of A. Bryson and M. Frazier (1963), which
+// inverts scalars only: that of Rauch, Tung and Striebel would invert P, which is nearly singular
+// where the filter is sure. Noise and jerk, if not given, are those of largest likelihood of the
+// filter's innovations.
 #include "mechkit/signals.h"
 
 #include <algorithm>
@@ -17,7 +27,8 @@ namespace
 using Vector = Eigen::Vector3d;
 using Matrix = Eigen::Matrix3d;
 
-// The state before anything was read: a wheel's speed, a light wheel's acceleration.
+// Standard deviations of the state before anything was read, rad (rad/s) and rad/s^2: more than a
+// wheel's speed, a light wheel's acceleration.
 constexpr double START_SPEED = 300.0, START_ACCELERATION = 1e4;
 // Rows of which the filtered states are kept; the others are filtered again on the way back.
 constexpr size_t BLOCK = 2048;
@@ -46,6 +57,7 @@ struct Surprise {
     Vector gain = Vector::Zero();
 };
 
+//     F = (1 dt dt^2/2; 0 1 dt; 0 0 1) .
 Matrix transition(double dt)
 {
     Matrix f;
@@ -53,6 +65,8 @@ Matrix transition(double dt)
     return f;
 }
 
+// Covariance of what white jerk makes of the state in dt (h = dt):
+//     Q = j (h^5/20 h^4/8 h^3/6; . h^3/3 h^2/2; . . h) .
 Matrix growth(double dt, double jerk2)
 {
     double d2 = dt * dt, d3 = d2 * dt;
@@ -72,7 +86,8 @@ Belief beginning(const Series &s)
             Vector(square, square, START_ACCELERATION * START_ACCELERATION).asDiagonal()};
 }
 
-// Takes the belief at row k - 1 to row k and its reading.
+// Takes the belief at row k - 1 to row k and its reading. With H = (1 0 0),
+//     x = F x ,  P = F P F' + Q ,   e = y - H x ,  s = H P H' + r ,  K = P H' / s ,  x <- x + K e .
 Surprise advance(const Series &s, const Law &law, size_t k, Belief &b)
 {
     if (k > 0) {
@@ -88,15 +103,19 @@ Surprise advance(const Series &s, const Law &law, size_t k, Belief &b)
     out.variance = b.p(0, 0) + law.noise2;
     out.gain = b.p.col(0) / out.variance;
     b.x += out.gain * out.error;
-    // Joseph's form: stays positive however sure the filter is.
+    // Joseph's form, P <- (1 - K H) P (1 - K H)' + r K K': stays positive however sure the filter
+    // is.
     Matrix keep = Matrix::Identity();
     keep.col(0) -= out.gain;
     b.p = keep * b.p * keep.transpose() + law.noise2 * out.gain * out.gain.transpose();
     return out;
 }
 
-// Mean square of the errors in units of their variance, and log likelihood with the noise at its
-// best, of a law given up to that factor.
+// Likelihood of a law (r, j) that is known up to a common factor c of both. Innovations e_k are
+// independent with variance c s_k, so that
+//     log likelihood = -1/2 sum_k (log(c s_k) + e_k^2 / (c s_k)) ,
+// which is largest at c = mean(e_k^2 / s_k) = factor(), where it is value() up to a constant. So
+// only the ratio j / r has to be searched.
 struct Likelihood {
     double square = 0.0, logs = 0.0;
     size_t count = 0;
@@ -136,8 +155,11 @@ Likelihood likelihood(const Series &s, const Law &law)
     return l;
 }
 
-// Golden section for the ratio of jerk to noise in decades of the bandwidth, then the level of
-// both.
+// Golden section for the ratio of jerk to noise by the bandwidth w, then the level of both. A
+// smoother of this kind passes frequencies up to w with
+//     j / r = w^6 dt ,
+// dt the time between readings; w dt is searched between 1e-3 and 20, to 5 %. A given noise keeps
+// the ratio that was found.
 Law most_likely(const Series &s, const mk_smooth_options &o)
 {
     double dt = mk::median_period(s.t, s.rows);
@@ -185,7 +207,13 @@ struct Out {
     }
 };
 
-// What later readings say about the state at a row: gradient and curvature of their likelihood.
+// What later readings say about the state at a row: gradient lambda (`pull`) and curvature Lambda
+// (`weight`) of their negative log likelihood by the filtered state. Bryson and Frazier's recursion
+// over a row with a reading,
+//     lambda <- (1 - K H)' lambda - H' e / s ,   Lambda <- (1 - K H)' Lambda (1 - K H) + H' H / s ,
+// then over the time before it, lambda <- F' lambda, Lambda <- F' Lambda F. The smoothed state is
+//     x - P lambda ,   with covariance   P - P Lambda P ,
+// x and P those of the filter after the row's own reading.
 struct Later {
     Vector pull = Vector::Zero();
     Matrix weight = Matrix::Zero();
@@ -206,6 +234,8 @@ struct Later {
     }
 };
 
+// Filtered states of all rows would take 12 numbers each. They are kept at the start of each block
+// only, and filtered again block by block on the way back.
 void smooth(const Series &s, const Law &law, const Out &out)
 {
     std::vector<Belief> starts; // before each block

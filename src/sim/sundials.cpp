@@ -1,5 +1,16 @@
-// CVODE and ARKODE behind the solver interface. The only file that knows SUNDIALS; builds with 6.x
-// and 7.x.
+// CVODE and ARKODE behind the solver interface (sim/integrator.hpp). The only file that knows
+// SUNDIALS; builds with 6.x and 7.x (A. Hindmarsh and others, ACM TOMS 31, 2005).
+//
+// Both integrate dy/dt = f(t, y) with the local error kept at
+//     sqrt(1/n sum_i (e_i / (rtol |y_i| + atol_i))^2) <= 1 .
+// y are the model's states and, last, the work of the motors. Between two edges of the command u is
+// constant and f is smooth but for switching functions g(t, y), whose roots the libraries find: the
+// integration stops there and starts again.
+//
+// ARKODE: Verner's explicit method of order 6 with an embedded one of order 5, eight stages. A
+// one-step method keeps its step over an edge. CVODE: Adams-Moulton formulas with fixed-point
+// iteration for long smooth runs, BDF with Newton's method and an exact Jacobian for stiff contact.
+// Multistep methods lose their history at every edge and begin again at order 1.
 #include <arkode/arkode_erkstep.h>
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
@@ -19,6 +30,7 @@ namespace mk
 namespace
 {
 
+// Steps in one call; beyond that the problem is not what we think it is.
 constexpr long MAX_STEPS =
     500000; // in one call; beyond that the problem is not what we think it is
 
@@ -26,6 +38,8 @@ constexpr long MAX_STEPS =
 // takes more attempts than the usual seven.
 constexpr int MAX_ERROR_TESTS = 50;
 
+// SUNDIALS 7 reports errors through handlers of the context, which print unless they are cleared; 6
+// through the solver's own file.
 bool create_context(SUNContext *ctx)
 {
 #if SUNDIALS_VERSION_MAJOR >= 7
@@ -38,6 +52,7 @@ bool create_context(SUNContext *ctx)
 #endif
 }
 
+// f. A number that is not finite is recoverable: the step was too long.
 int on_rhs(sunrealtype t, N_Vector y, N_Vector dy, void *user)
 {
     const System *system = static_cast<const System *>(user);
@@ -50,6 +65,7 @@ int on_rhs(sunrealtype t, N_Vector y, N_Vector dy, void *user)
     return 0;
 }
 
+// g, under the command in force.
 int on_events(sunrealtype t, N_Vector y, sunrealtype *g, void *user)
 {
     const System *system = static_cast<const System *>(user);
@@ -57,6 +73,9 @@ int on_events(sunrealtype t, N_Vector y, sunrealtype *g, void *user)
     return 0;
 }
 
+// df/dy, exact (model/dual.hpp). The row and column of the work are 0: nothing depends on the work,
+// and Newton's method, which only needs J near enough to converge, does without how the work
+// depends on the rest.
 int on_jacobian(sunrealtype t, N_Vector y, N_Vector, SUNMatrix jac, void *user, N_Vector, N_Vector,
                 N_Vector)
 {
@@ -180,6 +199,7 @@ class Cvode : public SundialsBase
         load(t, y);
         return reinit();
     }
+    // To t_end exactly: the stop time keeps steps from reaching over the edge, where u changes.
     enum mk_status advance(double t_end, double *y, mk_error *err) override
     {
         CVodeSetStopTime(mem_, t_end);
@@ -214,6 +234,7 @@ class Cvode : public SundialsBase
         count(steps, evaluations);
         return CVodeReInit(mem_, t_, y_) == 0 ? MK_OK : MK_ERR_NUMERIC;
     }
+    // Solution of each implicit step of BDF: Newton's method with dense LU of 1 - gamma J.
     bool attach_newton()
     {
         matrix_ = SUNDenseMatrix(system_.size(), system_.size(), ctx_);
@@ -221,6 +242,7 @@ class Cvode : public SundialsBase
         return linear_ && CVodeSetLinearSolver(mem_, linear_, matrix_) == 0 &&
                CVodeSetJacFn(mem_, on_jacobian) == 0;
     }
+    // Of Adams' formulas: y = gamma f(t, y) + a by fixed-point iteration, without acceleration (0).
     bool attach_fixed_point()
     {
         nonlinear_ = SUNNonlinSol_FixedPoint(y_, 0, ctx_);
@@ -288,7 +310,7 @@ class Erk : public SundialsBase
 
   private:
     // A one-step method needs no new first step after an edge: the step it was taking will do (an
-    // error test corrects it).
+    // error test corrects it). After an event it is not longer than what is left to t_end.
     enum mk_status reinit(double longest)
     {
         long steps = 0, evaluations = 0;
