@@ -1,3 +1,15 @@
+/* Estimated region of attraction of a balancing law (ctrl/roa.h): the level set
+ *
+ *     { e : V(e) <= level } ,   V(e) = e' P e ,   e the error from the equilibrium,
+ *
+ * P from the Riccati or Lyapunov equation of the linear law. V falls along trajectories of the
+ * linear closed loop everywhere; what bounds the region is the limit of the command, friction and
+ * the delay. So the level is found by simulation: the largest from whose surface the nominal model
+ * recovers in all of a fixed set of directions, shrunk by SHRINK wherever one does not. It is no
+ * proof: between the directions, and below a level at which a direction was tried, it is assumed.
+ *
+ * Directions are uniform in the coordinates in which the level set is a sphere: with P = L L' and s
+ * on the unit sphere, e = L'^-1 s has V(e) = s's = 1, and sqrt(level) e lies on the surface. */
 #include "ctrl/roa.h"
 
 #include <string.h>
@@ -5,15 +17,22 @@
 #include "ctrl/ctrl_priv.h"
 
 #define N MK_CTRL_STATES
-#define DIRECTIONS 160
-#define LONGEST_RUN_S 3.0
-#define SHRINK 0.9            /* of the level, each time a direction fails */
-#define SMALLEST_LEVEL 1e-5   /* of the first guess: below, friction decides and not the law */
-#define RECOVERED 0.05        /* of the level: small enough to be called recovered */
-#define ESCAPED 30.0          /* times the level: large enough to be called lost */
-#define CALIBRATION_DT 0.002  /* s: faster loops are calibrated at this step, with its delay */
-#define LOOK_AHEAD_STEP 0.004 /* s */
+#define DIRECTIONS 160    /* tried on the surface of the level set */
+#define LONGEST_RUN_S 3.0 /* s: a run that has not recovered by then is lost */
+/* Factor on the level each time a direction fails. */
+#define SHRINK 0.9
+/* Least level, of the first guess: below, friction decides and not the law. */
+#define SMALLEST_LEVEL 1e-5
+/* V over the level at which a run has recovered, and at which it is lost. */
+#define RECOVERED 0.05
+#define ESCAPED 30.0
+/* Least step of the calibration, s: faster loops are calibrated at this step, with its delay. */
+#define CALIBRATION_DT 0.002
+/* Step of mk_roa_leads_in(), s. */
+#define LOOK_AHEAD_STEP 0.004
 
+/* Where the model really stands in the turn that x is in: shift of the equilibrium, command that
+ * holds it, and how much smaller its region is than the calibrated one (level). */
 static const struct mk_standing *where(const struct mk_roa *roa, const double *x)
 {
     static const struct mk_standing textbook = {{0.0, 0.0}, 0.0, true, 1.0};
@@ -36,6 +55,7 @@ void mk_roa_error(const struct mk_roa *roa, const double *x, double *e)
     }
 }
 
+/* V(e) = e' P e. */
 double mk_roa_value(const struct mk_roa *roa, const double *e)
 {
     double sum = 0.0;
@@ -65,6 +85,9 @@ bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, do
 {
     double y[N], e[N], u_max = u_share * roa->model->u_max;
     memcpy(y, x, sizeof y);
+    /* The nominal model under the law, its command kept within u_share of the limit, until it is
+     * inside, out of the joints' limits, or out of time. The command acts at once: x is already
+     * predicted to when it does. */
     for (double t = 0.0; t <= horizon_s; t += LOOK_AHEAD_STEP) {
         mk_roa_error(roa, y, e);
         const struct mk_standing *here = where(roa, y);
@@ -78,8 +101,13 @@ bool mk_roa_leads_in(const struct mk_roa *roa, const double *x, double share, do
     return false;
 }
 
-/* Runs the nominal closed loop from error e0; the law sees its state one step ahead, as it does
- * on a board with its one sample of delay. */
+/* Runs the nominal closed loop from error e0. The command of a step is that of the step before, as
+ * on a board with its one sample of delay, and the law sees the state that it will act on:
+ *
+ *     x_(k+1) = F(x_k, u_k) ,   u_(k+1) = law(F(x_k, u_k)) .
+ *
+ * Recovered: V <= RECOVERED level. Lost: V > ESCAPED level, not a number, or beyond a joint's
+ * limit. */
 static bool recovers(const struct mk_roa *roa, const double *e0, double level)
 {
     const struct mk_standing *home = where(roa, roa->equilibrium);
@@ -102,7 +130,8 @@ static bool recovers(const struct mk_roa *roa, const double *e0, double level)
     return false;
 }
 
-/* Lower triangle L with L L' = P over the coordinates that P weighs. */
+/* Lower triangle L with L L' = P over the coordinates that P weighs; rows of the others are 0.
+ * False where P is not positive definite over them. */
 static bool cholesky(const double *p, double *l)
 {
     memset(l, 0, N * N * sizeof *l);
@@ -130,7 +159,8 @@ static double draw(uint64_t *state)
     return (double)(*state >> 11) / 9007199254740992.0 - 0.5;
 }
 
-/* A direction on the surface e' P e = 1: L' e = s with s on the unit sphere. */
+/* A direction on the surface e' P e = 1: L' e = s by back substitution, s on the unit sphere.
+ * Normal deviates over their norm are uniform on it. */
 static void direction(const double *l, uint64_t *state, double *e)
 {
     double s[N], norm = 0.0;
@@ -165,10 +195,12 @@ enum mk_status mk_roa_estimate(struct mk_roa *roa, struct mk_error *err)
     if (!cholesky(roa->p, l))
         return mk_error_set(err, MK_ERR_NUMERIC, "region of attraction: the form is not positive");
 
-    /* First guess: the level at which each angle alone may be off by a radian or more. */
+    /* First guess: the level at which each angle alone may be off by a radian or more, since an
+     * error of 1 in angle j alone has V = P_jj. */
     double first = fmax(roa->p[0], roa->p[N + 1]);
     double level = first;
     uint64_t state = 12345;
+    /* Directions that have recovered are not tried again at a smaller level. */
     for (int n = 0; n < DIRECTIONS; n++) {
         direction(l, &state, unit);
         while (!recovers_along(roa, unit, level)) {
