@@ -134,6 +134,8 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 void FreeRuns::add_windows(int log, double window_s)
 {
     const mk_record &r = logs[(size_t)log].record;
+    // Halves of a log by its time, rows that are left out counted in: window w is of the second
+    // half if it begins there.
     const double middle = 0.5 * (r.t[0] + r.t[r.rows - 1]);
     const auto out = [&r](size_t k) { return r.left_out && r.left_out[k] != 0.0; };
     for (size_t first = 0, last; first < r.rows; first = last) {
@@ -168,6 +170,8 @@ std::vector<std::vector<size_t>> FreeRuns::together(const RunPoint &point,
                                                     const std::vector<size_t> &which) const
 {
     std::vector<std::vector<size_t>> parts;
+    // With own values every fold has another model, and only its own windows can share a kernel
+    // call.
     const bool one_model = own_parameters(point.model).empty();
     for (size_t first = 0, last; first < which.size(); first = last) {
         last = first + 1;
@@ -202,6 +206,8 @@ std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
     return models;
 }
 
+// What the start states of a log are found with. Commands that repeat take no steps of their own
+// (edges_differ); along the way (logs[].way) effects with a memory are run if there are any.
 FreeRuns::Finder FreeRuns::finder_of(const RunPoint &point, const mk_model &model, size_t log) const
 {
     std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
@@ -227,6 +233,9 @@ std::vector<FreeRuns::Finder> FreeRuns::finders_of(const RunPoint &point,
 // What effects remember at the start of every window.
 void FreeRuns::recall(RunPoint &point, int threads_now) const
 {
+    // z: states of effects at the start of each window, from a run along the readings before it;
+    // usual: how much each varies over the log. Both belong to the point's parameters, so that they
+    // are made anew with them.
     point.z.clear();
     point.usual.clear();
     if (!remembers(point.model))
@@ -261,6 +270,7 @@ void FreeRuns::find_states(RunPoint &point, int threads_now) const
     recall(point, threads_now);
     const std::vector<mk_model> models = models_of(point);
     const std::vector<Finder> finders = finders_of(point, models, threads_now);
+    // Windows without enough readings to begin with keep the state 0.
     std::vector<size_t> begun;
     for (size_t w = 0; w < windows.size(); w++)
         if (first_state(*finders[(size_t)windows[w].log], point, w, point.x[w]))
@@ -361,6 +371,7 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
     std::vector<WindowQuadratic> some;
     WindowFit::linearise(fits, x, some);
     for (size_t i = 0; i < which.size(); i++) {
+        // The first two passes replace what was there; ANEW only where it is better.
         const size_t w = which[i];
         if (pass < Pass::ANEW ||
             error_of(some[i], some[i].squares) < error_of(out.window[w], out.window[w].squares)) {
@@ -402,6 +413,7 @@ bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool con
         }
         which = std::move(left);
     }
+    // Of too many lost windows the others say nothing about the model.
     double lost = 0.0, all = 0.0;
     for (size_t w = 0; w < windows.size(); w += out.stride)
         lost += !out.window[w].finite, all += 1.0;
@@ -589,6 +601,7 @@ FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
         const WindowQuadratic &q = quadratic.window[w];
         if (windows[w].fold != (int)fold || !q.finite || (first_half && windows[w].second_half))
             continue;
+        // Weight of iteratively reweighted least squares, from the errors at the point: rho'(e_w).
         const double share = weight_of(error_of(q, q.before));
         for (int j = 0; j < mk_model_joints(&near); j++) {
             const double weight = share * independent / scale[j];
@@ -626,6 +639,7 @@ void FreeRuns::eliminate_own(const RunPoint &point, const std::vector<int> &want
         for (long k = 0; k < m; k++)
             inner(i, k) += n.A(place[(size_t)i], place[(size_t)k]);
     }
+    // inner = E'AE + D: the information of own values, readings and prior together.
     n.M = dense::inverse(inner);
 }
 
@@ -717,6 +731,8 @@ FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunQuadraticModel 
                                  double damping) const
 {
     const std::vector<Normal> parts = normals_of(point, quadratic, quadratic.free);
+    // The stepper solves in coordinates of its own; `scaled` is the same step in the units of the
+    // quadratics.
     const Stepper stepper(point.model, quadratic.free);
     Step step;
     step.coordinates = stepper.solve(whole(point, quadratic.free, parts, folds), damping);
@@ -763,6 +779,7 @@ bool FreeRuns::minimise(RunPoint &point, const std::vector<int> &free, int itera
     point.cost = cost(point, quadratic);
     double damping = FIRST, gain = HUGE_VAL;
     for (int i = 0; i < iterations && gain > SETTLED && damping < MOST_DAMPING; i++) {
+        // Parameters, own values and start states move together.
         RunPoint trial = moved(point, quadratic, step_of(point, quadratic, damping));
         RunQuadraticModel there;
         there.stride = quadratic.stride;
@@ -883,10 +900,14 @@ bool FreeRuns::left_out(const RunPoint &point, const RunQuadraticModel &quadrati
     const Stepper stepper(point.model, wanted);
     out = {};
     for (size_t f = 0; f < folds; f++) {
+        // d_f: the minimum of the sum without fold f, one Gauss-Newton step from the point, whose
+        // start states and parameters were fitted to all folds. What f itself gave to them is taken
+        // back to first order.
         VectorXd step = stepper.parameters(stepper.solve(whole(point, wanted, parts, f), TRACE));
         if (!step.allFinite())
             return false;
         if (!own.empty()) {
+            // db of fold f from its first halves, given d_f: db = M (beta - K'd_f).
             Normal begin = normal_of(quadratic, columns, f, true);
             eliminate_own(point, wanted, begin);
             begin.beta -= pull_of_prior(point, f);

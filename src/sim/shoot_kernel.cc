@@ -155,6 +155,9 @@ class Shooter
         return columns - ns;
     }
 
+    // One turn of the loop takes every lane one step further: slopes at its start (f0, known from
+    // the step before where readings lay within it and no command has changed), derivatives of
+    // moving edges, readings at its start, the step, readings within it.
     void run()
     {
         for (int i = 0; i < W; i++)
@@ -316,6 +319,8 @@ class Shooter
         const ShootData &d = *l.task->data;
         put(start, i, d.start);
         long row = first_row(l, late);
+        // Command in force at the begin: that of the last row whose time, late by the delay, has
+        // come.
         bool on_edge = row < (long)d.rows && d.t[row] + late <= l.task->begin + 1e-9;
         set_command(i, on_edge ? row : row - 1);
         for (int j = 0; j < c.joints; j++)
@@ -346,6 +351,8 @@ class Shooter
         return low;
     }
     // Lanes that have arrived hand in what they found. Whether any did.
+    // Lanes whose interval has ended, or whose trajectory ran away, hand in what they found; the
+    // next tasks take their places. Whether any did.
     bool retire_lanes()
     {
         bool any = false;
@@ -578,6 +585,8 @@ class Shooter
     void begin_run(int i)
     {
         Lane &l = lane[i];
+        // A run of n equal steps, n the least number with steps no longer than k.step, or what the
+        // run asks for. 0.999 forgives rounding.
         double length = l.stop[l.run] - l.now;
         long count = l.least[l.run], usual = (long)(length / k.step + 0.999);
         l.from = l.now;
@@ -872,6 +881,8 @@ class Shooter
     // Takes what was read on the way and moves to y.
     void arrive(const Base &end)
     {
+        // f(y) is needed for interpolation where readings lie within the step; else the next step
+        // computes it anyway.
         slopes_known = readings_before(end);
         if (slopes_known) {
             derivative(end, y, f1);
@@ -1021,6 +1032,7 @@ class Shooter
                 continue;
             Lane &l = lane[i];
             ShootTask &task = *l.task;
+            // A weight of 0 is a missing reading.
             double w = task.data->w[j][r.row[i]];
             if (!(w > 0.0) || l.rows >= task.row_capacity)
                 continue;

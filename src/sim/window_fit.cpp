@@ -80,6 +80,8 @@ static size_t begin_of(const mk_start_finder &f, size_t row)
 WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_row)
     : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
 {
+    // Room for the readings of all rows, and some that a late sensor shows within the window's
+    // time.
     const size_t capacity = MK_MAX_JOINTS * (to - from) + 64;
     residual.resize(capacity);
     jac.resize(capacity * (size_t)ns);
@@ -172,6 +174,7 @@ std::vector<char> WindowFit::solve_all(std::vector<WindowFit> &fits, std::vector
 WindowFit::Progress WindowFit::begin(const VectorXd &x) const
 {
     Progress p = {};
+    // z0 is `expected`, where it was given, else where the search begins.
     p.begun_at = p.best = x;
     p.begun_at.tail(expected.size()) = expected;
     p.horizon = FIRST_HORIZON;
@@ -189,12 +192,15 @@ void WindowFit::begin_horizon(Progress &p) const
     p.last = to;
     while (!p.whole && p.last > from + FEWEST_READINGS && f.t[p.last - 1] - f.t[from] > p.horizon)
         p.last--;
+    // Every horizon begins with next to no damping, from the optimum of the shorter one.
     p.trial = p.best;
     p.damping = FIRST_DAMPING;
     p.steps = 0;
     p.begun = false;
 }
 
+// The optimum of this horizon is where the next one starts, twice as long; behind the whole window
+// there is none.
 void WindowFit::end_horizon(Progress &p) const
 {
     p.best = p.at;
@@ -307,6 +313,7 @@ std::vector<char> WindowFit::normals_at(std::vector<WindowFit> &fits,
     return fine;
 }
 
+// The state at a row, by the model alone: readings are not looked at.
 bool WindowFit::carry(VectorXd &x, size_t row)
 {
     ShootTask task = task_from(x, f.t[row], 0);
@@ -318,6 +325,7 @@ bool WindowFit::carry(VectorXd &x, size_t row)
     return true;
 }
 
+// Up to the last reading of the horizon; with sensor delays the state that it shows lies before it.
 ShootTask WindowFit::task_over(const VectorXd &x, size_t last, int columns)
 {
     return task_from(x, std::max(f.t[last - 1] - f.oldest, f.t[from]), columns);
@@ -379,6 +387,7 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
     Eigen::Map<const VectorXd> r(task.residual, n);
     const MatrixXd Js = J.leftCols(ns), Jp = J.rightCols(p);
+    // states = Js'Js + K, pull = K (z0 - z); both = [Js'Jp, Js'r + pull].
     MatrixXd states = dense::transpose_product(Js, Js);
     states.diagonal() *= 1.0 + TRACE;
     states.diagonal().array() += TRACE;
@@ -488,6 +497,7 @@ void remember(mk_start_finder &f)
     VectorXd x(ns), rest(ns), sum = VectorXd::Zero(ns - measured), squares = sum;
     for (size_t i = 0; i < f.way->row.size(); i++) {
         x.head(measured) = f.way->x[i];
+        // At the start of readings effects are at rest: nobody knows what was before.
         if (i == 0 || f.way->begin[i] != f.way->begin[i - 1]) {
             mk_model_initial_state(f.model, &x(0), &x(measured / 2), rest.data());
             x.tail(ns - measured) = rest.tail(ns - measured);
@@ -499,6 +509,7 @@ void remember(mk_start_finder &f)
             WindowFit(f, f.way->row[i], f.way->row[i]).carry(x, f.way->row[i + 1]);
     }
     const double n = (double)f.memory.size();
+    // sqrt(mean z^2 - (mean z)^2).
     f.usual = (squares / n - (sum / n).cwiseAbs2()).cwiseMax(1e-18).cwiseSqrt();
 }
 

@@ -56,6 +56,7 @@ class Shares
         auto known = figures.find(set);
         if (known != figures.end())
             return known->second;
+        // v of no items is the refitted model, v of all the extended one: both are fitted already.
         HeldOutFigures &f = figures[set];
         if (set == everything())
             (void)!held.figures(out.extended, f, nullptr);
@@ -165,6 +166,8 @@ class Shares
                 m.effect[e] = m.effect[e + 1];
             m.effect_count--;
         }
+        // Without the late item the model is driven by the given column: other data, on which it is
+        // fitted again.
         if (given_column)
             m.input = out.given.input;
         Hypothesis fitted;
@@ -231,6 +234,8 @@ class Shares
             orders.emplace_back(order.rbegin(), order.rend());
         }
         for (const std::vector<size_t> &one : orders) {
+            // The item's marginal gains: v with it less v without, over the sets that come before
+            // it in some order.
             Set before = 0;
             for (size_t item : one) {
                 weights[item].emplace_back(before, 1.0 / (double)orders.size());
@@ -293,6 +298,7 @@ void sort_causes(Shares &shares, mk_explanation &out)
 void tell_rest(const mk_explanation &e, mk_budget &b)
 {
     constexpr double LEVEL = 0.01; // over all tests
+    // left_j = MSE_j(all) - n_j^2, over MSE_j(refit).
     b.rest = 1.0 - b.closed;
     double most = 0.0;
     for (int j = 0; j < mk_model_joints(&e.given); j++) {
@@ -351,6 +357,7 @@ void make_budget(const TrainingData &data, const CauseSearch &causes, const Fina
         std::stable_sort(order.begin(), order.end(), [&](size_t x, size_t y) {
             return shares.items[x].entry.share > shares.items[y].entry.share;
         });
+        // The waterfall: errors with the items of the largest shares first, one more each.
         Set set = 0;
         for (size_t i : order) {
             set |= 1u << i;

@@ -50,6 +50,8 @@ void Verdict::decide()
     out.gain_extended = causes.refit.quadratic.nlml - causes.best.quadratic.nlml;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         out.noise[j] = j < mk_model_joints(&model) ? causes.noise(j) : UNKNOWN;
+    // none or parameters: no cause, and the data are followed. effect: named causes explain them,
+    // each surely there. partial: causes carry over, and a rest stays. unknown: neither.
     if (causes.rounds.empty() && causes.explained() && correction.joint == 0)
         out.verdict = values_off() ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
     else if ((correction.joint > 0 || !causes.rounds.empty()) && causes.explained() &&
@@ -162,6 +164,7 @@ bool Verdict::established() const
             const auto here = std::count_if(
                 m.effect + model.effect_count, m.effect + m.effect_count,
                 [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
+            // A size without an error (not fitted) passes.
             const double error = error_of_size(first, info, size, here == 1);
             if (std::fabs(m.effect[e].value[size]) < SURE * error)
                 return false;
@@ -251,6 +254,8 @@ void Verdict::sort_causes()
 void Verdict::weigh(int cause, int fitted, mk_cause &c)
 {
     const Lack lack = causes.without((size_t)cause);
+    // Rivals count by the distance to the chosen one when they competed, so with the same other
+    // causes beside them.
     double gain = lack.penalised_nlml - causes.best.penalised_nlml,
            raw = lack.nlml - causes.best.quadratic.nlml;
     c.delta_bic = 2.0 * gain;
@@ -314,6 +319,8 @@ void Verdict::describe_rivals()
             // Of a ranking from when there were fewer causes beside, none is comparable.
             if (ranked[i].point.model.effect_count != causes.best.point.model.effect_count)
                 continue;
+            // delta BIC of a rival is twice the log likelihood by which it is behind; within
+            // INSEPARABLE data cannot tell them apart.
             double behind = ranked[i].penalised_nlml - causes.best.penalised_nlml;
             if (is_library(ranked[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
                 behind > INSEPARABLE)
@@ -349,6 +356,7 @@ void Verdict::describe_suspects()
     if (out.verdict < MK_VERDICT_PARTIAL)
         return;
     std::vector<Asked> all = causes.suspects;
+    // Surest first: mean over standard error, of the log ratios of data left out.
     std::stable_sort(all.begin(), all.end(), [](const Asked &a, const Asked &b) {
         return a.carried.mean / a.carried.error < b.carried.mean / b.carried.error;
     });

@@ -123,19 +123,23 @@ Starts stiction(const Setting &s)
     }
     return all;
 }
+// -mu |load| S_k(v): mu.
 Starts load_friction(const Setting &s)
 {
     bool loaded = s.motor() || s.plant->joints == 2;
     return loaded ? Starts{{0.01}} : Starts{};
 }
+// 1 + c (1 - exp(-t/T)) times the Coulomb level of the motor joint: c, T in s.
 Starts friction_drift(const Setting &s)
 {
     return s.motor() ? Starts{{0.05, 1.5}, {0.05, 6.0}} : Starts{};
 }
+// -s (q - q0): stiffness T/100 per unit of the joint, its rest q0 a twentieth of L off the joint's.
 Starts cable_stiffness(const Setting &s)
 {
     return s.wheel() ? Starts{} : Starts{{small(s), s.plant->rest[s.j] + 0.05 * s.size()}};
 }
+// -s z with yield zy: stiffness and yield, s zy = T/50 the torque at which it yields.
 Starts cable_hysteresis(const Setting &s)
 {
     Starts all;
@@ -146,6 +150,7 @@ Starts cable_hysteresis(const Setting &s)
     }
     return all;
 }
+// -A sin(n q + phi): amplitude T/100, n cycles a turn (searched, not fitted), phase.
 Starts cogging(const Setting &s)
 {
     Starts all;
@@ -176,6 +181,7 @@ Starts end_stop(const Setting &s)
         }
     return all;
 }
+// Inertia: 2 % of the joint's.
 Starts reflected_inertia(const Setting &s)
 {
     // At joint 1 of every rig, and at any single joint, it is part of a base parameter.
@@ -194,10 +200,12 @@ Starts backlash(const Setting &s)
         all.push_back({width * s.size(), k, 30.0 * light, share, 3.8});
     return all;
 }
+// Delay, s.
 Starts input_delay(const Setting &)
 {
     return {{0.002}, {0.008}};
 }
+// Half width, of the largest command.
 Starts deadband(const Setting &s)
 {
     return {{0.01 * s.range->u_max}, {0.08 * s.range->u_max}};
@@ -206,10 +214,12 @@ Starts gain_asymmetry(const Setting &)
 {
     return {{0.005}};
 }
+// Gain 1 - a (1 - exp(-t/T)): a, T in s.
 Starts gain_drift(const Setting &)
 {
     return {{0.02, 1.5}, {0.02, 6.0}};
 }
+// Gain 1 + a sin(n q + phi): a, n, phi.
 Starts torque_ripple(const Setting &)
 {
     Starts all;
@@ -217,10 +227,12 @@ Starts torque_ripple(const Setting &)
         all.push_back({0.01, n, 0.3});
     return all;
 }
+// Time constant, s.
 Starts actuator_lag(const Setting &)
 {
     return {{0.004}, {0.02}};
 }
+// Limit of the command.
 Starts saturation(const Setting &s)
 {
     Starts all;
@@ -228,15 +240,18 @@ Starts saturation(const Setting &s)
         all.push_back({share * s.range->u_max});
     return all;
 }
+// |u| <= stall (1 - |w| / w0): stall and w0, of the largest command and speed.
 Starts back_emf_limit(const Setting &s)
 {
     double v = s.range->v_max[s.plant->motor_joint];
     return product({1.2 * s.range->u_max, 0.8 * s.range->u_max}, {1.3 * v, 3.0 * v});
 }
+// Relative error of the scale.
 Starts encoder_scale(const Setting &)
 {
     return {{0.002}};
 }
+// q + A sin(q + phi): A, phi.
 Starts encoder_eccentricity(const Setting &s)
 {
     return s.slides() ? Starts{} : Starts{{0.002, 0.3}};

@@ -97,6 +97,7 @@ void CauseSearch::run()
 bool CauseSearch::go_on(const PredictionSearch &found)
 {
     const RunFit &all = found.extended();
+    // The states and process noise of the causes' model, then all parameters, by likelihood.
     Hypothesis there;
     if (!search.follow(all.point.model, nullptr, LOST, there) ||
         there.process_noise > PROCESS_NOISE_FAR || !search.refit(all.point.model, &there, best))
@@ -164,6 +165,7 @@ void CauseSearch::add_causes()
         if (!found && !how.small && best.process_noise <= PROCESS_NOISE_FAINT) {
             ExtendOptions closer = how;
             closer.small = true;
+            // At a process noise below what matters: there a rare effect cannot hide in it.
             closer.process_noise = 0.5 * IMMATERIAL;
             std::vector<Hypothesis> ranked = search.extend(best, closer);
             found = choose(ranked, needed);
@@ -298,6 +300,9 @@ void CauseSearch::try_runners_up()
             search.work_done() > MUCH_WORK || search.cancelled)
             continue;
         tried++;
+        // The search once more from the runner-up; what it finds replaces all of what was found if
+        // L is less by ACCEPT_FIRST and the data are followed, or stays for the next runner-up to
+        // beat.
         const std::vector<Round> kept = rounds;
         const Hypothesis kept_best = best, kept_before = before;
         rounds.resize(1);
@@ -561,6 +566,8 @@ void CauseSearch::consider_bristles(std::vector<Hypothesis> &ranked)
         h.added = start;
         mk_model less = ranked[0].point.model, more;
         const double level = less.effect[less.effect_count - 1].value[dry.size];
+        // Bristles at the level of dry friction that was found: all their parameters are torques
+        // per something, and scale by the same ratio.
         const double ratio = level / start.value[mk_effect_parameter_index(start.effect, "level")];
         for (double &value : h.added.value)
             value *= ratio;

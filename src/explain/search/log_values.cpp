@@ -123,6 +123,8 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     for (double &d : fit.options.process_noise)
         d = h.process_noise;
     const std::vector<int> free = fitted_parameters(m);
+    // The fit's own values and their standard errors come with a quadratic model of the point
+    // (Fit::own_values).
     const QuadraticModel quadratic = fit.quadratic(h.point, free);
     if (!quadratic.finite)
         return yes;
@@ -154,6 +156,8 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
                           double window_s, Search &search, const Hypothesis &refit)
 {
     LogValues out = {given, refit, {}};
+    // Nothing is asked where the refitted model follows its data: then nothing differs that
+    // matters.
     if (logs.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.process_noise))
         return out;
     // The logs as held out: own values from first halves, errors of second halves.
@@ -168,6 +172,8 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
                 !search.refit_at(own_model, out.fit, out.fit.process_noise, own) ||
                 !search.refit_at(one_model, out.fit, out.fit.process_noise, one))
                 break;
+            // `one` has the same effects with one value for all logs, so that the gain is what the
+            // spread adds.
             const double gain = one.penalised_nlml - own.penalised_nlml;
             if (gain < ACCEPT_FIRST)
                 break;
@@ -189,6 +195,8 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
                 break;
             if (!surely_better(ratio_by_log(with, without)))
                 break;
+            // The model to go on from has the group at its fitted values and the base parameters as
+            // given.
             out.model = own.point.model;
             std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
             out.fit = std::move(own);
@@ -265,6 +273,8 @@ static double held_off(const mk_model &m, int joint)
     q[joint] -= 2.0 * SIDE;
     mk_plant_inverse_dynamics(&m, q, still, still, b);
     const double stiffness = (a[joint] - b[joint]) / (2.0 * SIDE);
+    // F: Coulomb friction of the plant's motor joint, its last parameter, and the levels of dry
+    // friction among the effects.
     double friction = joint == plant->motor_joint ? m.parameter[plant->parameter_count - 1] : 0.0;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);

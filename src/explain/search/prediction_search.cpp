@@ -118,6 +118,7 @@ bool PredictionSearch::fit_added(const mk_model &model, const Candidate &cause, 
 {
     RunPoint from = best.point;
     mk_model begun = model;
+    // The size first, the shape held at its start; then both, from there.
     if (cause.shape >= 0) {
         std::vector<int> free = fitted_parameters(model);
         const int held =
@@ -223,6 +224,7 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
     if (!search.tick(DONE, ASKING))
         return;
     constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
+    // The base's parameters, all of them wanted beside each member's.
     const std::vector<int> own = fitted_parameters(best.point.model);
     RunPoint point;
     RunQuadraticModel quadratic;
@@ -469,6 +471,8 @@ bool PredictionSearch::add_one()
         return false;
     Carrier carrier = {chosen->cause, chosen->carried, {}, {}};
     runners_up.emplace_back();
+    // Those that came next and would have been promising by themselves are kept for exchange() and
+    // as rivals.
     for (const RunFit &f : full_fits)
         if (&f != &*chosen && runners_up.back().size() < RIVALS && carry_over::promising(f.carried))
             runners_up.back().push_back(f.cause);
@@ -512,6 +516,7 @@ bool PredictionSearch::exchange(size_t count)
             fits[k].fine = plausible(fits[k].point.model, others[k]);
         });
         size_t chosen = fits.size();
+        // A runner-up takes the place of a cause where L is less by BETTER.
         double least = penalised_nlml(best) - BETTER;
         for (size_t k = 0; k < fits.size(); k++)
             if (fits[k].fine && penalised_nlml(fits[k]) < least)
@@ -552,6 +557,8 @@ void PredictionSearch::leave_out_each()
         RunFit &less = causes[i].without;
         less = {};
         const mk_model m = without(i);
+        // Without the cause the states of the windows stay, unless the cause has some: then they
+        // are found anew.
         const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
         if (fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
                 less))

@@ -305,6 +305,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         bool seen = false;
         for (const Trial &f : full_fits)
             seen = seen || same_start(f.candidate, t.candidate);
+        // Below how.least where what is missing is small; else behind the base by 3 once two are
+        // in.
         bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && full_fits.size() >= 2;
         hopeless = hopeless || t.gain < -LOST_SHARE * reading_count;
         bool library = is_library(t.candidate.effect);
@@ -429,9 +431,11 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
             Fit fit(logs, o);
             QuadraticModel p;
             r.running = fit.solve_at(r.point, r.free, process_noise, p);
+            // A fit that has converged at this process noise is not repeated at it.
             if (fit.converged)
                 r.settled = process_noise;
             r.work += fit.work_done;
+            // L at this process noise.
             r.now = r.running ? p.nlml + penalty((int)r.free.size()) : HUGE_VAL;
             if (r.now < r.best.penalised_nlml) {
                 r.best.point = r.point;

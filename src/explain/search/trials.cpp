@@ -96,6 +96,7 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
                     members.push_back(k);
                 }
             }
+            // Columns: the base's own parameters and those of all members.
             FitPoint point = with_states(base.point, model);
             free = fitted_parameters(model);
             p = fit.quadratic(point, free);
@@ -113,6 +114,8 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
                 const Candidate &c = all[members[(size_t)member]];
                 // The shape of a resonance has no slope where it is next to nothing.
                 bool size_only = c.effect->state_count > 0;
+                // Members do not compete here: each is looked at with the base alone, as if the
+                // others were held at nothing.
                 std::vector<int> wanted = own;
                 for (int number : free)
                     if (number >= first && number < first + count &&
@@ -164,6 +167,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
     if (!with_candidate(base.point.model, candidate, model))
         return false;
     std::vector<int> free = fitted_parameters(model);
+    // k, the parameters that the candidate adds, whether or not they are all free in this trial.
     const int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
     if (how.size_only && candidate.shape > 0) {
         int shape =
@@ -175,6 +179,7 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
     // A resonance goes from one optimum to the next.
     if (candidate.linear && candidate.effect->state_count > 0)
         fit.options.max_iterations *= 2;
+    // A second call goes on from where the first one ended.
     FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
     const bool fitted = fit.minimise(p, free);
     trial.work += fit.work_done;
@@ -205,6 +210,7 @@ void Search::thin_out(std::vector<Trial> &trials)
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
         auto best = std::find_if(left.begin(), left.end(), beside);
         const bool first = best == left.end();
+        // `best` is the first of its cause in `left`, since trials are sorted by gain.
         const double ahead = first ? 0.0 : best->gain;
         bool behind =
             !first && t.gain < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
@@ -225,6 +231,7 @@ void Search::thin_out(std::vector<Trial> &trials)
 void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials)
 {
     for (Trial &t : trials)
+        // Half way: one of several starts of a cause, which first get FIRST_ITERATIONS.
         t.half_way = !t.candidate.linear &&
                      std::count_if(trials.begin(), trials.end(), [&](const Trial &other) {
                          return same_cause(other.candidate, t.candidate);
