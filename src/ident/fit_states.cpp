@@ -50,6 +50,7 @@ static std::vector<size_t> node_rows(const FitLog &log, double interval)
     return rows;
 }
 
+// The log as mk_record_state_at() takes it.
 static mk_record record_of(const FitLog &log)
 {
     mk_record r = {};
@@ -75,6 +76,7 @@ FitPoint Fit::start(const mk_model &model)
         nodes.row = node_rows(*log, options.interval);
         nodes.x.resize(ns, (long)nodes.row.size());
         mk_record record = record_of(*log);
+        // Angles and speeds of the node: a local polynomial through the readings on both sides.
         double x[MK_MAX_STATES] = {0.0};
         for (size_t i = 0; i < nodes.row.size(); i++) {
             // Where readings are missing the last state known will do: the fit repairs it.
@@ -103,6 +105,8 @@ void Fit::adopt_own(const FitPoint &from, FitPoint &to) const
     int count = 0;
     for (const FitLog *log : logs)
         count = std::max(count, log->source + 1);
+    // Own values of a parameter are known by its name and joint: its number changes with the
+    // effects before it.
     to.own.assign((size_t)count, VectorXd::Zero((long)own.size()));
     for (size_t i = 0; i < own.size(); i++) {
         char name[64];
@@ -244,6 +248,7 @@ void Fit::prepare(const FitPoint &point)
             // The last interval ends with the log and has no continuity defect.
             s.last = i + 1 == nodes.row.size();
             s.end = s.last ? logs[l]->duration() : logs[l]->t[nodes.row[i + 1]];
+            // The doubt of the command depends on the node's state, by the mass matrix there.
             add_input_uncertainty(point, l, i);
         }
     }

@@ -131,6 +131,7 @@ class SundialsBase : public Integrator
         if (!y_ || !tolerance_)
             return false;
         N_VConst(0.0, y_);
+        // atol_i: that of the model's states, and 1000 times as much of the work.
         N_VConst(system_.atol, tolerance_);
         // Bookkeeping must not drive the step size: work is as good as the states it follows.
         N_VGetArrayPointer(tolerance_)[system_.states] = 1e3 * system_.atol;
@@ -185,6 +186,8 @@ class Cvode : public SundialsBase
 #if SUNDIALS_VERSION_MAJOR < 7
         CVodeSetErrFile(mem_, nullptr);
 #endif
+        // Right-hand side, tolerances, limit of steps; the warning for steps that do not change t
+        // is off.
         if (CVodeInit(mem_, on_rhs, 0.0, y_) != 0 ||
             CVodeSVtolerances(mem_, system_.rtol, tolerance_) != 0 ||
             CVodeSetUserData(mem_, const_cast<System *>(&system_)) != 0 ||
@@ -204,6 +207,8 @@ class Cvode : public SundialsBase
     {
         CVodeSetStopTime(mem_, t_end);
         while (t_ < t_end) {
+            // CV_NORMAL: to t_end, by interpolation unless it is the stop time; back earlier at a
+            // root.
             int flag = CVode(mem_, t_end, y_, &t_, CV_NORMAL);
             if (flag < 0)
                 return gave_up(err, "CVODE", flag, t_);
@@ -226,6 +231,7 @@ class Cvode : public SundialsBase
     }
 
   private:
+    // A new start at t: order 1, step found anew. Counters are saved before they begin at 0.
     enum mk_status reinit()
     {
         long steps = 0, evaluations = 0;
@@ -286,6 +292,7 @@ class Erk : public SundialsBase
     {
         ERKStepSetStopTime(mem_, t_end);
         while (t_ < t_end) {
+            // To t_end or to the first root of g on the way.
             int flag = ERKStepEvolve(mem_, t_end, y_, &t_, ARK_NORMAL);
             if (flag < 0)
                 return gave_up(err, "ARKODE", flag, t_);
