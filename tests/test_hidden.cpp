@@ -449,8 +449,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
-    tcase_add_test(t,
-                   nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise);
+    tcase_add_test(t, nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise);
     tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 2);
     suite_add_tcase(s, t);
     return s;

@@ -81,8 +81,8 @@ static void wire_up(const struct rig_wiring *x, const double expected[MK_MAX_JOI
 }
 
 /* Relative distance of an answer a from an expected one b, 0 .. 2, whatever the motor's strength:
- * min over s of |a - s b| / sqrt((|a|^2 + |s b|^2) / 2). How strong a motor is, wiring does not say:
- * a weak one is what an investigation is to find. One that hardly moves its rig is dead. */
+ * min over s of |a - s b| / sqrt((|a|^2 + |s b|^2) / 2). How strong a motor is, wiring does not
+ * say: a weak one is what an investigation is to find. One that hardly moves its rig is dead. */
 static double distance(const double *a, const double *b, int joints)
 {
     const double weakest = 0.05, strongest = 20.0; /* of what the model says */

@@ -327,8 +327,8 @@ Series law(const mk_explanation &e, int j, bool speed, double low, double high)
     return s;
 }
 
-// Residual torque against what it seems to hang on, the law of a cause drawn through where it is one
-// of speed or angle alone.
+// Residual torque against what it seems to hang on, the law of a cause drawn through where it is
+// one of speed or angle alone.
 std::string residual_torque_plots(const mk_explanation &e)
 {
     std::string s;
