@@ -539,6 +539,39 @@ START_TEST(a_log_that_says_nothing_is_refused)
 END_TEST
 
 // Logged every millisecond, a command that changes every four is the one that is logged so.
+// A wheel under a command that turns it round, in radians and as a slide on which a radian is a
+// centimetre: reversals are resolved alike.
+START_TEST(a_slide_is_stepped_through_its_reversals_as_a_wheel_is)
+{
+    constexpr double METRES = 0.01; // a radian
+    std::vector<double> y[2];
+    size_t steps[2] = {0, 0};
+    for (int slides = 0; slides < 2; slides++) {
+        Bench b(MK_PLANT_INERTIA_WHEEL, 0.005, 200);
+        mk_model &m = b.model;
+        if (slides)
+            ck_assert_int_eq(mk_model_set_linear(&m, 0, true, nullptr), MK_OK);
+        // J' = J / METRES, c' = c / METRES: the same motion, in another unit.
+        const double unit = slides ? METRES : 1.0;
+        m.parameter[0] = 0.012 / unit;
+        m.parameter[1] = 0.02 / unit;
+        m.parameter[2] = 0.5;
+        for (size_t k = 0; k < b.u.size(); k++)
+            b.u[k] = 1.5 * std::cos(40.0 * b.t[k]);
+        mk::ShootTask k = b.task({0.0, 0.0}, false);
+        k.step = 5e-3;
+        mk::shoot(k);
+        ck_assert(k.finite);
+        for (size_t i = 0; i < k.row_count; i++)
+            y[slides].push_back(-b.residual[i] / unit);
+        steps[slides] = (size_t)k.steps;
+    }
+    ck_assert_uint_eq(steps[0], steps[1]);
+    for (size_t i = 0; i < y[0].size(); i++)
+        ck_assert_double_eq_tol(y[0][i], y[1][i], 1e-9);
+}
+END_TEST
+
 START_TEST(a_command_that_says_the_same_again_takes_no_step_and_changes_nothing)
 {
     constexpr int HELD = 4;
@@ -567,6 +600,7 @@ Suite *suite_shoot(void)
     TCase *t = tcase_create("derivatives");
     tcase_add_loop_test(t, derivatives_are_those_of_the_trajectory, 0, MK_PLANT_COUNT);
     tcase_add_test(t, a_command_that_says_the_same_again_takes_no_step_and_changes_nothing);
+    tcase_add_test(t, a_slide_is_stepped_through_its_reversals_as_a_wheel_is);
     tcase_add_test(t, derivatives_by_delays_lags_and_bristles_are_exact);
     tcase_add_test(t, derivatives_through_contact_include_its_instant);
     tcase_add_loop_test(t, trajectories_agree_with_sundials, 0, MK_PLANT_COUNT);

@@ -209,7 +209,10 @@ class Shooter
     bool edges_move = false, ages_move = false; // there are any
     bool stiff = false;                         // an effect has a rate
     bool on_switch = false;                     // some lane is at a switch: `passed` counts
-    int speeds[MK_MAX_STATES];                  // places of the speeds that friction acts on
+    // Places of the speeds that friction acts on, and how many rad/s stand for one unit of each:
+    // k / 15 with the sharpness k of the joint, 1 for joints that turn.
+    int speeds[MK_MAX_STATES];
+    double in_radps[MK_MAX_STATES];
     int speed_count = 0;
     bool slopes_known = false; // f0 belongs to x
 
@@ -262,12 +265,12 @@ class Shooter
         constexpr unsigned apart = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
         int states = 2 * c.joints;
         for (int j = 0; j < c.joints; j++)
-            speeds[speed_count++] = c.joints + j;
+            add_speed(c.joints + j, j);
         for (int e = 0; e < c.effect_count; e++) {
             const mk_effect_info *info = mk_effect(c.effect[e].index);
             // A body of its own between joint and encoder: angle, speed.
             if ((info->stages & apart) == apart)
-                speeds[speed_count++] = states + 1;
+                add_speed(states + 1, std::max(c.effect[e].joint, 0));
             states += info->state_count;
             stiff = stiff || effect_ops<double>(c.effect[e].index).rate;
             if (info->stages & MK_STAGE_COMMAND_DELAY) {
@@ -609,6 +612,11 @@ class Shooter
         l.steps = count;
         l.h = length / (double)count;
     }
+    void add_speed(int place, int joint)
+    {
+        speeds[speed_count] = place;
+        in_radps[speed_count++] = c.sharpness[joint] / MK_FRICTION_SHARPNESS_TURNING;
+    }
     // Friction c v + F tanh(15 v), v in rad/s, turns over within |v| < 0.35 or so. A light wheel
     // with acceleration a runs through that within a fraction of a step. With v and a as they are
     // now the reversal is at t = -v/a and takes 0.35/|a| either way; that part is stepped through
@@ -617,7 +625,7 @@ class Shooter
     long sharp_reversal(int i, double length, double &left, double &right) const
     {
         for (int j = 0; j < speed_count; j++) {
-            double v = state(i, speeds[j]), a = slope(i, speeds[j]);
+            double v = in_radps[j] * state(i, speeds[j]), a = in_radps[j] * slope(i, speeds[j]);
             if (!(fabs(a) * length > 0.4))
                 continue;
             double reach = 0.35 / fabs(a), middle = -v / a;
@@ -637,8 +645,8 @@ class Shooter
     {
         long count = 1;
         for (int j = 0; j < speed_count; j++) {
-            double v = fabs(state(i, speeds[j]));
-            double dv = fabs(slope(i, speeds[j])) * length;
+            double v = in_radps[j] * fabs(state(i, speeds[j]));
+            double dv = in_radps[j] * fabs(slope(i, speeds[j])) * length;
             long need = v < 0.2 + dv ? (long)(dv / 0.05) + 1 : 1;
             if (need > count)
                 count = need < 8 ? need : 8;
