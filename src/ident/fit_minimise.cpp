@@ -140,7 +140,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
                 length *= 0.4;
         }
         if (!accepted) {
-            converged = true; // no way down at this precision
+            converged = work_done < most_work; // no way down at this precision, or out of work
             break;
         }
         if (!converged) {

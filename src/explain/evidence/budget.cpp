@@ -62,8 +62,8 @@ class Shares
             (void)!held.figures(out.extended, f, nullptr);
         else if (set == 0)
             (void)!held.figures(out.refit, f, nullptr);
-        else
-            (void)!held.figures(model_with(set), f, nullptr);
+        else if (held.figures(model_with(set), f, nullptr) != MK_OK)
+            f = of(0); // a model that runs away closes nothing
         return f;
     }
     Set everything() const { return (1u << items.size()) - 1u; }
@@ -345,7 +345,7 @@ void make_budget(const TrainingData &data, const CauseSearch &causes, const Fina
         for (size_t i = 0; i < shares.items.size(); i++) {
             Shares::Item &item = shares.items[i];
             item.entry.share = shares.share(i);
-            const int first = out.extended.effect_count - (int)causes.rounds.size();
+            const int first = causes.refit.point.model.effect_count;
             const int round = item.entry.cause >= 0 ? item.effects[0] - first : -1;
             if (round >= 0 && round < (int)causes.carried.size())
                 item.entry.inclusion = causes.carried[(size_t)round].inclusion;

@@ -150,7 +150,7 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
         spread += (mean - c.mean) * (mean - c.mean);
     // Of few folds the scatter among them can be small by chance: never less than that of windows.
     const double centre = all / windows;
-    const double by_window = (squares / windows - centre * centre) / windows;
+    const double by_window = std::max(squares / windows - centre * centre, 0.0) / windows;
     c.window_error = std::sqrt(by_window);
     c.error = std::sqrt(std::max(spread / (c.folds * (c.folds - 1.0)), by_window));
     int judged = 0, known = 0;

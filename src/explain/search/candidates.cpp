@@ -260,7 +260,7 @@ Starts encoder_offset(const Setting &s)
 {
     // An angle that nothing depends on has no zero.
     bool free = s.plant->joint_is_wheel[s.j] || s.plant->joint_is_level[s.j];
-    return free ? Starts{} : Starts{{0.001}};
+    return free ? Starts{} : Starts{{0.001 * s.size()}};
 }
 Starts sensor_delay(const Setting &)
 {
@@ -292,7 +292,8 @@ Starts custom(const Setting &s)
 {
     Starts all;
     const bool two = s.plant->joints == 2;
-    const double w = std::max(s.range->v_max[two ? 1 - s.j : 0], 0.1);
+    const int other = two ? 1 - s.j : 0;
+    const double w = std::max(s.range->v_max[other], 0.1 * mk_model_joint_scale(s.model, other));
     for (int n = 1; n <= Custom::TERMS; n++) {
         const CustomTerm &term = Custom::about(n);
         if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()) || catalogued(n))

@@ -53,7 +53,7 @@ bool has(const mk_model &m, const mk_effect_info *effect, int joint)
     return false;
 }
 
-// The effects of a group that the model does not have yet: at each joint that is no wheel, or at
+// The effects of a group that the model does not have yet: at each joint that hangs, or at
 // the motor's.
 std::vector<Candidate> members(const Group &group, const mk_model &model)
 {
@@ -64,8 +64,8 @@ std::vector<Candidate> members(const Group &group, const mk_model &model)
         return all;
     for (int joint = 1; joint <= plant->joints; joint++) {
         const bool rig = effect->joint_rule == MK_EFFECT_JOINT_NONE;
-        if (group.hanging_joints ? plant->joint_is_wheel[joint - 1]
-                                 : joint != plant->motor_joint + 1)
+        const bool hangs = !plant->joint_is_wheel[joint - 1] && !plant->joint_is_level[joint - 1];
+        if (group.hanging_joints ? !hangs : joint != plant->motor_joint + 1)
             continue;
         Candidate c = {};
         c.effect = effect;

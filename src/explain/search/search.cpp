@@ -79,9 +79,14 @@ FitOptions Search::fit_options() const
 void Search::finish(Fit &fit, Hypothesis &h) const
 {
     h.process_noise = fit.options.process_noise[0];
-    // A spread is estimated like any parameter.
-    h.penalised_nlml =
-        h.quadratic.nlml + penalty(h.free_count + (int)own_parameters(h.point.model).size());
+    h.penalised_nlml = penalised(h.quadratic, h.point.model, h.free_count);
+}
+
+// BIC / 2 = nlml + k ln(N) / 2, k the free parameters and the spreads of own values: a spread is
+// estimated like any parameter.
+double Search::penalised(const QuadraticModel &quadratic, const mk_model &model, int free) const
+{
+    return quadratic.nlml + penalty(free + (int)own_parameters(model).size());
 }
 
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
@@ -171,7 +176,7 @@ void Search::polish(Fit &fit, Hypothesis &h, bool process_noise_too) const
         if (process_noise < 0.9 * TIGHTEST || process_noise > 1.1 * LOOSEST ||
             !fit.solve_at(point, free, process_noise, quadratic))
             return false;
-        double penalised_nlml = quadratic.nlml + penalty((int)free.size());
+        double penalised_nlml = penalised(quadratic, point.model, (int)free.size());
         bool better = penalised_nlml < h.penalised_nlml + slack;
         if (better) {
             h.point = point;
@@ -436,7 +441,7 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
                 r.settled = process_noise;
             r.work += fit.work_done;
             // L at this process noise.
-            r.now = r.running ? p.nlml + penalty((int)r.free.size()) : HUGE_VAL;
+            r.now = r.running ? penalised(p, r.point.model, (int)r.free.size()) : HUGE_VAL;
             if (r.now < r.best.penalised_nlml) {
                 r.best.point = r.point;
                 r.best.quadratic = p;

@@ -137,6 +137,7 @@ class Search
     std::vector<Hypothesis> compete(double from, double acceptance, double first_process_noise,
                                     std::vector<Trial> &full_fits);
     FitOptions fit_options() const;
+    double penalised(const QuadraticModel &quadratic, const mk_model &model, int free) const;
     void finish(Fit &fit, Hypothesis &h) const;
 };
 
