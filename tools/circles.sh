@@ -12,7 +12,8 @@ trap 'rm -rf "$work"' EXIT
 # one file.
 parts='s/[.][^/]*$//
 s#/fit_states$#/fit#
-s#/search/trials$#/search/search#'
+s#/search/trials$#/search/search#
+s#/search/full_fits$#/search/search#'
 
 find "$objects" -name '*.o' | sort | while read -r o; do
     source=${o#"$objects"/}

@@ -8,7 +8,8 @@
 // extend() goes through four stages, each with fewer candidates and more work for each: 1. linear
 // candidates are screened by a score test (screen, trials.cpp); 2. the best of them and all others
 // are tried for a few iterations (try_all, trials.cpp); 3. the best of those compete in full fits,
-// process noise by process noise (compete); 4. one hypothesis for each cause is left, best first.
+// process noise by process noise (compete, full_fits.cpp); 4. one hypothesis for each cause is
+// left, best first.
 //
 // Work is counted in passes over the data, not timed: what is left out for want of it does not
 // depend on the machine.
@@ -29,15 +30,8 @@ namespace mk
 namespace
 {
 
-// Process-noise intensities between which fits go, rad/s per sqrt(s).
-constexpr double LOOSEST = 10.0, TIGHTEST = 1e-4;
-// Factor from one process noise to the next in compete().
-constexpr double TIGHTER = 1.0 / 30.0;
-// Log likelihood behind the leader, at the same process noise, from which a full fit is given up.
-constexpr double FAR_BEHIND = 40.0;
-// Process noise that backlash may need, rad/s per sqrt(s). Models with one shooting interval a log
-// are fitted at the first process noise and from here on down, not between.
-constexpr double ROUGHEST = 0.05;
+// Process noise from which fits come down, rad/s per sqrt(s).
+constexpr double LOOSEST = 10.0;
 // Loss of log likelihood a reading that no further fit makes up for.
 constexpr double LOST_SHARE = 0.3;
 
@@ -230,67 +224,23 @@ bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
 
 std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
 {
-    std::vector<Candidate> all = how.only ? *how.only : candidates(base.point.model, data);
-    if (!how.only)
-        all.erase(std::remove_if(all.begin(), all.end(),
-                                 [&](const Candidate &c) {
-                                     return is_backlash(c.effect) != (how.kind == Kind::backlash);
-                                 }),
-                  all.end());
-    for (Candidate &c : all)
-        c.linear = c.linear && !how.only;
-    // The base once more at the process noise that candidates are tried at: at its minimum the
-    // base's own parameters have no slope, and what a trial gains is the candidate's. `small`: that
-    // of the base. Else 0.01 at least.
+    const std::vector<Candidate> all = candidates_for(base, how);
     tried_count = (int)all.size();
     FitOptions loose = fit_options();
     loose.threads = 1;
-    const double small_process_noise =
-        how.process_noise > 0.0 ? how.process_noise : base.process_noise;
-    for (double &d : loose.process_noise)
-        d = how.small ? small_process_noise : std::max(base.process_noise, 0.01);
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
-    Hypothesis start = base;
-    {
-        Fit fit(logs, loose);
-        fit.options.threads = options.threads;
-        fit.minimise(start.point, fitted_parameters(start.point.model));
-        work += fit.work_done;
-    }
+    // Candidates are tried at a process noise of 0.01 at least, full fits begin at 0.1; unless what
+    // is missing is small.
+    const double small = how.process_noise > 0.0 ? how.process_noise : base.process_noise;
+    for (double &d : loose.process_noise)
+        d = how.small ? small : std::max(base.process_noise, 0.01);
+    const Hypothesis start = at_minimum(base, loose);
     std::vector<double> gain(all.size(), -HUGE_VAL);
     screen(start, loose, all, gain);
-
-    // Linear candidates: the best start of each, the most promising first. All others are tried.
-    std::vector<size_t> order, tries;
-    for (size_t i = 0; i < all.size(); i++)
-        if (std::isfinite(gain[i]))
-            order.push_back(i);
-    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
-    // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
-    int room[3] = {options.full_fits + 2, options.full_fits / 2, 3};
-    constexpr double LEAST_SHARE = 0.02; // of the best promise: at most the next thing to be found
-    const double least_promise = order.empty() ? 0.0 : LEAST_SHARE * gain[order[0]];
-    for (size_t i : order) {
-        if (gain[i] < least_promise && !how.only)
-            break;
-        bool same = std::any_of(tries.begin(), tries.end(),
-                                [&](size_t k) { return same_start(all[k], all[i]); });
-        const bool resonance = all[i].effect->state_count > 0;
-        if (resonance && how.small && gain[i] < how.least)
-            continue;
-        int &left = room[resonance ? 2 : is_library(all[i].effect)];
-        if (!same && left > 0) {
-            tries.push_back(i);
-            left--;
-        }
-    }
-    for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
-            tries.push_back(i);
     std::vector<Trial> trials;
     std::vector<Candidate> backlashes;
-    for (size_t i : tries) {
+    for (size_t i : worth_a_trial(all, gain, how)) {
         if (is_backlash(all[i].effect)) {
             backlashes.push_back(all[i]);
             continue;
@@ -300,30 +250,97 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     }
     try_all(start, loose, trials);
     try_backlash(start, loose, backlashes, how.acceptance, trials);
+    return compete(base.penalised_nlml, how.acceptance,
+                   how.small ? small : std::max(base.process_noise, 0.1),
+                   worth_a_full_fit(trials, how));
+}
+
+std::vector<Candidate> Search::candidates_for(const Hypothesis &base,
+                                              const ExtendOptions &how) const
+{
+    std::vector<Candidate> all = how.only ? *how.only : candidates(base.point.model, data);
+    const auto other_kind = [&](const Candidate &c) {
+        return is_backlash(c.effect) != (how.kind == Kind::backlash);
+    };
+    if (!how.only)
+        all.erase(std::remove_if(all.begin(), all.end(), other_kind), all.end());
+    for (Candidate &c : all)
+        c.linear = c.linear && !how.only;
+    return all;
+}
+
+// The base once more at the process noise that candidates are tried at: at its minimum the base's
+// own parameters have no slope, and what a trial gains is the candidate's.
+Hypothesis Search::at_minimum(const Hypothesis &base, const FitOptions &loose)
+{
+    Hypothesis start = base;
+    Fit fit(logs, loose);
+    fit.options.threads = options.threads;
+    fit.minimise(start.point, fitted_parameters(start.point.model));
+    work += fit.work_done;
+    return start;
+}
+
+// Linear candidates by what their slope promises, the best start of each, the most promising first;
+// and all others.
+std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
+                                          const std::vector<double> &gain,
+                                          const ExtendOptions &how) const
+{
+    constexpr double LEAST_SHARE = 0.02; // of the best promise: at most the next thing to be found
+    std::vector<size_t> order, tries;
+    for (size_t i = 0; i < all.size(); i++)
+        if (std::isfinite(gain[i]))
+            order.push_back(i);
+    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    const double least_promise = order.empty() ? 0.0 : LEAST_SHARE * gain[order[0]];
+    // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
+    int room[3] = {options.full_fits + 2, options.full_fits / 2, 3};
+    for (size_t i : order) {
+        if (gain[i] < least_promise && !how.only)
+            break;
+        const bool resonance = all[i].effect->state_count > 0;
+        const bool faint = resonance && how.small && gain[i] < how.least;
+        int &left = room[resonance ? 2 : is_library(all[i].effect)];
+        const auto same = [&](size_t k) { return same_start(all[k], all[i]); };
+        if (faint || left == 0 || std::any_of(tries.begin(), tries.end(), same))
+            continue;
+        tries.push_back(i);
+        left--;
+    }
+    for (size_t i = 0; i < all.size(); i++)
+        if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
+            tries.push_back(i);
+    return tries;
+}
+
+// The trials that came furthest, best first, one for each start: no more than options.full_fits,
+// and of terms of the library no more than MOST_TERMS.
+std::vector<Search::Trial> Search::worth_a_full_fit(std::vector<Trial> &trials,
+                                                    const ExtendOptions &how) const
+{
+    constexpr int MOST_TERMS = 3;
+    constexpr double BEHIND = 3.0; // log likelihood behind the base, once two are in
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
-    std::vector<Trial> full_fits;
-    int terms = 0; // of the library
+    std::vector<Trial> chosen;
+    int terms = 0;
     for (Trial &t : trials) {
-        if (!std::isfinite(t.gain))
-            continue; // could not even be started
-        bool seen = false;
-        for (const Trial &f : full_fits)
-            seen = seen || same_start(f.candidate, t.candidate);
-        // Below how.least where what is missing is small; else behind the base by 3 once two are
-        // in.
-        bool hopeless = how.small ? t.gain < how.least : t.gain < -3.0 && full_fits.size() >= 2;
-        hopeless = hopeless || t.gain < -LOST_SHARE * reading_count;
-        bool library = is_library(t.candidate.effect);
-        bool full = (int)full_fits.size() >= options.full_fits || (library && terms >= 3);
-        if (seen || hopeless || full)
+        if ((int)chosen.size() >= options.full_fits)
+            break;
+        if (!std::isfinite(t.gain) || t.gain < -LOST_SHARE * reading_count)
+            continue; // could not even be started, or is lost
+        const bool hopeless =
+            how.small ? t.gain < how.least : t.gain < -BEHIND && chosen.size() >= 2;
+        const auto same = [&](const Trial &f) { return same_start(f.candidate, t.candidate); };
+        const bool term = is_library(t.candidate.effect);
+        if (hopeless || (term && terms >= MOST_TERMS) ||
+            std::any_of(chosen.begin(), chosen.end(), same))
             continue;
-        terms += library;
-        full_fits.push_back(std::move(t));
+        terms += term;
+        chosen.push_back(std::move(t));
     }
-    // Full fits from a process noise of 0.1 at least, unless what is missing is small.
-    return compete(base.penalised_nlml, how.acceptance,
-                   how.small ? small_process_noise : std::max(base.process_noise, 0.1), full_fits);
+    return chosen;
 }
 
 std::vector<Candidate> Search::starts(const mk_model &model, const char *effect, int joint) const
@@ -384,123 +401,6 @@ double Search::relative_error(const Hypothesis &h, int effect, int parameter)
     const double error = std::sqrt(Fit::covariance(m, h.quadratic, free)(i, i));
     const double relative = error / std::fabs(m.effect[effect].value[parameter]);
     return std::isfinite(relative) ? relative : HUGE_VAL;
-}
-
-// Full fits side by side, from the process noise `first` down by factors of TIGHTER (successive
-// elimination). At `first` there are three rounds of FEW_ITERATIONS; after each, who is far behind
-// the leader, and does not catch up, is dropped. Then each process noise is fitted to its end, and
-// who is FAR_BEHIND the leader there is not carried on. Every fit ends by itself two process noises
-// after its best.
-//
-// `from`: penalised nlml of the base. `acceptance`: that of a hypothesis to be compared with.
-std::vector<Hypothesis> Search::compete(double from, double acceptance, double first,
-                                        std::vector<Trial> &full_fits)
-{
-    struct RunningFit {
-        Hypothesis best;
-        FitPoint point;
-        std::vector<int> free;
-        double now = HUGE_VAL, earlier = HUGE_VAL; // scores
-        double work = 0.0, settled = HUGE_VAL;     // the process noise at which it is
-        int worse = 0;
-        bool running = true;
-    };
-    std::vector<RunningFit> running_fits(full_fits.size());
-    for (size_t i = 0; i < running_fits.size(); i++) {
-        running_fits[i].best.added = full_fits[i].candidate;
-        running_fits[i].best.penalised_nlml = HUGE_VAL;
-        running_fits[i].point = std::move(full_fits[i].point);
-        running_fits[i].free = fitted_parameters(running_fits[i].point.model);
-        running_fits[i].best.free_count = (int)running_fits[i].free.size();
-    }
-    // Number of process noises, for the progress that is shown.
-    double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
-    int stage = 0;
-    auto run_all = [&](double process_noise, int most_iterations) {
-        // Threads that have no runner of their own help the others.
-        const auto running = std::count_if(running_fits.begin(), running_fits.end(),
-                                           [](const RunningFit &r) { return r.running; });
-        const int helpers = std::max(1, options.threads / std::max(1, (int)running));
-        parallel_for(options.threads, running_fits.size(), [&](size_t i) {
-            RunningFit &r = running_fits[i];
-            // One shooting interval a log has next to no use for a process noise.
-            const bool idle = process_noise < first && process_noise > ROUGHEST &&
-                              mk_model_hides_joint(&r.point.model);
-            if (!r.running || r.settled == process_noise || idle)
-                return;
-            FitOptions o = fit_options();
-            o.max_iterations = mk_model_event_count(&r.point.model) > 1 ? 6 : 20;
-            o.max_iterations = std::min(o.max_iterations, most_iterations);
-            o.max_passes = 400.0;
-            o.threads = helpers;
-            Fit fit(logs, o);
-            QuadraticModel p;
-            r.running = fit.solve_at(r.point, r.free, process_noise, p);
-            // A fit that has converged at this process noise is not repeated at it.
-            if (fit.converged)
-                r.settled = process_noise;
-            r.work += fit.work_done;
-            // L at this process noise.
-            r.now = r.running ? penalised(p, r.point.model, (int)r.free.size()) : HUGE_VAL;
-            if (r.now < r.best.penalised_nlml) {
-                r.best.point = r.point;
-                r.best.quadratic = p;
-                r.best.process_noise = process_noise;
-                r.best.penalised_nlml = r.now;
-                r.worse = 0;
-            } else if (r.now > r.best.penalised_nlml + 2.0) {
-                r.running = r.running && ++r.worse < 2;
-            }
-        });
-    };
-    auto leader = [&] {
-        double least = HUGE_VAL;
-        for (const RunningFit &r : running_fits)
-            least = std::min(least, r.now);
-        return least;
-    };
-    // Some take long to come to nothing: a few iterations at a time, and who is then too far behind
-    // the leader, and does not catch up, is not fitted to the end.
-    constexpr double CLOSE = 200.0, CATCHING_UP = 0.25; // of what is missing, in a few iterations
-    constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 1000;
-    for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain
-        for (RunningFit &r : running_fits)
-            r.earlier = r.now;
-        run_all(first, FEW_ITERATIONS);
-        const double lead = std::min(leader(), acceptance);
-        for (RunningFit &r : running_fits) {
-            //     near:   now < lead + max(CLOSE, share (from - lead)) ,
-            //     comes:  earlier - now > CATCHING_UP (now - lead) .
-            // The share falls from round to round.
-            const bool near = r.now < lead + std::max(CLOSE, share * (from - lead));
-            const bool comes =
-                std::isfinite(r.earlier) && r.earlier - r.now > CATCHING_UP * (r.now - lead);
-            r.running = r.running && (near || comes);
-        }
-    }
-    for (double process_noise = first; process_noise > 0.9 * TIGHTEST && !cancelled;
-         process_noise *= TIGHTER, stage++) {
-        run_all(process_noise, ALL_ITERATIONS);
-        for (RunningFit &r : running_fits)
-            r.running = r.running && r.now < leader() + FAR_BEHIND;
-        tick(0.7 + 0.3 * (stage + 1) / stages, "fitting causes");
-    }
-    std::vector<Hypothesis> out;
-    for (RunningFit &r : running_fits) {
-        work += r.work;
-        if (std::isfinite(r.best.penalised_nlml) && !discredited(r.best))
-            out.push_back(std::move(r.best));
-    }
-    std::sort(out.begin(), out.end(), [](const Hypothesis &a, const Hypothesis &b) {
-        return a.penalised_nlml < b.penalised_nlml;
-    });
-    // Several starts of one cause: the best.
-    std::vector<Hypothesis> one_each;
-    for (Hypothesis &h : out)
-        if (std::none_of(one_each.begin(), one_each.end(),
-                         [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
-            one_each.push_back(std::move(h));
-    return one_each;
 }
 
 } // namespace mk

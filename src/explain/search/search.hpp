@@ -100,6 +100,7 @@ class Search
     bool tick(double done, const char *what);
 
   private:
+    static constexpr double TIGHTEST = 1e-4; // process noise at which fits end, rad/s per sqrt(s)
     std::vector<const FitLog *> logs;
     SearchOptions options;
     DataRange data;
@@ -134,8 +135,15 @@ class Search
     void try_backlash(const Hypothesis &start, const FitOptions &loose,
                       const std::vector<Candidate> &backlashes, double acceptance,
                       std::vector<Trial> &trials);
+    std::vector<Candidate> candidates_for(const Hypothesis &base, const ExtendOptions &how) const;
+    Hypothesis at_minimum(const Hypothesis &base, const FitOptions &loose);
+    std::vector<size_t> worth_a_trial(const std::vector<Candidate> &all,
+                                      const std::vector<double> &gain,
+                                      const ExtendOptions &how) const;
+    std::vector<Trial> worth_a_full_fit(std::vector<Trial> &trials, const ExtendOptions &how) const;
+    struct FullFits;
     std::vector<Hypothesis> compete(double from, double acceptance, double first_process_noise,
-                                    std::vector<Trial> &full_fits);
+                                    std::vector<Trial> trials);
     FitOptions fit_options() const;
     double penalised(const QuadraticModel &quadratic, const mk_model &model, int free) const;
     void finish(Fit &fit, Hypothesis &h) const;

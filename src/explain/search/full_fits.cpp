@@ -1,0 +1,178 @@
+// Full fits of the causes that came furthest in trials, side by side (successive elimination).
+//
+// All begin at the process noise `first`, in three rounds of few iterations; after each, who is far
+// behind the leader and does not catch up is dropped. Then the process noise comes down by factors
+// of TIGHTER, each one fitted to its end, and who is FAR_BEHIND the leader there is not carried on.
+// Every fit ends by itself two process noises after its best. What counts is the penalised nlml at
+// the same process noise.
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.hpp"
+#include "explain/search/search.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+// Factor from one process noise to the next.
+constexpr double TIGHTER = 1.0 / 30.0;
+// Log likelihood behind the leader, at the same process noise, from which a full fit is given up.
+constexpr double FAR_BEHIND = 40.0;
+// Process noise that backlash may need, rad/s per sqrt(s). Models with one shooting interval a log
+// are fitted at the first process noise and from here on down, not between.
+constexpr double ROUGHEST = 0.05;
+constexpr int FEW_ITERATIONS = 5, ALL_ITERATIONS = 20, OF_CONTACT = 6;
+constexpr double MOST_PASSES = 400.0; // over the data, at one process noise
+
+} // namespace
+
+struct Search::FullFits {
+    struct One {
+        Hypothesis best;
+        FitPoint point;
+        std::vector<int> free;
+        double now = HUGE_VAL, earlier = HUGE_VAL; // penalised nlml here, and a round before
+        double work = 0.0, converged_at = HUGE_VAL;
+        int worse = 0; // process noises in a row after the best
+        bool running = true;
+    };
+    Search &search;
+    const double first;
+    std::vector<One> fits;
+
+    FullFits(Search &search_in, double first_in, std::vector<Trial> &trials)
+        : search(search_in), first(first_in), fits(trials.size())
+    {
+        for (size_t i = 0; i < fits.size(); i++) {
+            fits[i].best.added = trials[i].candidate;
+            fits[i].best.penalised_nlml = HUGE_VAL;
+            fits[i].point = std::move(trials[i].point);
+            fits[i].free = fitted_parameters(fits[i].point.model);
+            fits[i].best.free_count = (int)fits[i].free.size();
+        }
+    }
+    double leader() const
+    {
+        double least = HUGE_VAL;
+        for (const One &f : fits)
+            least = std::min(least, f.now);
+        return least;
+    }
+    // Threads that have no fit of their own help the others.
+    void fit_all(double process_noise, int most_iterations)
+    {
+        const auto running =
+            std::count_if(fits.begin(), fits.end(), [](const One &f) { return f.running; });
+        const int threads = search.options.threads;
+        const int helpers = std::max(1, threads / std::max(1, (int)running));
+        parallel_for(threads, fits.size(), [&](size_t i) {
+            if (has_use_for(fits[i], process_noise))
+                fit_one(fits[i], process_noise, most_iterations, helpers);
+        });
+    }
+    // One shooting interval a log has next to no use for a process noise in between.
+    bool has_use_for(const One &f, double process_noise) const
+    {
+        const bool between = process_noise < first && process_noise > ROUGHEST &&
+                             mk_model_hides_joint(&f.point.model);
+        return f.running && f.converged_at != process_noise && !between;
+    }
+    void fit_one(One &f, double process_noise, int most_iterations, int threads) const
+    {
+        FitOptions o = search.fit_options();
+        const bool contact = mk_model_event_count(&f.point.model) > 1;
+        o.max_iterations = std::min(contact ? OF_CONTACT : ALL_ITERATIONS, most_iterations);
+        o.max_passes = MOST_PASSES;
+        o.threads = threads;
+        Fit fit(search.logs, o);
+        QuadraticModel quadratic;
+        f.running = fit.solve_at(f.point, f.free, process_noise, quadratic);
+        if (fit.converged)
+            f.converged_at = process_noise;
+        f.work += fit.work_done;
+        f.now =
+            f.running ? search.penalised(quadratic, f.point.model, (int)f.free.size()) : HUGE_VAL;
+        keep(f, process_noise, quadratic);
+    }
+    static void keep(One &f, double process_noise, const QuadraticModel &quadratic)
+    {
+        constexpr double WORSE = 2.0; // log likelihood
+        constexpr int MOST_WORSE = 2;
+        if (f.now < f.best.penalised_nlml) {
+            f.best.point = f.point;
+            f.best.quadratic = quadratic;
+            f.best.process_noise = process_noise;
+            f.best.penalised_nlml = f.now;
+            f.worse = 0;
+        } else if (f.now > f.best.penalised_nlml + WORSE) {
+            f.running = f.running && ++f.worse < MOST_WORSE;
+        }
+    }
+    // Some take long to come to nothing. Those go on that are near or come nearer:
+    //     now < lead + max(CLOSE, share (from - lead)) ,
+    //     earlier - now > CATCHING_UP (now - lead) .
+    void drop_hopeless(double from, double acceptance, double share)
+    {
+        constexpr double CLOSE = 200.0;      // log likelihood
+        constexpr double CATCHING_UP = 0.25; // of what is missing, in a few iterations
+        const double lead = std::min(leader(), acceptance);
+        for (One &f : fits) {
+            const bool near = f.now < lead + std::max(CLOSE, share * (from - lead));
+            const bool comes =
+                std::isfinite(f.earlier) && f.earlier - f.now > CATCHING_UP * (f.now - lead);
+            f.running = f.running && (near || comes);
+        }
+    }
+    void drop_far_behind()
+    {
+        const double lead = leader();
+        for (One &f : fits)
+            f.running = f.running && f.now < lead + FAR_BEHIND;
+    }
+    // Best first; of several starts of one cause the best.
+    std::vector<Hypothesis> ranked()
+    {
+        std::vector<Hypothesis> all, one_each;
+        for (One &f : fits) {
+            search.work += f.work;
+            if (std::isfinite(f.best.penalised_nlml) && !discredited(f.best))
+                all.push_back(std::move(f.best));
+        }
+        std::sort(all.begin(), all.end(), [](const Hypothesis &a, const Hypothesis &b) {
+            return a.penalised_nlml < b.penalised_nlml;
+        });
+        for (Hypothesis &h : all)
+            if (std::none_of(one_each.begin(), one_each.end(),
+                             [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
+                one_each.push_back(std::move(h));
+        return one_each;
+    }
+};
+
+// `from`: penalised nlml of the base. `acceptance`: that of a hypothesis to be compared with.
+std::vector<Hypothesis> Search::compete(double from, double acceptance, double first,
+                                        std::vector<Trial> trials)
+{
+    FullFits full(*this, first, trials);
+    for (double share : {0.5, 0.25, 0.1}) { // of the leader's gain, from round to round
+        for (FullFits::One &f : full.fits)
+            f.earlier = f.now;
+        full.fit_all(first, FEW_ITERATIONS);
+        full.drop_hopeless(from, acceptance, share);
+    }
+    // Number of process noises, for the progress that is shown.
+    const double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
+    int stage = 0;
+    for (double process_noise = first; process_noise > 0.9 * TIGHTEST && !cancelled;
+         process_noise *= TIGHTER) {
+        full.fit_all(process_noise, ALL_ITERATIONS);
+        full.drop_far_behind();
+        tick(0.7 + 0.3 * ++stage / stages, "fitting causes");
+    }
+    return full.ranked();
+}
+
+} // namespace mk
