@@ -198,6 +198,9 @@ class Fit
     void carry_states(FitPoint &point, size_t log);
     void carry_apart(FitPoint &point, size_t log);
     void thin(ShootingNodes &nodes) const;
+    struct Descent;
+    bool step_down(FitPoint &point, const std::vector<int> &free, QuadraticModel &p, Descent &d);
+    void accept(FitPoint &point, FitPoint trial, double length, Descent &d);
     bool minimise_finely(FitPoint &point, const std::vector<int> &free);
     bool refine_step(FitPoint &point, bool needs_process_noise);
     double longest_step(const mk_model &model) const;

@@ -68,88 +68,96 @@ bool Fit::step(const mk_model &model, const QuadraticModel &quadratic, const std
     return false;
 }
 
+// Where a minimisation stands between its steps.
+struct Fit::Descent {
+    double damping = 1e-4; // of Levenberg and Marquardt, relative to the diagonal of H
+    int creeping = 0;      // steps in a row that gained less than CREEP
+    double most_work;      // work_done at which it ends
+};
+
+// Ends when one of these holds: the quadratic model promises less than a tenth of the tolerance; a
+// step gains less than the tolerance although it was hardly damped or shortened; three steps in a
+// row gain less than CREEP; no trial step goes down; iterations or work are used up. The last is no
+// convergence.
 bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
 {
-    // Ends when one of these holds: the quadratic model promises less than a tenth of the
-    // tolerance; a step gains less than the tolerance although it was hardly damped or shortened;
-    // three steps in a row gain less than CREEP; no trial step goes down; iterations or work are
-    // used up. The last is no convergence.
-    int creeping = 0;
+    Descent d;
+    d.most_work = std::min(work_done + options.max_passes, work_limit);
     left = 0.0;
-    double damping = 1e-4;
     converged = false;
     iterations = 0;
-    const double most_work = std::min(work_done + options.max_passes, work_limit);
     QuadraticModel p = quadratic(point, free);
     if (!p.finite || !std::isfinite(p.cost))
         return false;
     point.cost = start_cost = p.cost;
-    while (iterations < options.max_iterations && !converged && work_done < most_work) {
+    while (iterations < options.max_iterations && !converged && work_done < d.most_work) {
         left = promise(point.model, free, p);
-        if (left < 0.1 * options.tolerance) {
-            converged = true;
+        converged = left < 0.1 * options.tolerance;
+        if (converged)
             break;
-        }
         iterations++;
         if (progress && !progress(progress_context, 0.0, "fitting")) {
             cancelled = true;
             return true;
         }
-        Stepper stepper(point.model, free);
-        // `length` in (0, 1] shortens the whole step. `state_damping` is lambda for the states' own
-        // diagonal: it needs another elimination, since the states are eliminated before p.
-        bool accepted = false;
-        double length = 1.0, state_damping = 0.0;
-        for (int attempt = 0; attempt < 14 && !accepted && work_done < most_work; attempt++) {
-            FitPoint trial = point;
-            VectorXd step = length * stepper.solve(p, damping);
-            stepper.apply(trial.model, step);
-            step = stepper.parameters(step);
-            bool possible = mk_model_check(&trial.model, nullptr) == MK_OK;
-            if (possible) {
-                substitute(trial, step, length);
-                trial.cost = cost(trial);
-            }
-            // Any decrease will do; the reduction of the quadratic model is not compared with it.
-            // The damping falls and rises by factors of ten. 1e-9 lets a step at the minimum pass
-            // that is equal but for rounding.
-            if (possible && trial.cost < point.cost + 1e-9) {
-                accepted = true;
-                double gain = point.cost - trial.cost;
-                left -= gain;
-                creeping = gain < CREEP ? creeping + 1 : 0;
-                converged =
-                    creeping >= 3 || (gain < options.tolerance * (1.0 + 1e-6 * point.cost) &&
-                                      damping < 1.0 && length > 0.3);
-                point = std::move(trial);
-                damping = std::max(damping * 0.1, 1e-9);
-                continue;
-            }
-            // Damping shortens and turns the step: that of the parameters first. Where contact
-            // makes the cost kink in the states as well, theirs follows after two attempts. In the
-            // end the whole step is shortened.
-            damping = std::max(damping * 10.0, 1e-6);
-            bool contact = mk_model_event_count(&point.model) > 0;
-            if (attempt >= 2 && contact) {
-                state_damping = std::max(10.0 * state_damping, 1e-3);
-                shoot_all(point, free, true);
-                p = eliminate(point, free, state_damping);
-                add_surprise(point, free, p);
-            }
-            if (attempt >= (contact ? 7 : 2))
-                length *= 0.4;
-        }
-        if (!accepted) {
-            converged = work_done < most_work; // no way down at this precision, or out of work
+        if (!step_down(point, free, p, d)) {
+            converged = work_done < d.most_work; // no way down at this precision, or out of work
             break;
         }
-        if (!converged) {
-            p = quadratic(point, free);
-            if (!p.finite)
-                return false;
-        }
+        if (!converged && !(p = quadratic(point, free)).finite)
+            return false;
     }
     return true;
+}
+
+// One step that lowers the cost, by up to 14 attempts. Any decrease will do; the reduction of the
+// quadratic model is not compared with it. The damping falls and rises by factors of ten.
+bool Fit::step_down(FitPoint &point, const std::vector<int> &free, QuadraticModel &p, Descent &d)
+{
+    constexpr int ATTEMPTS = 14;
+    const bool contact = mk_model_event_count(&point.model) > 0;
+    const Stepper stepper(point.model, free);
+    // `length` in (0, 1] shortens the whole step. `state_damping` is lambda for the states' own
+    // diagonal: it needs another elimination, since the states are eliminated before p.
+    double length = 1.0, state_damping = 0.0;
+    for (int attempt = 0; attempt < ATTEMPTS && work_done < d.most_work; attempt++) {
+        FitPoint trial = point;
+        const VectorXd step = length * stepper.solve(p, d.damping);
+        stepper.apply(trial.model, step);
+        if (mk_model_check(&trial.model, nullptr) == MK_OK) {
+            substitute(trial, stepper.parameters(step), length);
+            trial.cost = cost(trial);
+            // 1e-9 lets a step at the minimum pass that is equal but for rounding.
+            if (trial.cost < point.cost + 1e-9) {
+                accept(point, std::move(trial), length, d);
+                return true;
+            }
+        }
+        // Damping shortens and turns the step: that of the parameters first. Where contact makes
+        // the cost kink in the states as well, theirs follows after two attempts. In the end the
+        // whole step is shortened.
+        d.damping = std::max(d.damping * 10.0, 1e-6);
+        if (attempt >= 2 && contact) {
+            state_damping = std::max(10.0 * state_damping, 1e-3);
+            shoot_all(point, free, true);
+            p = eliminate(point, free, state_damping);
+            add_surprise(point, free, p);
+        }
+        if (attempt >= (contact ? 7 : 2))
+            length *= 0.4;
+    }
+    return false;
+}
+
+void Fit::accept(FitPoint &point, FitPoint trial, double length, Descent &d)
+{
+    const double gain = point.cost - trial.cost;
+    left -= gain;
+    d.creeping = gain < CREEP ? d.creeping + 1 : 0;
+    converged = d.creeping >= 3 || (gain < options.tolerance * (1.0 + 1e-6 * point.cost) &&
+                                    d.damping < 1.0 && length > 0.3);
+    point = std::move(trial);
+    d.damping = std::max(d.damping * 0.1, 1e-9);
 }
 
 // To the minimum as it is with the point's own step. Where that is short, the way is gone with long

@@ -312,6 +312,49 @@ void warn_of_misfit(const RunCheck &runs, double process_noise,
         warn_of_noise(views, r);
 }
 
+// The fit from the best start that leads anywhere.
+enum mk_status find_minimum(Fit &fit, const IdentProblem &problem,
+                            const std::vector<const FitLog *> &views, const std::vector<int> &free,
+                            FitPoint &point, QuadraticModel &quadratic, mk_error *err)
+{
+    if (free.empty())
+        return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
+    if (views.empty())
+        return mk_error_set(err, MK_ERR_RANGE,
+                            "no %zu rows without a hole: there is nothing to fit",
+                            Piece::FEWEST_ROWS);
+    bool found = false;
+    for (const mk_model &start : first_values(problem, views, fit.options, BETTER_START))
+        if (!found && !fit.cancelled)
+            found = fit_from(fit, views, free, start, point, quadratic);
+    if (found)
+        return MK_OK;
+    return fit.cancelled
+               ? mk_error_set(err, MK_ERR_INTR, "stopped")
+               : mk_error_set(err, MK_ERR_NUMERIC,
+                              "the model cannot follow the data from these parameters: are the "
+                              "units and the rig right?");
+}
+
+// Refused is what no fit can be made of: a joint that does not move while the model does not
+// follow, or data that say little about most parameters.
+enum mk_status refuse_hopeless(const IdentProblem &problem, double process_noise,
+                               const std::vector<int> &free, const mk_ident_result &r,
+                               mk_error *err)
+{
+    for (int j = 0; j < mk_model_joints(&r.model); j++)
+        if (process_noise >= HOPELESS_PROCESS_NOISE && !problem.moves[j])
+            return mk_error_set(err, MK_ERR_NUMERIC,
+                                "the model does not follow these data, in which q%d does not move: "
+                                "is the joint stuck, or its encoder?",
+                                j + 1);
+    if (process_noise >= SUSPICIOUS_PROCESS_NOISE && 2 * unknown(free, r) > free.size())
+        return mk_error_set(err, MK_ERR_NUMERIC,
+                            "the model does not follow these data, which say little about most of "
+                            "its parameters: is it this rig, with these units, signs and columns?");
+    return MK_OK;
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -319,8 +362,8 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     for (const FitLog &log : logs) {
         views.push_back(&log);
         for (int j = 0; j < log.joints; j++)
-            for (double w : log.weight[j])
-                r.rows += w > 0.0;
+            r.rows += std::count_if(log.weight[j].begin(), log.weight[j].end(),
+                                    [](double w) { return w > 0.0; });
     }
     FitOptions options;
     int processors = (int)std::thread::hardware_concurrency();
@@ -329,26 +372,12 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     Fit fit(views, options);
     fit.progress = problem.options.progress;
     fit.progress_context = problem.options.progress_context;
-    std::vector<int> free = free_parameters(problem);
-    if (free.empty())
-        return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
-    if (logs.empty())
-        return mk_error_set(err, MK_ERR_RANGE,
-                            "no %zu rows without a hole: there is nothing to fit",
-                            Piece::FEWEST_ROWS);
+    const std::vector<int> free = free_parameters(problem);
     FitPoint point;
     QuadraticModel quadratic;
-    bool found = false;
-    for (const mk_model &start : first_values(problem, views, options, BETTER_START))
-        if (!found && !fit.cancelled)
-            found = fit_from(fit, views, free, start, point, quadratic);
-    if (!found) {
-        if (fit.cancelled)
-            return mk_error_set(err, MK_ERR_INTR, "stopped");
-        return mk_error_set(err, MK_ERR_NUMERIC,
-                            "the model cannot follow the data from these parameters: are the units "
-                            "and the rig right?");
-    }
+    enum mk_status st = find_minimum(fit, problem, views, free, point, quadratic, err);
+    if (st != MK_OK)
+        return st;
     const double process_noise = fit.options.process_noise[0];
     const std::vector<OwnValue> own = fit.own_values(point, quadratic);
     const bool follows =
@@ -374,17 +403,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     if (process_noise < SUSPICIOUS_PROCESS_NOISE)
         warn_of_repetition(views, r);
     judge(point, quadratic, free, r);
-    for (int j = 0; j < mk_model_joints(&r.model); j++)
-        if (process_noise >= HOPELESS_PROCESS_NOISE && !problem.moves[j])
-            return mk_error_set(err, MK_ERR_NUMERIC,
-                                "the model does not follow these data, in which q%d does not move: "
-                                "is the joint stuck, or its encoder?",
-                                j + 1);
-    if (process_noise >= SUSPICIOUS_PROCESS_NOISE && 2 * unknown(free, r) > free.size())
-        return mk_error_set(err, MK_ERR_NUMERIC,
-                            "the model does not follow these data, which say little about most of "
-                            "its parameters: is it this rig, with these units, signs and columns?");
-    return MK_OK;
+    return refuse_hopeless(problem, process_noise, free, r, err);
 }
 
 } // namespace
