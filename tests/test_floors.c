@@ -97,6 +97,21 @@ START_TEST(files_that_need_each_other_are_found_and_others_pass)
 }
 END_TEST
 
+START_TEST(a_function_of_more_than_80_lines_is_found_and_one_of_80_is_not)
+{
+    char text[1000], said[2048];
+    for (int lines = 79; lines <= 80; lines++) {
+        size_t n = (size_t)snprintf(text, sizeof text, "int f(void)\n{\n");
+        for (int i = 0; i < lines; i++)
+            n += (size_t)snprintf(text + n, sizeof text - n, "    ;\n");
+        snprintf(text + n, sizeof text - n, "}\n");
+        const int status = check_tree("src/ctrl/a.c", text, said, sizeof said);
+        ck_assert_msg(status == (lines > 79) && (status == 0) == !strstr(said, "a.c"), "%d: %s",
+                      lines, said);
+    }
+}
+END_TEST
+
 START_TEST(what_is_allowed_passes)
 {
     char said[2048];
@@ -113,6 +128,7 @@ Suite *suite_floors(void)
     tcase_set_tags(t, "long"); /* a sanitizer sees nothing of a script */
     tcase_add_test(t, whatever_is_forbidden_is_found);
     tcase_add_test(t, what_is_allowed_passes);
+    tcase_add_test(t, a_function_of_more_than_80_lines_is_found_and_one_of_80_is_not);
     tcase_add_test(t, files_that_need_each_other_are_found_and_others_pass);
     suite_add_tcase(s, t);
     return s;

@@ -1,8 +1,8 @@
 #!/bin/sh
 # Checks who includes whom, and prints the lines that must not be: a folder includes only folders and
 # public headers on floors below it, or its own (src/README.md); a library that one part wraps is
-# known to that part alone; and that no type's name is taken twice. `tools/floors.sh [DIR]` checks
-# another tree.
+# known to that part alone; that no type's name is taken twice; that no function is too long.
+# `tools/floors.sh [DIR]` checks another tree.
 set -eu
 cd "${1:-$(dirname "$0")/..}"
 bad=0
@@ -93,6 +93,24 @@ complain "inih stays in src/base and src/exchange:" \
 complain "only the plants' own files (src/model/plant_*.hpp) name a plant:" \
     "$(grep -rnE 'MK_PLANT_[A-Z]' src | grep -vE '^src/model/plants?([.]|_[a-z_]+[.])(h|hpp|cpp):' |
         grep -v 'MK_PLANT_COUNT' || true)"
+
+# A function is read without turning a page. Sources are formatted: its braces stand alone, on lines
+# that are indented alike.
+longest=80
+complain "a function has $longest lines at most:" "$(find src -name '*.[ch]' -o -name '*.cpp' -o -name '*.hpp' -o -name '*.cc' |
+    sort | xargs awk -v most="$longest" '
+        FNR == 1 { close_at = "" }
+        close_at == "" && /^ *[{]$/ && before ~ /[)]( const| noexcept| override| final)*$/ {
+            match($0, /^ */)
+            close_at = substr($0, 1, RLENGTH) "}"
+            from = FNR
+        }
+        close_at != "" && $0 == close_at {
+            if (FNR - from > most)
+                printf "%s:%d: %d lines\n", FILENAME, from, FNR - from
+            close_at = ""
+        }
+        /[^ ]/ { before = $0 }')"
 
 # Two of one name in one namespace share the code of the templates that are made of them.
 types='^(struct|class) [A-Z][A-Za-z0-9]*( final)?( : .*)?( [{])?$'
