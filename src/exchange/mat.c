@@ -1,4 +1,4 @@
-/* MAT files: the one place that knows matio.
+/* MAT files, written with matio (read_mat.c reads them).
  *
  * A value is built bottom up and handed to its struct, which then owns it; freeing the variable
  * frees the tree. Building stops at the first failure (`failed`), so that the code that says what

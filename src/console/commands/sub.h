@@ -1,4 +1,4 @@
-/* Subcommands of the program: one row each in main.c. */
+/* Subcommands of the program: one row each in subcommands.c. */
 #ifndef MECHKIT_CONSOLE_COMMANDS_SUB_H
 #define MECHKIT_CONSOLE_COMMANDS_SUB_H
 
