@@ -15,6 +15,7 @@
 #include "explain/evidence/detection.hpp"
 #include "explain/evidence/gain.hpp"
 #include "explain/evidence/innovations.hpp"
+#include "explain/policy.hpp"
 #include "explain/report/next_experiment.hpp"
 #include "explain/report/residual_torque.hpp"
 #include "explain/search/final_fit.hpp"
@@ -30,8 +31,6 @@ namespace mk
 
 namespace
 {
-
-constexpr double MOST_DATA = 30.0; // s to search in, if not said otherwise
 
 using LogList = std::vector<const mk_log *>;
 
@@ -385,7 +384,7 @@ class Explainer
         start = other;
         auto second = std::make_unique<Search>(training, so);
         if (second->refit(start, nullptr, again) &&
-            (!fitted || again.penalised_nlml < refit.penalised_nlml - ACCEPT_FIRST)) {
+            (!fitted || again.penalised_nlml < refit.penalised_nlml - policy::ACCEPT_FIRST)) {
             search = std::move(second);
             refit = std::move(again);
             return true;
@@ -404,10 +403,7 @@ class Explainer
         if (!data.whole.empty() || begun)
             prediction = search_predictions(refit);
         clock.enter("missed counts");
-        // Times the noise: of long logs no single law explains all where several together are still
-        // that far off.
-        constexpr double FAR = 5.0;
-        const bool far = prediction && prediction->times_noise() > FAR;
+        const bool far = prediction && prediction->times_noise() > policy::FAR_FROM_NOISE;
         if (!far)
             correct_counts(so, refit);
         clock.enter("search");
@@ -562,19 +558,15 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        // Predictions are asked then; of long logs in any case.
-        constexpr double GIVES_UP_BELOW = 0.5;
         if (correction.joint == 0 && folds->enough())
-            causes->gives_up_below = data.whole.empty() ? GIVES_UP_BELOW : HUGE_VAL;
+            causes->gives_up_below = data.whole.empty() ? policy::LIKELIHOOD_SAYS_LITTLE : HUGE_VAL;
         if (!far)
             causes->run();
     }
     void correct_counts(const SearchOptions &so, Hypothesis &refit)
     {
-        constexpr double FAR_FROM_DATA =
-            0.1; // process noise that no fraction of a count makes up for
-        correction =
-            find_count_correction(values.model, training, so, refit, ACCEPT_FIRST, FAR_FROM_DATA);
+        correction = find_count_correction(values.model, training, so, refit, policy::ACCEPT_FIRST,
+                                           policy::FAR_FROM_DATA);
         // Where the model still misses its data, steps in the readings make up for that.
         if (correction.joint > 0 && !CauseSearch::likelihood_counts(correction.fit))
             correction = {};
@@ -631,7 +623,7 @@ class Explainer
             // A ranking may be from when there was another cause beside.
             if (is_library(ranked[i].added.effect) ||
                 ranked[i].point.model.effect_count != ranked[0].point.model.effect_count ||
-                ranked[i].penalised_nlml > ranked[0].penalised_nlml + INSEPARABLE ||
+                ranked[i].penalised_nlml > ranked[0].penalised_nlml + policy::INSEPARABLE ||
                 held.figures(ranked[i].point.model, other, nullptr) != MK_OK ||
                 !clearly_worse(best, other))
                 continue;
@@ -730,23 +722,23 @@ const char *mk_verdict_name(enum mk_verdict verdict)
 
 bool mk_explanation_doubts_logs(const mk_explanation *e)
 {
-    constexpr double FAR = 4.0, NOISE = 9.0; // in squares
     double before = 0.0, refitted = 0.0, floor = 0.0;
     for (int j = 0; j < mk_model_joints(&e->given); j++) {
         before += e->before[j] * e->before[j];
         refitted += e->refitted[j] * e->refitted[j];
         floor += e->floor[j] * e->floor[j];
     }
-    return refitted > FAR * before && refitted > NOISE * floor;
+    return refitted > mk::policy::REFIT_BEHIND * before &&
+           refitted > mk::policy::REFIT_OVER_NOISE * floor;
 }
 
 bool mk_explanation_misses_held_out(const mk_explanation *e)
 {
-    constexpr double NOISE = mk::FAR_FROM_READ, TRAINED = 3.0;
     bool misses = false;
     for (int j = 0; j < mk_model_joints(&e->given); j++) {
         const double least = std::min({e->before[j], e->refitted[j], e->after[j]});
-        misses = misses || (least > NOISE * e->floor[j] && least > TRAINED * e->trained[j]);
+        misses = misses || (least > mk::policy::FAR_FROM_READ * e->floor[j] &&
+                            least > mk::policy::FAR_FROM_TRAINED * e->trained[j]);
     }
     // Nobody predicts when a pulse is lost.
     const bool missed = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
@@ -766,7 +758,7 @@ try {
     auto result = std::make_unique<mk_explanation>();
     result->window_s = o.window_s > 0.0 ? o.window_s : 1.0;
     if (!(o.most_s > 0.0))
-        o.most_s = mk::MOST_DATA;
+        o.most_s = mk::policy::MOST_DATA;
     if (log_count == 0)
         return mk_error_set(err, MK_ERR_INVALID, "explain needs a log at least");
     enum mk_status st = mk_model_check(model, err);

@@ -23,6 +23,7 @@
 #include <numeric>
 
 #include "explain/evidence/resamples.hpp"
+#include "explain/policy.hpp"
 #include "ident/held_out.hpp"
 
 namespace mk
@@ -69,7 +70,7 @@ class Shares
     Set everything() const { return (1u << items.size()) - 1u; }
 
     // v(S), or of a resample in which window w counts times[w]. Mean over the joints that have a
-    // gap: squared error above the noise by more than CLOSE of it.
+    // gap: squared error above the noise by more than policy::A_GAP of it.
     double closed(Set set, const Times *times = nullptr)
     {
         double sum = 0.0;
@@ -78,7 +79,7 @@ class Shares
             const double before = mean_square(of(0), j, times),
                          now = mean_square(of(set), j, times);
             const double floor = out.floor[j] * out.floor[j];
-            if (!(before - floor > CLOSE * floor))
+            if (!(before - floor > policy::A_GAP * floor))
                 continue;
             sum += (before - now) / (before - floor);
             judged++;
@@ -112,7 +113,6 @@ class Shares
     const HeldOut &runs() const { return held; }
 
   private:
-    static constexpr double CLOSE = 0.2; // of the noise: no gap, in squares
     const TrainingData &data;
     const HeldOut held;
     const FinalFit &last;
@@ -293,11 +293,10 @@ void sort_causes(Shares &shares, mk_explanation &out)
 }
 
 // The joint with the largest rest, if its error is more than twice the noise, and what that error
-// goes with: tests of one-step predictions (innovations.cpp) below LEVEL over all tests
-// (Bonferroni), the strongest first.
+// goes with: tests of one-step predictions (innovations.cpp) below policy::TEST_LEVEL over all
+// tests (Bonferroni), the strongest first.
 void tell_rest(const mk_explanation &e, mk_budget &b)
 {
-    constexpr double LEVEL = 0.01; // over all tests
     // left_j = MSE_j(all) - n_j^2, over MSE_j(refit).
     b.rest = 1.0 - b.closed;
     double most = 0.0;
@@ -311,7 +310,7 @@ void tell_rest(const mk_explanation &e, mk_budget &b)
     for (int i = 0; i < e.residual_test_count; i++) {
         const mk_residual_test &t = e.residual_test[i];
         if (t.joint == b.rest_joint && std::strcmp(t.with, "itself") != 0 &&
-            t.p_after < LEVEL / e.residual_test_count)
+            t.p_after < policy::TEST_LEVEL / e.residual_test_count)
             tests.push_back(&t);
     }
     std::stable_sort(tests.begin(), tests.end(),

@@ -20,6 +20,7 @@
 #include <set>
 
 #include "base/random.h"
+#include "explain/policy.hpp"
 
 namespace mk
 {
@@ -29,18 +30,6 @@ namespace
 
 // Folds that are made where there are too few logs.
 constexpr size_t USUAL_FOLDS = 4;
-// Standard errors, of one model asked.
-constexpr double SURE = 2.0;
-// Least share of the gap between refitted model and noise to be closed, or
-constexpr double LEAST_SHARE = 0.05;
-// of what the model without the cause leaves of it.
-constexpr double LEAST_OF_REST = 0.1;
-// c, over the mean squared error of a window.
-constexpr double NEGLIGIBLE_SHARE = 0.1;
-// Mean log ratio from which a fold counts as worse: 2 % more squared error.
-constexpr double WORSE = 0.02;
-// Least gain in log likelihood of independent errors.
-constexpr double HONEST = 5.0;
 
 } // namespace
 
@@ -107,7 +96,7 @@ std::vector<double> carry_over::log_ratios(const HeldOutFigures &with,
     double missed = 0.0, judged = 0.0;
     for (size_t w = 0; w < count; w++)
         missed += without.window[w], judged += without.window[w] > 0.0;
-    const double negligible = NEGLIGIBLE_SHARE * missed / std::max(judged, 1.0);
+    const double negligible = policy::NEXT_TO_NOTHING * missed / std::max(judged, 1.0);
     std::vector<double> ratios(count, std::nan(""));
     for (size_t w = 0; w < count; w++)
         if (with.window[w] > 0.0 && without.window[w] > 0.0)
@@ -144,7 +133,7 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     for (double mean : c.by_fold) {
         c.mean += mean / c.folds;
         c.better += mean < 0.0;
-        c.worse += mean > WORSE;
+        c.worse += mean > policy::WORSE_FOLD;
     }
     for (double mean : c.by_fold)
         spread += (mean - c.mean) * (mean - c.mean);
@@ -183,13 +172,13 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
 
 static bool closes(const Carried &c)
 {
-    return c.share > LEAST_SHARE || c.rest_share > LEAST_OF_REST;
+    return c.share > policy::LEAST_SHARE || c.rest_share > policy::LEAST_OF_REST;
 }
 
 bool carry_over::worth_naming(const Carried &c)
 {
-    constexpr double NEAR = 100.0; // times the noise
-    return c.share > LEAST_SHARE || (c.rest_share > LEAST_OF_REST && c.times_noise < NEAR);
+    return c.share > policy::LEAST_SHARE ||
+           (c.rest_share > policy::LEAST_OF_REST && c.times_noise < policy::NEAR_THE_NOISE);
 }
 
 bool carry_over::promising(const Carried &c)
@@ -199,12 +188,13 @@ bool carry_over::promising(const Carried &c)
 
 bool carry_over::enough(const Carried &c, int tried, double gain)
 {
-    if (gain < HONEST || !promising(c))
+    if (gain < policy::LEAST_GAIN || !promising(c))
         return false;
     // Of `tried` models that change nothing one passes by chance: 2 log(tried) is about the square
     // of the largest of so many normal deviates. So
-    //     z^2 = SURE^2 + 2 log(tried) .
-    const double z = std::sqrt(SURE * SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
+    //     z^2 = policy::SURE^2 + 2 log(tried) .
+    const double z =
+        std::sqrt(policy::SURE * policy::SURE + 2.0 * std::log(std::max(1.0, (double)tried)));
     // The same quantile of Student's distribution with nu = F - 1 degrees of freedom, the error
     // being one of few folds, by the first term of its expansion (Abramowitz, Stegun 26.7.5): t = z
     // + (z^3 + z) / (4 nu).
@@ -215,9 +205,9 @@ bool carry_over::enough(const Carried &c, int tried, double gain)
     // likelihood a fold may be worse as well, if most are better and windows say so.
     const bool none_worse = c.worse == 0 && c.folds >= (int)Folds::FEWEST;
     const bool most_better = c.better > 2 * c.worse && c.folds >= (int)Folds::FEWEST;
-    if (gain > carry_over::STRONG && none_worse && 2 * c.better > c.folds)
+    if (gain > policy::NO_DOUBT && none_worse && 2 * c.better > c.folds)
         return true;
-    const bool by_windows = none_worse || (gain > carry_over::STRONG && most_better);
+    const bool by_windows = none_worse || (gain > policy::NO_DOUBT && most_better);
     return c.mean < -(by_windows ? z * c.window_error : t * c.error);
 }
 

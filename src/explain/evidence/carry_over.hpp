@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "explain/policy.hpp"
 #include "explain/training.hpp"
 #include "ident/held_out.hpp"
 
@@ -48,8 +49,6 @@ class Folds
 
 namespace carry_over
 {
-
-constexpr double STRONG = 50.0; // log likelihood of independent errors that leaves no doubt
 
 // By window the logarithm of the squared error `with` over that `without`; NaN where one of them is
 // not judged. A window in which next to nothing is missed, of what is usual, says next to nothing.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "explain/policy.hpp"
 #include "explain/search/causes.hpp"
 
 namespace mk
@@ -66,7 +67,7 @@ double Search::error_at_nothing(const Hypothesis &base, const Candidate &candida
 
 void find_detection_limits(Search &search, const Hypothesis &best, mk_explanation &out)
 {
-    const double errors = std::sqrt(2.0 * (ACCEPT_FIRST + search.penalty(1)));
+    const double errors = std::sqrt(2.0 * (policy::ACCEPT_FIRST + search.penalty(1)));
     std::vector<Limit> limits;
     for (const Candidate &c : search.candidates_of(best.point.model)) {
         if (!has_limit(c))

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "explain/evidence/innovations.hpp"
+#include "explain/policy.hpp"
 #include "ident/held_out.hpp"
 
 namespace mk
@@ -25,19 +26,16 @@ struct Gain {
     // held-out data that the named causes alone predict confirm them all the same.
     void confirm(const HeldOut &held, const HeldOutFigures &after)
     {
-        constexpr double CONFIRMED = 0.9; // of what refitting leaves
-        constexpr double NEARLY = 1.5;    // of the noise
-        constexpr double ALL_BUT = 0.99;  // the rest is less than any cause is named for
         const bool named = !causes.rounds.empty() && causes.all_named();
         bool touches = mk_model_event_count(&last.best.point.model) > mk_model_event_count(&model);
         bool as_read = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            as_read = as_read && after.nrmse(j) < NEARLY * noise_share(held, j);
+            as_read = as_read && after.nrmse(j) < policy::AS_READ * noise_share(held, j);
         if (out.verdict < MK_VERDICT_PARTIAL || !named || !out.offered || !verdict.established() ||
-            !(out.closed > CONFIRMED))
+            !(out.closed > policy::CONFIRMED))
             return;
         const auto nothing_left = [&] {
-            return out.closed > ALL_BUT && leaves_white_noise(last.logs(), last.best);
+            return out.closed > policy::ALL_BUT && leaves_white_noise(last.logs(), last.best);
         };
         if (!touches && !as_read && !nothing_left())
             return;
@@ -71,10 +69,9 @@ struct Gain {
     // that is balanced for long, whose free run besides grows from any error at its start.
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
-        constexpr double TRACE = 5e-3; // process noise
-        const bool trace =
-            last.refit.process_noise <= TRACE && leaves_white_noise(last.logs(), last.refit);
-        const double nearly = trace ? 6.0 : 3.0;
+        const bool trace = last.refit.process_noise <= policy::TRACE &&
+                           leaves_white_noise(last.logs(), last.refit);
+        const double nearly = trace ? policy::RIGHT_WITH_TRACE : policy::RIGHT;
         bool near = true;
         for (int j = 0; j < mk_model_joints(&model); j++)
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
@@ -133,18 +130,17 @@ struct Gain {
     bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
                   const HeldOutFigures &after) const
     {
-        constexpr double SOMETHING = 0.2, WIDER = 0.1; // of the noise, of the gap
-        constexpr double NOISE = 2.0;                  // in squares
         double floor = 0.0, gap = 0.0, wider = 0.0;
         for (int j = 0; j < mk_model_joints(&model); j++) {
-            const double share = noise_share(held, j), noise = NOISE * share * share;
+            const double share = noise_share(held, j),
+                         noise = policy::NOISE_SQUARES * share * share;
             const double error = refitted.nrmse(j) * refitted.nrmse(j);
             const double left = after.nrmse(j) * after.nrmse(j);
             floor += share * share;
             gap += std::max(error - noise, 0.0);
             wider += std::max(left - noise, 0.0) - std::max(error - noise, 0.0);
         }
-        return gap > SOMETHING * floor && wider > WIDER * gap;
+        return gap > policy::A_GAP * floor && wider > policy::WIDER * gap;
     }
     // Without the causes what they were found beside may do: values that differ from log to log,
     // the command's other column. Else these are no findings either.
@@ -202,20 +198,18 @@ struct Gain {
     bool earns_its_place(const HeldOut &held, const HeldOutFigures &refitted,
                          const HeldOutFigures &after) const
     {
-        constexpr double LESS = 0.05;    // of the squared error must go, at least
-        constexpr double AT_NOISE = 2.0; // times
         if (clearly_worse(after, refitted) || misleads(held, refitted, after))
             return false;
         // A formula is worth having for what it predicts only, and where much is left without a
         // name so is a cause.
         const double most = out.verdict == MK_VERDICT_UNKNOWN   ? 1.0
-                            : out.verdict == MK_VERDICT_PARTIAL ? 1.0 - LESS
+                            : out.verdict == MK_VERDICT_PARTIAL ? 1.0 - policy::LEAST_GAIN_OF_PART
                                                                 : HUGE_VAL;
         if (after.total() > most * refitted.total())
             return false;
         // Where next to nothing is missing likelihood may take the readings' own steps for a cause.
         // It must predict held-out data better, if by ever so little, or be likelier there.
-        return !within(AT_NOISE, held, refitted) || after.total() <= refitted.total() ||
+        return !within(policy::AT_NOISE, held, refitted) || after.total() <= refitted.total() ||
                likelier_on_held_out();
     }
     // Takes the extension back; `after` is then of what is left of it.
@@ -235,10 +229,10 @@ struct Gain {
     // they predict nothing at all, if in a window or two only.
     void judge_given_values(const HeldOutFigures &before, const HeldOutFigures &refitted)
     {
-        constexpr double NOTHING = 100.0; // in squares
         if (out.verdict == MK_VERDICT_PARAMETERS && !clearly_worse(before, refitted))
             out.verdict = MK_VERDICT_NONE;
-        if (out.verdict == MK_VERDICT_NONE && before.total() > NOTHING * refitted.total())
+        if (out.verdict == MK_VERDICT_NONE &&
+            before.total() > policy::PREDICTS_NOTHING * refitted.total())
             out.verdict = MK_VERDICT_PARAMETERS;
     }
     // closed = 1 - (after - floor) / (refitted - floor), of squared errors summed over joints.
@@ -261,7 +255,7 @@ struct Gain {
     {
         bool far = false;
         for (int j = 0; j < mk_model_joints(&model); j++)
-            far = far || out.after[j] > FAR_FROM_READ * out.floor[j];
+            far = far || out.after[j] > policy::FAR_FROM_READ * out.floor[j];
         if (!far)
             return MK_OK;
         const HeldOut training(data.rows, out.window_s, data.second_half, options.threads);

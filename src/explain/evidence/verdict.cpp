@@ -19,6 +19,7 @@
 #include <limits>
 
 #include "explain/evidence/statistics.hpp"
+#include "explain/policy.hpp"
 #include "explain/report/structure.hpp"
 
 namespace mk
@@ -31,11 +32,10 @@ constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 
 // 1 / (1 + exp(-ahead)) is the probability of the better of two hypotheses by log likelihood.
 // However far ahead, one cause in a hundred of those hidden in generated data was something else,
-// since no hypothesis was right: LAPSE.
+// since no hypothesis was right: policy::LAPSE.
 double confidence_of(double ahead)
 {
-    constexpr double LAPSE = 0.01;
-    return (1.0 - LAPSE) / (1.0 + std::exp(-ahead));
+    return (1.0 - policy::LAPSE) / (1.0 + std::exp(-ahead));
 }
 } // namespace
 
@@ -120,8 +120,7 @@ double Verdict::distance_of_given() const
 bool beyond_chance(double distance2, int free_count)
 {
     // Probability of a false alarm.
-    const double by_chance = 1e-4;
-    return chi2_tail(distance2, free_count) < by_chance;
+    return chi2_tail(distance2, free_count) < policy::BY_CHANCE;
 }
 
 bool Verdict::values_off() const
@@ -149,11 +148,10 @@ std::vector<double> Verdict::standard_errors(const Hypothesis &h)
     return error;
 }
 
-// Every cause's size is SURE standard errors from 0. Laws that nearly cancel have large errors:
-// together they make up a shape that none of them has.
+// Every cause's size is policy::ESTABLISHED standard errors from 0. Laws that nearly cancel have
+// large errors: together they make up a shape that none of them has.
 bool Verdict::established() const
 {
-    constexpr double SURE = 4.0; // standard errors
     const mk_model &m = last.best.point.model;
     int first = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
@@ -166,7 +164,7 @@ bool Verdict::established() const
                 [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
             // A size without an error (not fitted) passes.
             const double error = error_of_size(first, info, size, here == 1);
-            if (std::fabs(m.effect[e].value[size]) < SURE * error)
+            if (std::fabs(m.effect[e].value[size]) < policy::ESTABLISHED * error)
                 return false;
         }
         first += info.parameter_count;
@@ -320,13 +318,13 @@ void Verdict::describe_rivals()
             if (ranked[i].point.model.effect_count != causes.best.point.model.effect_count)
                 continue;
             // delta BIC of a rival is twice the log likelihood by which it is behind; within
-            // INSEPARABLE data cannot tell them apart.
+            // policy::INSEPARABLE data cannot tell them apart.
             double behind = ranked[i].penalised_nlml - causes.best.penalised_nlml;
             if (is_library(ranked[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
-                behind > INSEPARABLE)
+                behind > policy::INSEPARABLE)
                 continue;
             Entry e = {{ranked[i].added.effect, ranked[i].added.joint, place_of(ranked[0].added),
-                        2.0 * behind, behind > INSEPARABLE},
+                        2.0 * behind, behind > policy::INSEPARABLE},
                        behind,
                        &ranked[i]};
             all.push_back(e);
@@ -350,8 +348,6 @@ void Verdict::describe_rivals()
 
 void Verdict::describe_suspects()
 {
-    // Least share of the gap.
-    constexpr double SHOWS = 0.005;
     out.suspect_count = 0;
     if (out.verdict < MK_VERDICT_PARTIAL)
         return;
@@ -364,7 +360,7 @@ void Verdict::describe_suspects()
         const auto is_it = [&](const auto &c) {
             return c.effect == a.cause.effect && c.joint == a.cause.joint;
         };
-        if (out.suspect_count == MK_MAX_SUSPECTS || a.carried.share < SHOWS ||
+        if (out.suspect_count == MK_MAX_SUSPECTS || a.carried.share < policy::SUSPECT_SHARE ||
             std::any_of(out.cause, out.cause + out.cause_count, is_it) ||
             std::any_of(out.log_value, out.log_value + out.log_value_count, is_it) ||
             std::any_of(out.suspect, out.suspect + out.suspect_count, is_it))

@@ -7,6 +7,7 @@
 
 #include "base/dense.hpp"
 #include "base/out_file.h"
+#include "explain/policy.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/signal.h"
 
@@ -260,8 +261,7 @@ void propose_experiment(const mk_model &model, const std::vector<const FitLog *>
     out.next.odds = e.odds;
     std::string either =
         place(*cause.effect, cause.joint) + " or " + place(*rival.effect, rival.joint);
-    constexpr double TELLING = 3.0; // twenty to one
-    if (e.odds < TELLING) {
+    if (e.odds < policy::TELLING) {
         snprintf(out.next.why, sizeof out.next.why,
                  "%s: no input within the limits of these logs is expected to tell; look at the "
                  "rig itself",

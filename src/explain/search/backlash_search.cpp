@@ -233,12 +233,12 @@ std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &start
     std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt &a, const Attempt &b) {
         return a.running > b.running || (a.running == b.running && a.reach > b.reach);
     });
-    constexpr size_t ACCEPT_FIRST = 2;
+    constexpr size_t MOST_FITS = 2;
     std::vector<BacklashFit> found;
     for (const Attempt &a : attempts) {
         work += a.work;
         BacklashFit one;
-        if ((a.running || a.parted) && found.size() < ACCEPT_FIRST && conclude(a, threads, one))
+        if ((a.running || a.parted) && found.size() < MOST_FITS && conclude(a, threads, one))
             found.push_back(std::move(one));
     }
     std::sort(found.begin(), found.end(),

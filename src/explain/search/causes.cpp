@@ -3,7 +3,8 @@
 //
 // A greedy forward search with backward steps. With L the penalised nlml of a hypothesis
 // (search.cpp; less is better), a cause is added if the best extension of the best model has
-//     L(best) - L(extension) >= ACCEPT_FIRST ,   ACCEPT_FURTHER for all but the first .
+//     L(best) - L(extension) >= policy::ACCEPT_FIRST ,   policy::ACCEPT_FURTHER for all but the
+//     first .
 // With Gaussian noise a difference of 12 beyond the penalty is far beyond what some hundred
 // candidates reach by chance (docs/explain.md, "How it decides", 4).
 //
@@ -18,8 +19,8 @@
 //     drop_idle           at the end, any cause without which the fit does as well goes.
 //
 // Process noise says how much a model misses. Its thresholds are intensities in rad/s per sqrt(s):
-// right models end at 1e-4, and what is below IMMATERIAL does not matter within a second of free
-// run.
+// right models end at 1e-4, and what is below policy::IMMATERIAL does not matter within a second of
+// free run.
 //
 // In `best` the effects of the given model come first (model.effect_count of them), then the
 // causes, in the order of `rounds`.
@@ -28,6 +29,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "explain/policy.hpp"
 #include "explain/search/log_values.hpp"
 #include "model/effects_custom.hpp"
 
@@ -37,34 +39,15 @@ namespace mk
 namespace
 {
 
-// Causes looked for from the refitted model, and from where most of them were found otherwise.
-constexpr size_t MOST = 3;
-constexpr size_t MOST_MORE = 8;
-// Log likelihood by which a term of the library must beat the catalogue: the library is large, and
-// names nothing.
-constexpr double CATALOGUE = 10.0;
-// Process noise at which little is missing.
-constexpr double PROCESS_NOISE_NEGLIGIBLE = 3.0e-3;
-// Process noise at which what is missing may be too rare to show, and up to which likelihood
-// counts.
-constexpr double PROCESS_NOISE_FAINT = 1.0e-2;
-// Process noise from which a refit leads to none that is slight.
-constexpr double PROCESS_NOISE_FAR = 0.1;
-// Process noise that contact may leave, at most SMALL_PART of the refitted model's.
-constexpr double ROUGH = 2.0e-2;
-constexpr double SMALL_PART = 0.02;
-
-// In passes over the data (Search::work_done): nothing more is looked for after so many, and
-// earlier causes are not looked at again after fewer. Most searches end long before.
-constexpr double MOST_WORK = 16000.0, MUCH_WORK = 13000.0;
-constexpr double HINT = 0.3; // share of what a cause must gain that its trial must show
-
 // The first of a ranking, catalogue before library unless the library is clearly better.
 size_t pick(const std::vector<Hypothesis> &ranked)
 {
     for (size_t i = 0; i < ranked.size(); i++)
         if (!is_library(ranked[i].added.effect))
-            return ranked[i].penalised_nlml < ranked[0].penalised_nlml + CATALOGUE ? i : 0;
+            return ranked[i].penalised_nlml <
+                           ranked[0].penalised_nlml + policy::BETTER_THAN_CATALOGUE
+                       ? i
+                       : 0;
     return 0;
 }
 
@@ -99,8 +82,8 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     const RunFit &all = found.extended();
     // The states and process noise of the causes' model, then all parameters, by likelihood.
     Hypothesis there;
-    if (!search.follow(all.point.model, nullptr, LOST, there) ||
-        there.process_noise > PROCESS_NOISE_FAR || !search.refit(all.point.model, &there, best))
+    if (!search.follow(all.point.model, nullptr, policy::SAYS_NOTHING, there) ||
+        there.process_noise > policy::FAR_FROM_DATA || !search.refit(all.point.model, &there, best))
         return false;
     search.polish(best, true);
     if (!likelihood_counts(best))
@@ -130,8 +113,8 @@ bool CauseSearch::go_on(const PredictionSearch &found)
 void CauseSearch::add_causes()
 {
     bool freed = false;
-    const size_t most = rounds.empty() ? MOST : MOST_MORE;
-    while (rounds.size() < most && !search.cancelled && search.work_done() < MOST_WORK) {
+    const size_t most = rounds.empty() ? policy::MOST_CAUSES : policy::MOST_FURTHER_CAUSES;
+    while (rounds.size() < most && !search.cancelled && search.work_done() < policy::MOST_WORK) {
         if (search.complete(best))
             return;
         // Nameless terms that already follow the data will not become a name.
@@ -145,12 +128,12 @@ void CauseSearch::add_causes()
         if (mk_model_hides_joint(&best.point.model) && !rounds.empty())
             return;
         Round round;
-        double needed = rounds.empty() ? ACCEPT_FIRST : ACCEPT_FURTHER;
+        double needed = rounds.empty() ? policy::ACCEPT_FIRST : policy::ACCEPT_FURTHER;
         ExtendOptions how;
-        how.small = near || follows(best) ||
-                    (!rounds.empty() && best.process_noise <= PROCESS_NOISE_NEGLIGIBLE);
+        how.small =
+            near || follows(best) || (!rounds.empty() && best.process_noise <= policy::NEGLIGIBLE);
         how.thorough = !near && !follows(best);
-        how.least = HINT * needed;
+        how.least = policy::SHOWN_BY_TRIAL * needed;
         round.ranked = search.extend(best, how);
         // If something little is there, what is slow to fit may be it as well.
         if (!how.thorough && !round.ranked.empty() &&
@@ -162,11 +145,11 @@ void CauseSearch::add_causes()
         bool found = choose(round.ranked, needed);
         // Trials that leave a model more process noise than it needs do not show what is rare and
         // small.
-        if (!found && !how.small && best.process_noise <= PROCESS_NOISE_FAINT) {
+        if (!found && !how.small && best.process_noise <= policy::FAINT) {
             ExtendOptions closer = how;
             closer.small = true;
             // At a process noise below what matters: there a rare effect cannot hide in it.
-            closer.process_noise = 0.5 * IMMATERIAL;
+            closer.process_noise = 0.5 * policy::IMMATERIAL;
             std::vector<Hypothesis> ranked = search.extend(best, closer);
             found = choose(ranked, needed);
             if (found)
@@ -194,7 +177,7 @@ void CauseSearch::add_causes()
         }
         if (gives_up())
             return;
-        if (rounds.size() == 2 && search.work_done() < MUCH_WORK)
+        if (rounds.size() == 2 && search.work_done() < policy::MUCH_WORK)
             reconsider();
     }
 }
@@ -204,7 +187,7 @@ void CauseSearch::add_causes()
 // (prediction_search.cpp).
 bool CauseSearch::gives_up() const
 {
-    return best.process_noise >= LOST &&
+    return best.process_noise >= policy::SAYS_NOTHING &&
            refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 
@@ -251,17 +234,17 @@ bool CauseSearch::take_over(const PredictionSearch &other)
 
 bool CauseSearch::likelihood_counts(const Hypothesis &h)
 {
-    return h.process_noise <= PROCESS_NOISE_FAINT;
+    return h.process_noise <= policy::FAINT;
 }
 
 // The runners-up of a cause in its place, beside all others.
 void CauseSearch::face_rivals(size_t cause)
 {
-    constexpr size_t RIVALS = 2;
     std::vector<Hypothesis> &ranked = rounds[cause].ranked;
     std::vector<Hypothesis> faced = {best};
     faced[0].added = ranked[0].added;
-    for (size_t k = 1; k < ranked.size() && faced.size() <= RIVALS && !search.cancelled; k++) {
+    for (size_t k = 1; k < ranked.size() && faced.size() <= policy::RIVALS && !search.cancelled;
+         k++) {
         const Candidate &rival = ranked[k].added;
         if (is_library(rival.effect) || has_cause(rival))
             continue;
@@ -288,21 +271,20 @@ bool CauseSearch::has_cause(const Candidate &c) const
 // data: what came next may have been the right one.
 void CauseSearch::try_runners_up()
 {
-    constexpr size_t RUNNERS_UP = 2;
-    if (rounds.empty() || follows(best) || best.process_noise >= LOST ||
+    if (rounds.empty() || follows(best) || best.process_noise >= policy::SAYS_NOTHING ||
         mk_model_hides_joint(&best.point.model))
         return;
     const std::vector<Hypothesis> ranked = first;
     size_t tried = 0;
-    for (size_t i = 1; i < ranked.size() && tried < RUNNERS_UP; i++) {
+    for (size_t i = 1; i < ranked.size() && tried < policy::RIVALS; i++) {
         if (is_library(ranked[i].added.effect) ||
-            ranked[i].penalised_nlml > refit.penalised_nlml - ACCEPT_FIRST ||
-            search.work_done() > MUCH_WORK || search.cancelled)
+            ranked[i].penalised_nlml > refit.penalised_nlml - policy::ACCEPT_FIRST ||
+            search.work_done() > policy::MUCH_WORK || search.cancelled)
             continue;
         tried++;
         // The search once more from the runner-up; what it finds replaces all of what was found if
-        // L is less by ACCEPT_FIRST and the data are followed, or stays for the next runner-up to
-        // beat.
+        // L is less by policy::ACCEPT_FIRST and the data are followed, or stays for the next
+        // runner-up to beat.
         const std::vector<Round> kept = rounds;
         const Hypothesis kept_best = best, kept_before = before;
         rounds.resize(1);
@@ -311,7 +293,7 @@ void CauseSearch::try_runners_up()
         before = refit;
         best = rounds[0].ranked[0];
         add_causes();
-        const bool better = best.penalised_nlml < kept_best.penalised_nlml - ACCEPT_FIRST;
+        const bool better = best.penalised_nlml < kept_best.penalised_nlml - policy::ACCEPT_FIRST;
         if (better && follows(best))
             return;
         if (!better) {
@@ -325,7 +307,7 @@ void CauseSearch::try_runners_up()
 // Whether the causes so far do as well without the latest one once they are given its fit to start
 // from: then it is dropped. With L_0 the model without it, as it was before or as fitted from
 // there, whichever is less, it stays if
-//     L_0 - L(best) >= ACCEPT_FIRST   (ACCEPT_FURTHER) .
+//     L_0 - L(best) >= policy::ACCEPT_FIRST   (policy::ACCEPT_FURTHER) .
 // A better start shows that the earlier fit was stuck, not that the cause is there.
 bool CauseSearch::idle_without_last()
 {
@@ -345,7 +327,7 @@ bool CauseSearch::idle_without_last()
     }
     rounds.back().lack = lack_of(before);
     if (before.penalised_nlml - best.penalised_nlml >=
-        (rounds.size() == 1 ? ACCEPT_FIRST : ACCEPT_FURTHER))
+        (rounds.size() == 1 ? policy::ACCEPT_FIRST : policy::ACCEPT_FURTHER))
         return false;
     best = before;
     rounds.pop_back();
@@ -359,7 +341,8 @@ void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
         Hypothesis without;
-        if (!fit_without(i, without) || without.penalised_nlml > best.penalised_nlml + ACCEPT_FIRST)
+        if (!fit_without(i, without) ||
+            without.penalised_nlml > best.penalised_nlml + policy::ACCEPT_FIRST)
             continue;
         search.polish(without, true);
         shed(i, std::move(without));
@@ -432,16 +415,19 @@ void CauseSearch::shed(size_t cause, Hypothesis without)
 }
 
 // Whether what a model leaves does not matter within a second of free run: its process noise is at
-// most IMMATERIAL. A model with contact may leave more, by the instants at which a simulation or a
-// rig touches:
-//     min(ROUGH, SMALL_PART D_refit) ,   5 ROUGH in place of ROUGH with backlash ,
+// most policy::IMMATERIAL. A model with contact may leave more, by the instants at which a
+// simulation or a rig touches:
+//     min(policy::CONTACT_LEAVES, policy::CONTACT_SHARE D_refit) ,   5 policy::CONTACT_LEAVES in
+//     place of policy::CONTACT_LEAVES with backlash ,
 // D_refit the refitted model's process noise, or meet its readings in one shooting interval a log.
 bool CauseSearch::follows(const Hypothesis &h) const
 {
     bool touches = mk_model_event_count(&h.point.model) > mk_model_event_count(&model);
-    double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * ROUGH : ROUGH;
-    double most = touches ? std::min(rough, SMALL_PART * refit.process_noise) : 0.0;
-    return h.process_noise <= std::max(IMMATERIAL, most) || (touches && search.meets_readings(h));
+    double rough = mk_model_hides_joint(&h.point.model) ? 5.0 * policy::CONTACT_LEAVES
+                                                        : policy::CONTACT_LEAVES;
+    double most = touches ? std::min(rough, policy::CONTACT_SHARE * refit.process_noise) : 0.0;
+    return h.process_noise <= std::max(policy::IMMATERIAL, most) ||
+           (touches && search.meets_readings(h));
 }
 
 // Brings what is to be named to the front of the ranking; false if nothing there earns a name.
@@ -517,7 +503,7 @@ void CauseSearch::consider_other_widths(Hypothesis &backlash)
             const bool same = factor == 1.0 && held == from.value[drag];
             if (same || search.cancelled ||
                 !search.refit_at(m, backlash, backlash.process_noise, h) ||
-                h.penalised_nlml > backlash.penalised_nlml - ACCEPT_FIRST)
+                h.penalised_nlml > backlash.penalised_nlml - policy::ACCEPT_FIRST)
                 continue;
             h.added = found;
             search.polish(h, true);
@@ -596,7 +582,7 @@ void CauseSearch::consider_own_places(std::vector<Hypothesis> &ranked)
     if (!search.several_logs() || search.complete(ranked[0]) ||
         !with_own_place(ranked[0].point.model, own) ||
         !search.refit_at(own, ranked[0], ranked[0].process_noise, h) ||
-        h.penalised_nlml > ranked[0].penalised_nlml - ACCEPT_FIRST ||
+        h.penalised_nlml > ranked[0].penalised_nlml - policy::ACCEPT_FIRST ||
         !differ(search.training(), h, search.usual_options()).back())
         return;
     h.added = ranked[0].added;
@@ -642,7 +628,7 @@ std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
 // An earlier choice was made while another cause was still missing. For each cause but the last:
 // the model without it, refitted, and from there all that ever competed. With L_less the model
 // without it and L_rival the best of those,
-//     L_less < min(L_rival, L(best)) + ACCEPT_FIRST   the cause is not needed any more ,
+//     L_less < min(L_rival, L(best)) + policy::ACCEPT_FIRST   the cause is not needed any more ,
 //     L_rival < L(best)                               the rival takes its place .
 void CauseSearch::reconsider()
 {
@@ -659,7 +645,7 @@ void CauseSearch::reconsider()
         std::vector<Hypothesis> ranked = search.extend(without, how);
         const bool led = choose(ranked, -HUGE_VAL);
         const double leader = led ? ranked[0].penalised_nlml : HUGE_VAL;
-        if (without.penalised_nlml < std::min(leader, best.penalised_nlml) + ACCEPT_FIRST) {
+        if (without.penalised_nlml < std::min(leader, best.penalised_nlml) + policy::ACCEPT_FIRST) {
             best = without; // not needed any more
             forget_lacks();
             rounds.erase(rounds.begin() + (std::ptrdiff_t)i);

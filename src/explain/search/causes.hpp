@@ -4,15 +4,11 @@
 
 #include <optional>
 
+#include "explain/policy.hpp"
 #include "explain/search/prediction_search.hpp"
 
 namespace mk
 {
-
-constexpr double ACCEPT_FIRST =
-    12.0; // log likelihood (after penalty) a cause must gain to be named
-constexpr double ACCEPT_FURTHER = 20.0; // the same for a second cause and further ones
-constexpr double INSEPARABLE = 5.0;     // log likelihood between rivals that data cannot tell apart
 
 // The best model without one of its causes, fitted.
 struct Lack {
@@ -42,13 +38,7 @@ class CauseSearch
     // What a model that follows its data leaves does not matter within a second of free run.
     // Contact leaves a little more, by the instants at which a simulation or a rig touches.
     bool follows(const Hypothesis &h) const;
-    static bool matters(double process_noise) { return process_noise > IMMATERIAL; }
-    // Process noise that moves a free run by less than its readings' noise within a second,
-    // rad/s per sqrt(s).
-    static constexpr double IMMATERIAL = 6.0e-4;
-    // Process noise at which a shooting interval of the usual length says nothing, rad/s per
-    // sqrt(s).
-    static constexpr double LOST = 1.0;
+    static bool matters(double process_noise) { return process_noise > policy::IMMATERIAL; }
     // With next to no process noise every reading speaks for itself, and the likelihood is what it
     // says. With more of it a model bends to its data, and whatever bends gains.
     static bool likelihood_counts(const Hypothesis &h);

@@ -5,9 +5,10 @@
 // theta of a group gets a random effect,
 //     theta_l = theta + b_l ,   b_l ~ N(0, spread^2) ,   l the log (ident/fit.hpp),
 // and a group is accepted if three things agree:
-//     gain     L(one value) - L(own values) >= ACCEPT_FIRST ,
-//     size     spread > SIGNIFICANT times the largest standard error of a log's value,
-//              and > NO_SIZE of the usual one ,
+//     gain     L(one value) - L(own values) >= policy::ACCEPT_FIRST ,
+//     size     spread > policy::SPREAD_SIGNIFICANT times the largest standard error of a log's
+//     value,
+//              and > policy::SPREAD_NO_SIZE of the usual one ,
 //     predict  values from first halves of logs predict second halves surely better
 //              (ident/held_out.hpp) ,
 // L the penalised nlml (explain/search/search.cpp), both models fitted from the same point at the
@@ -19,6 +20,7 @@
 #include <cstring>
 
 #include "explain/evidence/statistics.hpp"
+#include "explain/policy.hpp"
 #include "explain/search/causes.hpp"
 #include "ident/held_out.hpp"
 
@@ -39,11 +41,6 @@ constexpr Group groups[] = {
     {"encoder-offset", "offset", true, 0.02},
     {"torque-scale", "ratio", false, 0.05},
 };
-
-// Least spread over the standard error of a log's value.
-constexpr double SIGNIFICANT = 3.0;
-// Least spread over the group's usual one: below it nothing differs.
-constexpr double NO_SIZE = 5e-3;
 
 bool has(const mk_model &m, const mk_effect_info *effect, int joint)
 {
@@ -106,10 +103,10 @@ double least_spread(const mk_effect_info *effect)
 {
     for (const Group &group : groups)
         if (std::strcmp(group.effect, effect->name) == 0)
-            return NO_SIZE * group.spread;
+            return policy::SPREAD_NO_SIZE * group.spread;
     int parameter;
     double spread;
-    return place_set_by_hand(effect, parameter, spread) ? NO_SIZE * spread : 0.0;
+    return place_set_by_hand(effect, parameter, spread) ? policy::SPREAD_NO_SIZE * spread : 0.0;
 }
 
 } // namespace
@@ -136,7 +133,7 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     }
     for (size_t e = 0; e < yes.size(); e++)
         yes[e] = spread[e] > least_spread(mk_effect(m.effect[e].index)) &&
-                 spread[e] > SIGNIFICANT * error[e];
+                 spread[e] > policy::SPREAD_SIGNIFICANT * error[e];
     return yes;
 }
 
@@ -175,7 +172,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
             // `one` has the same effects with one value for all logs, so that the gain is what the
             // spread adds.
             const double gain = one.penalised_nlml - own.penalised_nlml;
-            if (gain < ACCEPT_FIRST)
+            if (gain < policy::ACCEPT_FIRST)
                 break;
             const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
             const size_t first = keep.size() - added.size();

@@ -1,4 +1,5 @@
 #include "explain/search/missed_counts.hpp"
+#include "explain/policy.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -10,10 +11,7 @@ namespace mk
 namespace
 {
 
-constexpr int SIDE = 6;             // readings on either side
-constexpr double COUNTS = 3.0;      // smallest step, in counts
-constexpr double SIGNIFICANT = 7.0; // over its standard error,
-constexpr double OUTSTANDING = 2.5; // and over the usual significance
+constexpr int SIDE = 6; // readings on either side
 
 // A parabola through the readings on one side of an edge.
 struct Side {
@@ -99,10 +97,11 @@ std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &l
         if (q.size() < 4 * SIDE)
             continue;
         const std::vector<Jump> d = jumps(q, logs[l]->count[j]);
-        const double limit = std::max(SIGNIFICANT, OUTSTANDING * usual(d));
+        const double limit =
+            std::max(policy::STEP_SIGNIFICANT, policy::STEP_OUTSTANDING * usual(d));
         for (size_t k = SIDE; k + SIDE < q.size(); k++) {
-            bool peak =
-                d[k].significance > limit && std::fabs(d[k].size) > COUNTS * logs[l]->count[j];
+            bool peak = d[k].significance > limit &&
+                        std::fabs(d[k].size) > policy::STEP_COUNTS * logs[l]->count[j];
             for (size_t i = k - SIDE; i <= k + SIDE && peak; i++)
                 peak = d[i].significance <= d[k].significance;
             // The step sits between two readings, not over several, and is all that differs there:

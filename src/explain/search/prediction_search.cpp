@@ -17,6 +17,7 @@
 
 #include "base/parallel.hpp"
 #include "explain/evidence/resamples.hpp"
+#include "explain/policy.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -25,19 +26,11 @@ namespace mk
 namespace
 {
 
-// Causes at most, one after another.
-constexpr size_t MOST_CAUSES = 8;
 // Candidates of a round that are fitted in full.
 constexpr size_t MOST_FULL_FITS = 6;
 // Progress that is shown meanwhile, as far as anybody can tell.
 constexpr double DONE = 0.6;
 constexpr const char *ASKING = "asking what predicts";
-// Runners-up that are kept for each cause.
-constexpr size_t RIVALS = 2;
-// Log likelihood that one cause must gain in another's place; what differs by less is as likely.
-constexpr double BETTER = 3.0;
-// Error over the noise of the readings at which nothing is missing.
-constexpr double NEAR_NOISE = 2.0;
 // Iterations of a full fit, of one that starts where its model was fitted before, and of a trial.
 constexpr int FULL_ITERATIONS = 16, REFIT_ITERATIONS = 4, TRIAL_ITERATIONS = 3;
 
@@ -194,8 +187,8 @@ bool PredictionSearch::confirm(const PredictionSearch &found)
 
 bool PredictionSearch::go_on()
 {
-    while (causes.size() < MOST_CAUSES && !search.cancelled && times_noise() > NEAR_NOISE &&
-           add_one())
+    while (causes.size() < policy::MOST_PREDICTING && !search.cancelled &&
+           times_noise() > policy::AT_NOISE && add_one())
         continue;
     // Of the last one all others were asked just now.
     return exchange(causes.empty() ? 0 : causes.size() - 1);
@@ -461,7 +454,7 @@ bool PredictionSearch::add_one()
     // Of two that are as likely the one with fewer parameters: it says the same with less.
     for (auto f = chosen; f != full_fits.end(); ++f)
         if (f->quadratic.free.size() < chosen->quadratic.free.size() && may_stay(*f) &&
-            penalised_nlml(*f) < penalised_nlml(*chosen) + BETTER)
+            penalised_nlml(*f) < penalised_nlml(*chosen) + policy::BETTER_IN_PLACE)
             chosen = f;
     suspects.clear();
     for (const RunFit &f : full_fits)
@@ -474,7 +467,8 @@ bool PredictionSearch::add_one()
     // Those that came next and would have been promising by themselves are kept for exchange() and
     // as rivals.
     for (const RunFit &f : full_fits)
-        if (&f != &*chosen && runners_up.back().size() < RIVALS && carry_over::promising(f.carried))
+        if (&f != &*chosen && runners_up.back().size() < policy::RIVALS &&
+            carry_over::promising(f.carried))
             runners_up.back().push_back(f.cause);
     best = std::move(*chosen);
     causes.push_back(carrier);
@@ -516,8 +510,8 @@ bool PredictionSearch::exchange(size_t count)
             fits[k].fine = plausible(fits[k].point.model, others[k]);
         });
         size_t chosen = fits.size();
-        // A runner-up takes the place of a cause where L is less by BETTER.
-        double least = penalised_nlml(best) - BETTER;
+        // A runner-up takes the place of a cause where L is less by policy::BETTER_IN_PLACE.
+        double least = penalised_nlml(best) - policy::BETTER_IN_PLACE;
         for (size_t k = 0; k < fits.size(); k++)
             if (fits[k].fine && penalised_nlml(fits[k]) < least)
                 least = penalised_nlml(fits[k]), chosen = k;
@@ -623,14 +617,12 @@ void PredictionSearch::eliminate(size_t cause)
 // and 90 % intervals of both from resamples of logs and windows, it is confirmed if
 //     the interval of gain is above 0 , or
 //     gain > 0 and the interval of ratio is below 0 , or
-//     no fold was worse, the likelihood leaves no doubt, and gain > SHOWS a joint.
+//     no fold was worse, the likelihood leaves no doubt, and gain > policy::SHOWS a joint.
 // A few windows make up most of the squares, hence the second; two logs more are too few for an
 // interval, hence the third. Of several that are not, the one whose carried mean is the fewest
 // standard errors from 0.
 size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 {
-    // Of the refitted model's squared error.
-    constexpr double SHOWS = 0.1;
     const int joints = mk_model_joints(&base);
     HeldOutFigures before, with;
     size_t weakest = causes.size();
@@ -669,9 +661,9 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
         const double more = gain(nullptr);
         const bool everywhere =
             c.worse == 0 &&
-            penalised_nlml(causes[i].without) - penalised_nlml(best) > carry_over::STRONG;
+            penalised_nlml(causes[i].without) - penalised_nlml(best) > policy::NO_DOUBT;
         const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
-                               (everywhere && more > SHOWS * joints);
+                               (everywhere && more > policy::SHOWS * joints);
         if (!confirmed && -c.mean / c.error < least)
             least = -c.mean / c.error, weakest = i;
     }
