@@ -539,6 +539,46 @@ START_TEST(a_log_that_says_nothing_is_refused)
 END_TEST
 
 // Logged every millisecond, a command that changes every four is the one that is logged so.
+// Of a run that nothing goes before the first readings of a late sensor show the time before it.
+// Next to no delay changes next to nothing, and a longer one is met by derivatives that are exact.
+START_TEST(readings_of_the_time_before_a_run_count_as_others_do)
+{
+    Bench prompt(MK_PLANT_PENDUBOT, 0.04, 8), late(MK_PLANT_PENDUBOT, 0.04, 8);
+    add(late.model, "sensor-delay", 0, {1e-7});
+    const std::vector<double> x = {0.3, -0.2, 1.5, -2.0};
+    mk::ShootTask one = prompt.task(x, false), other = late.task(x, false);
+    other.first_row = 0, other.end_row = late.t.size();
+    mk::shoot(one);
+    mk::shoot(other);
+    ck_assert(one.finite && other.finite);
+    ck_assert_uint_eq(one.row_count, other.row_count);
+    for (size_t i = 0; i < one.row_count; i++)
+        ck_assert_double_eq_tol(prompt.residual[i], late.residual[i], 1e-5);
+    // q(-d) = q - d v + d^2 a / 2, a from a run that ends d later.
+    constexpr double DELAY = 0.004;
+    late.model.effect[0].value[0] = DELAY;
+    mk::ShootTask far = late.task(x, true);
+    far.first_row = 0, far.end_row = late.t.size();
+    mk::shoot(far);
+    ck_assert_uint_eq(far.row_count, one.row_count);
+    for (int side = 0; side < 2; side++) {
+        // By the start state's speeds: central differences of what the first reading shows.
+        double y[2];
+        for (int k = 0; k < 2; k++) {
+            std::vector<double> moved = x;
+            moved[2 + (size_t)side] += k ? 1e-5 : -1e-5;
+            Bench again(MK_PLANT_PENDUBOT, 0.04, 8);
+            add(again.model, "sensor-delay", 0, {DELAY});
+            mk::ShootTask t = again.task(moved, false);
+            t.first_row = 0, t.end_row = again.t.size();
+            mk::shoot(t);
+            y[k] = -again.residual[0];
+        }
+        ck_assert_double_eq_tol(late.jac[2 + (size_t)side], (y[1] - y[0]) / 2e-5, 1e-6);
+    }
+}
+END_TEST
+
 // A wheel under a command that turns it round, in radians and as a slide on which a radian is a
 // centimetre: reversals are resolved alike.
 START_TEST(a_slide_is_stepped_through_its_reversals_as_a_wheel_is)
@@ -558,7 +598,8 @@ START_TEST(a_slide_is_stepped_through_its_reversals_as_a_wheel_is)
         m.parameter[2] = 0.5;
         for (size_t k = 0; k < b.u.size(); k++)
             b.u[k] = 1.5 * std::cos(40.0 * b.t[k]);
-        mk::ShootTask k = b.task({0.0, 0.0}, false);
+        const std::vector<double> rest = {0.0, 0.0};
+        mk::ShootTask k = b.task(rest, false);
         k.step = 5e-3;
         mk::shoot(k);
         ck_assert(k.finite);
@@ -601,6 +642,7 @@ Suite *suite_shoot(void)
     tcase_add_loop_test(t, derivatives_are_those_of_the_trajectory, 0, MK_PLANT_COUNT);
     tcase_add_test(t, a_command_that_says_the_same_again_takes_no_step_and_changes_nothing);
     tcase_add_test(t, a_slide_is_stepped_through_its_reversals_as_a_wheel_is);
+    tcase_add_test(t, readings_of_the_time_before_a_run_count_as_others_do);
     tcase_add_test(t, derivatives_by_delays_lags_and_bristles_are_exact);
     tcase_add_test(t, derivatives_through_contact_include_its_instant);
     tcase_add_loop_test(t, trajectories_agree_with_sundials, 0, MK_PLANT_COUNT);

@@ -32,6 +32,10 @@ struct ShootTask {
     const ShootData *data;
     double begin, end; // s; readings taken in [begin, end), at `end` too if last
     bool last;
+    // Of a run that nothing goes before: the readings of rows [first_row, end_row), no others. What
+    // a late one shows of the time before `begin` is extrapolated from there. end_row 0: the
+    // readings whose state lies between `begin` and `end`.
+    size_t first_row, end_row;
     const double *x;   // start state, mk_model_state_count values
     double step;       // longest step, s
     bool edges_differ; // a command that says the same again takes no step of its own

@@ -327,7 +327,7 @@ class Shooter
         bool on_edge = row < (long)d.rows && d.t[row] + late <= l.task->begin + 1e-9;
         set_command(i, on_edge ? row : row - 1);
         for (int j = 0; j < c.joints; j++)
-            l.next[j] = first_row(l, -age[j]);
+            l.next[j] = l.task->end_row ? (long)l.task->first_row : first_row(l, -age[j]);
     }
     // At the start state of its task.
     void place(int i)
@@ -957,7 +957,8 @@ class Shooter
     }
     bool pending(const Lane &l, int j, double end) const
     {
-        return l.next[j] < (long)l.task->data->rows && time_of(l, j, l.next[j]) < end;
+        const size_t rows = l.task->end_row ? l.task->end_row : l.task->data->rows;
+        return l.next[j] < (long)rows && time_of(l, j, l.next[j]) < end;
     }
     bool readings_before(const Base &end) const
     {
@@ -973,7 +974,34 @@ class Shooter
     {
         for (int j = 0; j < c.joints; j++)
             for (Readings r; (r = readings(j, now, 1e-9)).any;)
-                compare(j, r, x, f0.v);
+                compare_before(j, r);
+    }
+    // A reading of a late sensor whose state lies before the begin, by dt <= 0. Angles q and speeds
+    // v are those of the begin, extrapolated with its accelerations a, other states with their
+    // slopes:
+    //     q(dt) = q + dt v + dt^2 a / 2 ,   v(dt) = v + dt a ,
+    // and so are their derivatives.
+    void compare_before(int j, const Readings &r)
+    {
+        const Base dt = r.t - now, half = 0.5 * dt * dt;
+        bool any = false;
+        for (int i = 0; i < W; i++)
+            any = any || get(dt, i) < -1e-9;
+        if (!any) {
+            compare(j, r, x, f0.v);
+            return;
+        }
+        Base rate[MK_MAX_STATES];
+        for (int i = 0; i < ns; i++) {
+            const bool angle = i < c.joints;
+            const int a = c.joints + i; // of the acceleration that goes with an angle
+            rate[i] = angle ? f0.v[i] + dt * f0.v[a] : f0.v[i];
+            y.v[i] = x.v[i] + dt * f0.v[i] + (angle ? half * f0.v[a] : Base(0.0));
+            for (int d = 0; d < columns; d++)
+                y.d[i * columns + d] = x.d[i * columns + d] + dt * f0.d[i * columns + d] +
+                                       (angle ? half * f0.d[a * columns + d] : Base(0.0));
+        }
+        compare(j, r, y, rate);
     }
     void take_readings(const Base &end)
     {

@@ -48,9 +48,6 @@ std::unique_ptr<mk_start_finder> mk::basic_finder(const mk_record &log, const mk
         f->data.q[j] = q;
         f->data.w[j] = f->w[j].data();
     }
-    for (int e = 0; e < model->effect_count; e++)
-        if (mk_effect(model->effect[e].index)->stages & MK_STAGE_SENSOR_DELAY)
-            f->oldest += model->effect[e].value[0];
     return f;
 }
 

@@ -80,9 +80,7 @@ static size_t begin_of(const mk_start_finder &f, size_t row)
 WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_row)
     : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
 {
-    // Room for the readings of all rows, and some that a late sensor shows within the window's
-    // time.
-    const size_t capacity = MK_MAX_JOINTS * (to - from) + 64;
+    const size_t capacity = MK_MAX_JOINTS * (to - from);
     residual.resize(capacity);
     jac.resize(capacity * (size_t)ns);
     x_end.resize((size_t)ns);
@@ -325,10 +323,13 @@ bool WindowFit::carry(VectorXd &x, size_t row)
     return true;
 }
 
-// Up to the last reading of the horizon; with sensor delays the state that it shows lies before it.
+// Up to the last reading of the horizon, and all of its readings.
 ShootTask WindowFit::task_over(const VectorXd &x, size_t last, int columns)
 {
-    return task_from(x, std::max(f.t[last - 1] - f.oldest, f.t[from]), columns);
+    ShootTask task = task_from(x, f.t[last - 1], columns);
+    task.first_row = from;
+    task.end_row = last;
+    return task;
 }
 
 // J'J, J'r and r'r of the readings that the trajectory has met.

@@ -25,7 +25,6 @@ struct mk_start_finder {
     const mk_record *record;
     const mk_model *model; // may be exchanged for one of the same structure
     std::vector<double> t, u[MK_MAX_INPUTS], w[MK_MAX_JOINTS];
-    double oldest = 0.0;       // age of the oldest reading (sensor delays), s
     double step = 2.5e-3;      // longest integration step, s
     bool edges_differ = false; // as of mk::ShootTask
     mk::ShootData data;
