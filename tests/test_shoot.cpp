@@ -579,6 +579,21 @@ START_TEST(readings_of_the_time_before_a_run_count_as_others_do)
 }
 END_TEST
 
+// A drive that follows its command within a tenth of a millisecond is as good as one that is at
+// once, however far apart the edges of the command are.
+START_TEST(a_stiff_lag_is_resolved_between_edges_that_are_far_apart)
+{
+    Bench prompt(MK_PLANT_PENDUBOT, 0.04, 12), lag(MK_PLANT_PENDUBOT, 0.04, 12);
+    add(lag.model, "actuator-lag", 0, {1e-4});
+    const std::vector<double> x = {0.3, -0.2, 1.5, -2.0, prompt.u[0]};
+    const std::vector<double> y = prompt.predicted({x.begin(), x.begin() + 4});
+    const std::vector<double> z = lag.predicted(x);
+    ck_assert_uint_eq(y.size(), z.size());
+    for (size_t i = 0; i < y.size(); i++)
+        ck_assert_double_eq_tol(y[i], z[i], 0.02 * std::fmax(1.0, std::fabs(y[i])));
+}
+END_TEST
+
 // A wheel under a command that turns it round, in radians and as a slide on which a radian is a
 // centimetre: reversals are resolved alike.
 START_TEST(a_slide_is_stepped_through_its_reversals_as_a_wheel_is)
@@ -642,6 +657,7 @@ Suite *suite_shoot(void)
     tcase_add_loop_test(t, derivatives_are_those_of_the_trajectory, 0, MK_PLANT_COUNT);
     tcase_add_test(t, a_command_that_says_the_same_again_takes_no_step_and_changes_nothing);
     tcase_add_test(t, a_slide_is_stepped_through_its_reversals_as_a_wheel_is);
+    tcase_add_test(t, a_stiff_lag_is_resolved_between_edges_that_are_far_apart);
     tcase_add_test(t, readings_of_the_time_before_a_run_count_as_others_do);
     tcase_add_test(t, derivatives_by_delays_lags_and_bristles_are_exact);
     tcase_add_test(t, derivatives_through_contact_include_its_instant);

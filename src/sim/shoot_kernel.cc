@@ -601,13 +601,15 @@ class Shooter
         // An explicit method is stable where h times the fastest rate stays below some 2.8, the
         // length of the classical method's stability interval on the negative real axis (E. Hairer,
         // G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.2). h rate is
-        // kept at 1.6 or below, with 24 steps at most.
+        // kept at 1.6 or below, with 24 steps at most in every 5 ms: a stiffer law is stepped too
+        // coarsely, runs away, and is told apart so.
         if (stiff) {
             double at[MK_MAX_STATES];
             for (int s = 0; s < c.state_count; s++)
                 at[s] = state(i, s);
+            double most = 24.0 * (double)((long)(length / 5e-3 - 1e-6) + 1);
             double rate = fastest_rate(plain, l.task->data->start + l.now, at) * length / 1.6;
-            count = rate > (double)count ? (long)(rate < 24.0 ? rate + 1.0 : 24.0) : count;
+            count = rate > (double)count ? (long)(rate < most ? rate + 1.0 : most) : count;
         }
         l.steps = count;
         l.h = length / (double)count;
