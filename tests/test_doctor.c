@@ -207,7 +207,9 @@ START_TEST(two_pushes_tell_how_a_furuta_pendulum_is_wired)
 }
 END_TEST
 
-static const enum mk_plant_kind swept[] = {MK_PLANT_PENDUBOT, MK_PLANT_FURUTA, MK_PLANT_PENDULUM};
+static const enum mk_plant_kind swept[] = {MK_PLANT_PENDUBOT, MK_PLANT_FURUTA, MK_PLANT_PENDULUM,
+                                           MK_PLANT_ACROBOT, MK_PLANT_CART_POLE};
+#define SWEPT ((int)(sizeof swept / sizeof swept[0]))
 
 START_TEST(a_slow_sweep_finds_nothing_on_a_healthy_rig)
 {
@@ -346,8 +348,8 @@ Suite *suite_doctor(void)
     tcase_add_loop_test(t, two_pushes_tell_how_a_pendubot_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_reaction_wheel_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_furuta_pendulum_is_wired, 0, WIRINGS);
-    tcase_add_loop_test(t, a_slow_sweep_finds_nothing_on_a_healthy_rig, 0, 3);
-    tcase_add_loop_test(t, a_slow_sweep_finds_a_cable_that_drags, 0, 3);
+    tcase_add_loop_test(t, a_slow_sweep_finds_nothing_on_a_healthy_rig, 0, SWEPT);
+    tcase_add_loop_test(t, a_slow_sweep_finds_a_cable_that_drags, 0, SWEPT);
     tcase_add_test(t, a_wheel_has_no_cable_to_drag);
     tcase_add_test(t, what_is_broken_off_drives_nothing_and_finds_nothing);
     tcase_add_test(t, encoders_that_count_both_ways_pass);

@@ -15,6 +15,7 @@
 #define SWEEP_RAD 0.4
 #define SWEEP_S 8.0 /* there and back */
 #define SERVO_RADPS 18.0
+#define SERVO_SHARE 0.5 /* of u_max at least, where the joint is the sweep's whole way off */
 #define TOO_FAR_RAD 1.5
 #define DRAG_SHARE 0.015 /* of u_max, beyond the model's friction: a cable drags */
 
@@ -201,8 +202,9 @@ static bool sweep(struct doctor *d, struct mk_board *board, const struct mk_mode
     double mass[4], h[2], still[2] = {0};
     mk_plant_mass(model, plant->rest, still, mass, h);
     int motor = plant->motor_joint, n = (int)(1.5 * SWEEP_S * RATE_HZ);
-    double inertia = mass[motor * plant->joints + motor];
-    double kp = inertia * SERVO_RADPS * SERVO_RADPS, kd = 1.4 * inertia * SERVO_RADPS;
+    double inertia = mass[motor * (plant->joints + 1)] * mk_model_joint_scale(model, motor);
+    double kp = fmax(inertia * SERVO_RADPS * SERVO_RADPS, SERVO_SHARE * model->u_max / SWEEP_RAD);
+    double kd = 1.4 * sqrt(inertia * kp);
     double speed = 0.0, before = 0.0, sum[2] = {0.0, 0.0};
     int count[2] = {0, 0};
     struct rig_watch w;
