@@ -207,6 +207,18 @@ START_TEST(two_pushes_tell_how_a_furuta_pendulum_is_wired)
 }
 END_TEST
 
+START_TEST(what_a_push_moved_is_said_in_the_unit_of_each_joint)
+{
+    mk_model_default(MK_PLANT_CART_POLE, &model);
+    rig = model;
+    ill.exchange = motor_off;
+    open_rig(0);
+    ck_assert(!doctor_push(&doctor, board, &model));
+    ck_assert_says(" m and ");
+    ck_assert_says(" rad, as no wiring explains");
+}
+END_TEST
+
 static const enum mk_plant_kind swept[] = {MK_PLANT_PENDUBOT, MK_PLANT_FURUTA, MK_PLANT_PENDULUM,
                                            MK_PLANT_ACROBOT, MK_PLANT_CART_POLE};
 #define SWEPT ((int)(sizeof swept / sizeof swept[0]))
@@ -348,6 +360,7 @@ Suite *suite_doctor(void)
     tcase_add_loop_test(t, two_pushes_tell_how_a_pendubot_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_reaction_wheel_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_furuta_pendulum_is_wired, 0, WIRINGS);
+    tcase_add_test(t, what_a_push_moved_is_said_in_the_unit_of_each_joint);
     tcase_add_loop_test(t, a_slow_sweep_finds_nothing_on_a_healthy_rig, 0, SWEPT);
     tcase_add_loop_test(t, a_slow_sweep_finds_a_cable_that_drags, 0, SWEPT);
     tcase_add_test(t, a_wheel_has_no_cable_to_drag);

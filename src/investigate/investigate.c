@@ -135,21 +135,25 @@ static bool an_encoder_is_dead(const struct rig_nudge *n, int joints)
     return false;
 }
 
-static enum mk_status wrong_wiring(const struct rig_nudge *n, int joints, struct mk_error *err)
+static enum mk_status wrong_wiring(const struct rig_nudge *n, const struct mk_model *model,
+                                   struct mk_error *err)
 {
+    char moved[RIG_MOTION_TEXT], expected[RIG_MOTION_TEXT];
     if (n->misfit > RIG_MISFIT)
         return mk_error_set(err, MK_ERR_EXPECT,
-                            "a short push moved the joints by %+.4f and %+.4f, the model says "
-                            "%+.4f and %+.4f, and no wiring explains that: is this the model of "
-                            "this rig? encoders plugged in? power supply on?",
-                            n->moved[0], n->moved[1], n->expected[0], n->expected[1]);
-    for (int j = 0; j < joints; j++)
+                            "a short push moved the joints by %s, the model says %s, and no wiring "
+                            "explains that: is this the model of this rig? encoders plugged in? "
+                            "power supply on?",
+                            rig_motion_text(model, n->moved, moved, sizeof moved),
+                            rig_motion_text(model, n->expected, expected, sizeof expected));
+    for (int j = 0; j < mk_model_joints(model); j++)
         if (fabs(n->moved[j]) < NO_COUNT_RAD && fabs(n->expected[j]) > 10.0 * NO_COUNT_RAD)
             return mk_error_set(err, MK_ERR_EXPECT,
                                 "encoder %d did not count as a short push moved its joint by "
-                                "%+.4f, as the model says: is this the model of this rig? its "
+                                "%+.4f %s, as the model says: is this the model of this rig? its "
                                 "plug and cable?",
-                                j + 1, n->expected[j]);
+                                j + 1, n->expected[j] * mk_model_joint_scale(model, j),
+                                mk_model_unit(model, j, "rad"));
     if (n->wiring.swapped)
         return mk_error_set(err, MK_ERR_EXPECT,
                             "the encoders are swapped: exchange their plugs at the board");
@@ -180,7 +184,7 @@ static enum mk_status look_at_rig(struct investigation *v, struct mk_error *err)
                                   "tripped: check cable and power");
     const int joints = mk_model_joints(&j->given);
     if (!rig_nudge_is_well(&n) || an_encoder_is_dead(&n, joints))
-        return wrong_wiring(&n, joints, err);
+        return wrong_wiring(&n, &j->given, err);
     const int motor = mk_plant(j->given.plant)->motor_joint;
     const double size = mk_model_joint_scale(&j->given, motor);
     snprintf(j->looked, sizeof j->looked,

@@ -1,6 +1,7 @@
 #include "investigate/nudge.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #define PUSH_S 0.06
@@ -156,4 +157,15 @@ bool rig_nudge_is_well(const struct rig_nudge *n)
 {
     return n->misfit <= RIG_MISFIT && !n->wiring.swapped && n->wiring.sign[0] > 0 &&
            n->wiring.sign[1] > 0;
+}
+
+const char *rig_motion_text(const struct mk_model *model, const double moved[MK_MAX_JOINTS],
+                            char *buf, size_t size)
+{
+    size_t used = 0;
+    for (int j = 0; j < mk_model_joints(model) && used < size; j++)
+        used += (size_t)snprintf(buf + used, size - used, "%s%+.4f %s", j ? " and " : "",
+                                 moved[j] * mk_model_joint_scale(model, j),
+                                 mk_model_unit(model, j, "rad"));
+    return buf;
 }

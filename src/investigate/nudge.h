@@ -6,6 +6,7 @@
 #define MECHKIT_INVESTIGATE_NUDGE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "mechkit/board.h"
@@ -54,6 +55,10 @@ struct rig_nudge {
  * never), or the board tripped. The motor is off afterwards. */
 bool rig_nudge(struct mk_board *board, const struct mk_model *model, const volatile int *cancel,
                struct rig_nudge *out);
+/* What joints moved by, each in its unit: "+0.0154 m and -0.0300 rad". */
+#define RIG_MOTION_TEXT 80
+const char *rig_motion_text(const struct mk_model *model, const double moved[MK_MAX_JOINTS],
+                            char *buf, size_t size);
 /* The wiring is as the model has it. */
 bool rig_nudge_is_well(const struct rig_nudge *n);
 

@@ -140,11 +140,12 @@ static void say_wiring(struct doctor *d, const struct mk_model *model, const str
     double size = mk_model_joint_scale(model, motor);
     const char *unit = mk_model_unit(model, motor, "rad");
     const double strength = moved[motor] / n->expected[motor];
+    char ways[RIG_MOTION_TEXT];
     if (n->misfit > RIG_MISFIT)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "is this the model of this rig? encoders plugged in? power supply on?",
-                   "a push moved the joints by %+.4f and %+.4f %s, as no wiring explains",
-                   moved[0] * size, moved[1] * size, unit);
+                   "a push moved the joints by %s, as no wiring explains",
+                   rig_motion_text(model, moved, ways, sizeof ways));
     else if (x->swapped)
         doctor_say(d, DOCTOR_PROBLEM, "motor and encoders",
                    "exchange the two encoder plugs at the board", "the encoders are swapped");
