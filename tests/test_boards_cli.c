@@ -80,6 +80,26 @@ START_TEST(standalone_writes_what_the_board_recorded)
 }
 END_TEST
 
+START_TEST(a_wheel_s_angle_goes_on_when_its_counter_wraps)
+{
+    char line[300];
+    struct mk_log *log;
+    const char *path = scratch("wrap.csv");
+    /* 2^23 counts of 4000 a turn are reached after 132 s. */
+    snprintf(line, sizeof line,
+             "standalone pi-speed --gains '0.2 1 100' --seconds 140 --fast --out %s", path);
+    ck_assert_msg(mechkit(line) == 0, "%s", said);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    const double *q = mk_log_get(log, "q1"), *count = mk_log_get(log, "enc1");
+    for (size_t k = 1; k < log->rows; k++) {
+        ck_assert_double_ge(q[k], q[k - 1]);
+        ck_assert_double_ge(count[k], count[k - 1]);
+    }
+    ck_assert_double_gt(count[log->rows - 1], 8388608.0);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(standalone_says_what_it_cannot_do)
 {
     ck_assert_int_eq(mechkit("standalone"), 2);
@@ -101,6 +121,7 @@ Suite *suite_boards_cli(void)
     tcase_add_test(t, doctor_finds_the_virtual_rig_well);
     tcase_add_test(t, doctor_without_a_board_says_where_to_look);
     tcase_add_test(t, standalone_writes_what_the_board_recorded);
+    tcase_add_test(t, a_wheel_s_angle_goes_on_when_its_counter_wraps);
     tcase_add_test(t, standalone_says_what_it_cannot_do);
     suite_add_tcase(s, t);
     return s;

@@ -121,6 +121,23 @@ START_TEST(gains_can_be_exchanged_while_it_runs)
 }
 END_TEST
 
+START_TEST(a_wheel_is_held_at_its_speed_when_its_counter_wraps)
+{
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(choose(MK_CONTROLLER_PI_SPEED), 3);
+    const float reference = 100.0f;
+    ck_assert_int_eq(mk_wire_gains(wire, 2, &reference, 1, &err), MK_OK);
+    start();
+    pass_s(10.0);
+    /* 2^23 counts of 4000 a turn are reached after 132 s. */
+    for (int k = 0; k < 1300; k++) {
+        pass_s(0.1);
+        ck_assert_double_eq_tol(true_state(1), 100.0, 0.5);
+    }
+    ck_assert_double_gt(true_state(0), 13177.0);
+}
+END_TEST
+
 START_TEST(gains_that_are_none_are_refused_and_change_nothing)
 {
     use_rig(MK_PLANT_INERTIA_WHEEL);
@@ -237,6 +254,7 @@ Suite *suite_standalone(void)
     tcase_add_checked_fixture(t, NULL, teardown);
     tcase_add_loop_test(t, the_board_swings_up_and_balances_by_itself, 0, 4);
     tcase_add_test(t, gains_can_be_exchanged_while_it_runs);
+    tcase_add_test(t, a_wheel_is_held_at_its_speed_when_its_counter_wraps);
     tcase_add_test(t, gains_that_are_none_are_refused_and_change_nothing);
     tcase_add_test(t, the_arrays_come_up_whole);
     tcase_add_test(t, while_the_board_controls_commands_of_the_host_do_not_act);

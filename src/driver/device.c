@@ -5,7 +5,6 @@
 #define LINE_ERROR_RISE 8u
 #define LINE_ERROR_LIMIT 64u /* one broken frame in nine, for a while */
 #define STREAM_BACKLOG 8u    /* samples that may wait for their answer */
-#define TWO_PI 6.28318530718f
 
 /* A handler's result when it refuses: less than 0. */
 static int refuse(enum mk_refusal why)
@@ -502,7 +501,7 @@ static void control(struct mk_device *d, uint64_t now)
     d->hal->read_counters(d->hal->user, count);
     for (int j = 0; j < MK_WIRE_JOINTS; j++) {
         int32_t cpr = d->info.cpr[j] > 0 ? d->info.cpr[j] : d->info.cpr[0];
-        q[j] = (float)count[j] * (TWO_PI / (float)cpr);
+        q[j] = mk_standalone_follow(s, j, count[j], d->info.counter_bits, cpr);
     }
     float u = mk_standalone_step(s, q), limit = (float)d->info.u_max_micro / MK_WIRE_MICRO;
     if (!(u > -1e9f && u < 1e9f)) {

@@ -5,7 +5,8 @@
 
 #include "driver/standalone_laws.h"
 
-#define DEFAULT_TRAVEL 63.0f  /* rad: ten turns */
+#define DEFAULT_TRAVEL 63.0f /* rad: ten turns */
+#define TWO_PI 6.28318530718f
 #define OBSERVER_RADPS 120.0f /* bandwidth of the speed estimate */
 
 static const struct mk_law *find(enum mk_controller c)
@@ -47,6 +48,27 @@ void mk_standalone_start(struct mk_standalone *s, uint64_t now_ns)
     s->going_round = false;
     memset(s->speed, 0, sizeof s->speed);
     memset(s->acceleration, 0, sizeof s->acceleration);
+}
+
+static int32_t counted(int32_t now, int32_t before, int bits)
+{
+    uint32_t d = ((uint32_t)now - (uint32_t)before) << (32 - bits);
+    return (int32_t)d >> (32 - bits);
+}
+
+float mk_standalone_follow(struct mk_standalone *s, int joint, int32_t count, int bits, int32_t cpr)
+{
+    if (s->sample == 0)
+        s->total[joint] = count;
+    else
+        s->total[joint] += counted(count, s->raw[joint], bits);
+    s->raw[joint] = count;
+    int32_t turns = s->total[joint] / cpr;
+    if (mk_laws[s->controller]->wheel[joint] && turns != 0) {
+        s->total[joint] -= turns * cpr;
+        s->angle[joint] -= TWO_PI * (float)turns;
+    }
+    return (float)s->total[joint] * (TWO_PI / (float)cpr);
 }
 
 /* Angle, speed and acceleration by a critically damped g-h-k filter, which does not lag behind a

@@ -46,7 +46,9 @@ struct mk_standalone {
     uint64_t next_ns;
     uint32_t sample;
     uint32_t phase;
-    float angle[MK_WIRE_JOINTS]; /* filtered, rad from rest */
+    int32_t raw[MK_WIRE_JOINTS];   /* counters as read last */
+    int32_t total[MK_WIRE_JOINTS]; /* counts from rest, unwrapped; of a wheel less whole turns */
+    float angle[MK_WIRE_JOINTS];   /* filtered, rad from rest */
     float speed[MK_WIRE_JOINTS];
     float acceleration[MK_WIRE_JOINTS];
     float integral;
@@ -62,7 +64,12 @@ int mk_standalone_gain_count(enum mk_controller controller);
 bool mk_standalone_setup(struct mk_standalone *s, enum mk_controller controller, uint32_t period_us,
                          uint32_t record_every);
 void mk_standalone_start(struct mk_standalone *s, uint64_t now_ns);
-/* One sample: angles from rest (rad) and counts in, command wished for (command units) out. */
+/* Where a joint is, rad from rest, by its counter of so many bits and counts a turn; once a sample.
+ * Counters wrap. A wheel's angle, for which no law asks, loses its whole turns: it would outgrow a
+ * float. */
+float mk_standalone_follow(struct mk_standalone *s, int joint, int32_t count, int bits,
+                           int32_t cpr);
+/* One sample: angles from rest (rad) in, command wished for (command units) out. */
 float mk_standalone_step(struct mk_standalone *s, const float q[MK_WIRE_JOINTS]);
 /* True when a link is so far from rest that something must have broken. */
 bool mk_standalone_out_of_travel(const struct mk_standalone *s);

@@ -185,6 +185,19 @@ static enum mk_status describe(struct mk_log *log, const struct mk_wire *w,
     return st == MK_OK ? mk_log_set_meta(log, "board", text) : st;
 }
 
+/* Counters wrap; from one record to the next nothing turns half their range. */
+static void unwrap(struct mk_standalone_record *r, uint32_t n, int bits)
+{
+    int32_t before[MK_WIRE_JOINTS] = {0}, raw;
+    for (uint32_t k = 0; k < n; k++)
+        for (int j = 0; j < MK_WIRE_JOINTS; j++) {
+            raw = r[k].count[j];
+            if (k > 0)
+                r[k].count[j] = r[k - 1].count[j] + mk_counter_difference(raw, before[j], bits);
+            before[j] = raw;
+        }
+}
+
 static void fill(struct mk_log *log, const struct mk_standalone_record *r, const struct mk_model *m,
                  double rate_hz)
 {
@@ -226,6 +239,7 @@ static enum mk_status fetch(struct mk_wire *w, const struct mk_model *model,
     if (st == MK_OK && (st = mk_log_create(n, &log)) != MK_OK)
         mk_error_set(err, st, "no memory for the log");
     if (st == MK_OK) {
+        unwrap(r, n, w->identity.counter_bits);
         fill(log, r, model, o->rate_hz);
         st = describe(log, w, model, o);
         if (st == MK_OK)
