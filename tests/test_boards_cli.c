@@ -100,6 +100,20 @@ START_TEST(a_wheel_s_angle_goes_on_when_its_counter_wraps)
 }
 END_TEST
 
+START_TEST(the_times_of_a_standalone_run_are_those_of_the_board)
+{
+    char line[300];
+    struct mk_log *log;
+    const char *path = scratch("rate.csv");
+    snprintf(line, sizeof line, "standalone pi-speed --rate 300 --seconds 4 --fast --out %s", path);
+    ck_assert_msg(mechkit(line) == 0, "%s", said);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    /* The board was told whole microseconds. */
+    ck_assert_double_eq_tol(mk_log_get(log, "t")[1000], 1000 * 0.003333, 1e-9);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(standalone_says_what_it_cannot_do)
 {
     ck_assert_int_eq(mechkit("standalone"), 2);
@@ -122,6 +136,7 @@ Suite *suite_boards_cli(void)
     tcase_add_test(t, doctor_without_a_board_says_where_to_look);
     tcase_add_test(t, standalone_writes_what_the_board_recorded);
     tcase_add_test(t, a_wheel_s_angle_goes_on_when_its_counter_wraps);
+    tcase_add_test(t, the_times_of_a_standalone_run_are_those_of_the_board);
     tcase_add_test(t, standalone_says_what_it_cannot_do);
     suite_add_tcase(s, t);
     return s;

@@ -303,6 +303,7 @@ static int run(int argc, char **argv)
         code = find_setup(setup.text[0], &o);
     if (code != EXIT_OK)
         return code;
+    o.rate_hz = 1e6 / round(1e6 / o.rate_hz); /* the board's clock makes whole microseconds */
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
         return report_usage("standalone", "there is no board '%s'", o.board);
