@@ -425,6 +425,24 @@ START_TEST(the_stop_button_stops_the_motor)
 }
 END_TEST
 
+START_TEST(a_stop_that_no_sample_sees_any_more_is_noted_in_the_log)
+{
+    bench_build(NULL);
+    bench_set_law(2, 1, 1e18);
+    bench_start();
+    bench_wait_for(0.2);
+    mk_loop_estop(bench.loop);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_FAULTED);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
+    struct mk_log *log = bench_read_log();
+    ck_assert_str_eq(mk_log_find_meta(log, "fault"), "e-stop at 0.1980 s");
+    mk_log_free(log);
+    mk_loop_acknowledge(bench.loop);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+}
+END_TEST
+
 START_TEST(a_stop_pressed_before_the_start_prevents_it)
 {
     bench_build(NULL);
@@ -611,6 +629,25 @@ START_TEST(after_a_fault_the_log_shows_what_the_rig_did)
 }
 END_TEST
 
+START_TEST(a_log_that_falls_behind_says_so_when_it_has_caught_up)
+{
+    /* The writer looks every 20 ms. */
+    bench_use_real_time(1000);
+    bench.config.ring_samples = 4;
+    bench_build(NULL);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(5), MK_ERR_FAULT);
+    struct mk_loop_snapshot last = bench_look();
+    ck_assert_int_eq(last.fault, MK_FAULT_LOG);
+    ck_assert_double_eq(last.at_fault.t, last.fault_t);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    ck_assert_ptr_nonnull(mk_log_find_meta(log, "fault"));
+    ck_assert_int_eq(strncmp(mk_log_find_meta(log, "fault"), "log at ", 7), 0);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(a_full_disk_stops_the_motor_and_is_reported)
 {
     pid_t pid = fork();
@@ -674,6 +711,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, the_watchdog_stops_the_motor_when_the_loop_stalls);
     tcase_add_test(t, a_fault_of_the_board_stops_the_motor);
     tcase_add_test(t, the_stop_button_stops_the_motor);
+    tcase_add_test(t, a_stop_that_no_sample_sees_any_more_is_noted_in_the_log);
     tcase_add_test(t, a_stop_pressed_before_the_start_prevents_it);
     tcase_add_test(t, a_start_that_the_machine_is_too_slow_for_is_given_up);
     tcase_add_test(t, a_link_that_is_broken_at_the_start_says_how);
@@ -682,6 +720,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
     tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);
     tcase_add_test(t, after_a_fault_the_log_shows_what_the_rig_did);
+    tcase_add_test(t, a_log_that_falls_behind_says_so_when_it_has_caught_up);
     tcase_add_test(t, a_full_disk_stops_the_motor_and_is_reported);
     suite_add_tcase(s, t);
     return s;

@@ -131,10 +131,13 @@ static enum mk_status end_run(struct mk_loop *loop, struct mk_error *err)
     else
         mk_loop_thread_join(loop);
     loop->host.running = false;
-    enum mk_status st = mk_loop_writer_finish(loop, err);
-
     /* The thread is gone: its side of the snapshot is ours. */
     struct mk_loop_snapshot *shown = &loop->run.shown;
+    /* A stop that no sample has seen any more. */
+    if (atomic_load_explicit(&loop->estop, memory_order_relaxed))
+        mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, shown->sample.t, 0);
+    enum mk_status st = mk_loop_writer_finish(loop, err);
+
     shown->state = loop->safety.fault ? MK_LOOP_FAULTED : MK_LOOP_IDLE;
     shown->sample.u = 0.0;
     shown->sample.phase = MK_PHASE_IDLE;

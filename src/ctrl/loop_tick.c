@@ -321,8 +321,10 @@ static void hand_over(struct mk_loop *loop, const struct mk_sample *s)
         if (!mk_ring_push(loop->writer.samples, &record)) {
             count_up(&loop->dropped, 1);
             /* The writer has been standing still for the whole ring. */
-            if (loop->safety.fault == MK_FAULT_NONE)
+            if (loop->safety.fault == MK_FAULT_NONE) {
+                shown->at_fault = *s;
                 mk_loop_trip(loop, MK_FAULT_LOG, s->t, 0);
+            }
         }
     }
     if (loop->config.tap)

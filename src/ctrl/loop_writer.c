@@ -201,12 +201,14 @@ static void note(struct mk_loop_writer *w, const char *key, const char *value)
         atomic_store_explicit(&w->status, st, memory_order_release);
 }
 
-static void note_fault(struct mk_loop_writer *w, const struct mk_loop_record *r)
+static void note_fault(struct mk_loop_writer *w, enum mk_fault fault, double t, int fault_joint)
 {
     char text[96], joint[24] = "";
-    if (r->fault_joint > 0)
-        snprintf(joint, sizeof joint, " joint %d", r->fault_joint);
-    snprintf(text, sizeof text, "%s%s at %.4f s", mk_fault_name(r->fault), joint, r->sample.t);
+    if (fault == MK_FAULT_NONE || w->fault_noted)
+        return;
+    if (fault_joint > 0)
+        snprintf(joint, sizeof joint, " joint %d", fault_joint);
+    snprintf(text, sizeof text, "%s%s at %.4f s", mk_fault_name(fault), joint, t);
     note(w, "fault", text);
     w->fault_noted = true;
 }
@@ -239,8 +241,7 @@ void mk_loop_writer_drain(struct mk_loop_writer *w)
     while (mk_ring_pop(w->samples, &record)) {
         if (record.sample.flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL))
             note_change(w, record.sample.flags);
-        if (record.fault != MK_FAULT_NONE && !w->fault_noted)
-            note_fault(w, &record);
+        note_fault(w, record.fault, record.sample.t, record.fault_joint);
         write_row(w, &record.sample);
     }
     enum mk_status st = mk_log_writer_flush(w->log, NULL);
@@ -304,6 +305,9 @@ enum mk_status mk_loop_writer_finish(struct mk_loop *loop, struct mk_error *err)
     if (!w->log)
         return MK_OK;
     mk_loop_writer_drain(w);
+    /* One that came behind the last row. */
+    const struct mk_safety *safety = &loop->safety;
+    note_fault(w, safety->fault, safety->fault_t, safety->fault_joint);
     note_summary(loop);
     struct mk_error why = MK_ERROR_INIT;
     enum mk_status closed = mk_log_writer_close(w->log, &why);
