@@ -17,6 +17,7 @@
 #include "console/script/cmd.h"
 #include "console/script/cmdfile.h"
 #include "console/script/condition.h"
+#include "console/script/host.h"
 #include "mechkit/json.h"
 #include "mechkit/log.h"
 #include "support/files.h"
@@ -1060,11 +1061,48 @@ START_TEST(the_command_files_that_ship_do_what_they_promise)
 }
 END_TEST
 
+/* --- looking at the links -------------------------------------------------------------------- */
+
+static void finish_commands(struct host *h)
+{
+    const struct timespec pause = {.tv_nsec = 10000000};
+    while (!host_is_idle(h))
+        nanosleep(&pause, NULL);
+}
+
+START_TEST(a_slide_that_creeps_is_not_said_to_stand_still)
+{
+    static const char *const lines[] = {"model models/cart-pole.ini",
+                                        "faults from 60 to 1000 jump 1 by 4",
+                                        "log off",
+                                        "setup open-loop",
+                                        "start",
+                                        "wait 0.05",
+                                        "halt"};
+    const struct session_options options = {.seed = 1};
+    const struct timespec second = {.tv_sec = 1};
+    struct host_status status;
+    struct host *h;
+    ck_assert_int_eq(host_create(&options, &h, NULL), MK_OK);
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++)
+        ck_assert(host_post(h, lines[i]));
+    finish_commands(h);
+    /* A look every 20 ms, a tenth of a millimetre each. */
+    nanosleep(&second, NULL);
+    host_get_status(h, &status);
+    host_destroy(h);
+    ck_assert(status.looked);
+    ck_assert_double_gt(status.q[0], 1e-3);
+    ck_assert(!status.still);
+}
+END_TEST
+
 Suite *suite_console(void)
 {
     Suite *s = suite_create("console");
     TCase *t = tcase_create("program");
     tcase_set_timeout(t, 40);
+    tcase_add_test(t, a_slide_that_creeps_is_not_said_to_stand_still);
     tcase_add_test(t, conditions_mean_what_they_say);
     tcase_add_test(t, bad_conditions_are_refused_at_their_character);
     tcase_add_test(t, a_good_file_is_understood);

@@ -195,11 +195,13 @@ static void look(struct host *h)
     double q[MK_MAX_JOINTS] = {0};
     bool zeroed = false, ok = session_look(&h->session, q, &zeroed) == MK_OK;
     bool moved = !ok;
-    for (int j = 0; ok && j < MK_MAX_JOINTS; j++) {
+    const struct mk_model *model = &h->session.model;
+    for (int j = 0; ok && j < mk_model_joints(model); j++) {
         h->low[j] = h->looks ? fmin(h->low[j], q[j]) : q[j];
         h->high[j] = h->looks ? fmax(h->high[j], q[j]) : q[j];
-        bool wheel = mk_plant(h->session.model.plant)->joint_is_wheel[j];
-        moved = moved || (!wheel && h->high[j] - h->low[j] > STILL_RAD);
+        double least = STILL_RAD * mk_model_joint_scale(model, j);
+        bool wheel = mk_plant(model->plant)->joint_is_wheel[j];
+        moved = moved || (!wheel && h->high[j] - h->low[j] > least);
     }
     h->looks = moved ? 0 : h->looks + 1;
     pthread_mutex_lock(&h->lock);
