@@ -207,6 +207,45 @@ START_TEST(a_board_that_gives_less_than_it_is_told_goes_on)
 }
 END_TEST
 
+static double lost_command;
+
+/* A stream over a slow line: the sample behind command 100 is given up, and the command acts with
+ * the next one. */
+static enum mk_status belated_exchange(struct mk_board *board, double u,
+                                       struct mk_board_sample *out)
+{
+    const int lost = 200; /* the watch before the start takes 100 exchanges */
+    enum mk_status st = liar.honest->exchange(board, u, out);
+    if (liar.exchanges == lost + 1)
+        out->u_applied = lost_command;
+    if (liar.exchanges++ != lost)
+        return st;
+    lost_command = u;
+    return MK_ERR_TIMEOUT;
+}
+
+START_TEST(a_command_whose_sample_was_lost_may_act_later)
+{
+    struct mk_signal *push;
+    ck_assert_int_eq(mk_signal_create("1+pulse(0.197,0.199)", &push, NULL), MK_OK);
+    bench.config.stream = true;
+    bench_build(NULL);
+    bench.ctrl.ref = push;
+    liar.exchanges = 0;
+    liar.honest = bench.board->ops;
+    liar.ops = *liar.honest;
+    liar.ops.exchange = belated_exchange;
+    bench.board->ops = &liar.ops;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
+    ck_assert_double_eq(lost_command, 2.0);
+    ck_assert_uint_eq(bench_look().lost, 1);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench.board->ops = liar.honest;
+    mk_signal_destroy(push);
+}
+END_TEST
+
 START_TEST(a_board_that_drives_before_the_start_is_not_started)
 {
     bench_build(NULL);
@@ -694,6 +733,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
     tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
     tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
+    tcase_add_test(t, a_command_whose_sample_was_lost_may_act_later);
     tcase_add_test(t, a_board_that_drives_before_the_start_is_not_started);
     tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);
     tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);

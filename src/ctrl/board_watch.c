@@ -28,16 +28,26 @@ bool mk_board_watch_obeys(double sent, double applied)
            applied >= fmin(sent, 0.0) - COMMAND_RESOLUTION;
 }
 
-static bool obeys(struct mk_board_watch *w, double sent, double applied)
+static void remember(struct mk_board_watch *w, double sent)
 {
     memmove(w->sent + 1, w->sent, sizeof w->sent - sizeof w->sent[0]);
     w->sent[0] = sent;
+}
+
+static bool obeys(struct mk_board_watch *w, double sent, double applied)
+{
+    remember(w, sent);
     double low = 0.0, high = 0.0;
     for (int i = 0; i < w->sent_count; i++) {
         low = fmin(low, w->sent[i]);
         high = fmax(high, w->sent[i]);
     }
     return mk_board_watch_obeys(high, applied) || mk_board_watch_obeys(low, applied);
+}
+
+void mk_board_watch_miss(struct mk_board_watch *w, double sent)
+{
+    remember(w, sent);
 }
 
 /* Every exchange is one more, and takes time. */

@@ -39,6 +39,8 @@ struct mk_board_watch_sample {
 
 /* `limit`: of struct mk_safety_limits, stale_limit. */
 void mk_board_watch_reset(struct mk_board_watch *w, bool streaming, int limit);
+/* An exchange without a sample: its command may act all the same, and later. */
+void mk_board_watch_miss(struct mk_board_watch *w, double sent);
 /* DISOBEYED, STALE or NONE. */
 enum mk_fault mk_board_watch_step(struct mk_board_watch *w, const struct mk_board_watch_sample *s);
 

@@ -213,6 +213,7 @@ static void miss_reading(struct mk_loop *loop, struct mk_sample *s)
     s->flags |= MK_FLAG_LOST;
     count_up(&loop->lost, 1);
     r->lost_since++;
+    mk_board_watch_miss(&r->watch, r->u_next);
     for (int j = 0; j < loop->plant->joints; j++) {
         s->q[j] = NAN;
         s->v[j] = mk_velocity_step(&r->speed[j], NAN);
