@@ -459,6 +459,24 @@ START_TEST(a_model_is_looked_for_beside_the_file_that_names_it)
 }
 END_TEST
 
+START_TEST(a_link_that_friction_holds_off_its_rest_does_not_start_again)
+{
+    struct mk_model model;
+    char path[200], text[600];
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    model.parameter[2] = model.parameter[3] = 3.0; /* viscous, Coulomb */
+    snprintf(path, sizeof path, "%s", scratch("stiff.ini"));
+    ck_assert_int_eq(mk_model_write(path, &model, NULL, NULL), MK_OK);
+    snprintf(text, sizeof text,
+             "model %s\nlog off\nsetup open-loop\ninput 7*pulse(0,0.35)\nstart\nwait 4\n"
+             "expect |q1| > 0.12\nhalt\nstart\n",
+             path);
+    struct outcome o = MECHKIT("run", scratch_text("again.cmd", text), "--fast");
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_msg(strstr(o.err, "not-hanging: joint 1 is 0.1") != NULL, "%s", o.err);
+}
+END_TEST
+
 START_TEST(bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal)
 {
     static const char zeros[] = "setup pi-speed\n\0\0\0";
@@ -1117,6 +1135,7 @@ Suite *suite_console(void)
                         (int)(sizeof known_before / sizeof known_before[0]));
     tcase_add_test(t, what_only_the_run_can_tell_is_left_to_it);
     tcase_add_test(t, a_model_is_looked_for_beside_the_file_that_names_it);
+    tcase_add_test(t, a_link_that_friction_holds_off_its_rest_does_not_start_again);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);

@@ -72,6 +72,9 @@ struct mk_loop_config {
     /* The board's clock makes the ticks, where the board can (mk_board_ops.stream); the period must
      * be whole microseconds. After a fault, for the rest of the log, the host's does. */
     bool stream;
+    /* The counters read 0 where the links hang: an earlier loop on this board has found that
+     * (mk_loop_is_zeroed). The first start keeps this zero, as later ones do. */
+    bool zeroed;
     /* The start gives up when it becomes true, MK_ERR_INTR; NULL: never. Kept, not owned. */
     const volatile int *cancel;
 };
@@ -139,6 +142,9 @@ MK_NODISCARD enum mk_status mk_loop_set_signal(struct mk_loop *loop, const struc
 
 void mk_loop_get_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);
 void mk_loop_get_stats(const struct mk_loop *loop, struct mk_loop_stats *out);
+/* A start has zeroed the counters where the links hang, and no fault has put them in doubt since.
+ */
+bool mk_loop_is_zeroed(const struct mk_loop *loop);
 /* Operator's stop: zero torque, fault E-STOP. Async-signal-safe. */
 void mk_loop_estop(struct mk_loop *loop);
 /* Clears a latched fault. */

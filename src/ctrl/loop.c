@@ -92,6 +92,7 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
     loop->dt = 1.0 / config->rate_hz;
     loop->simulated = board->clock->ops->simulated;
     loop->host.dma_latency_fd = -1;
+    loop->host.zeroed = config->zeroed;
     loop->has_rig = !(board->ops->capabilities & MK_BOARD_CAP_NO_RIG);
     mk_safety_init(&loop->safety, &ctrl->model, &loop->config.limits);
     mk_residual_init(&loop->residual, &ctrl->model, &loop->config.limits);
@@ -350,6 +351,11 @@ void mk_loop_get_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *o
         out->state = MK_LOOP_FAULTED;
         out->fault = MK_FAULT_ESTOP;
     }
+}
+
+bool mk_loop_is_zeroed(const struct mk_loop *loop)
+{
+    return loop->host.zeroed;
 }
 
 void mk_loop_estop(struct mk_loop *loop)

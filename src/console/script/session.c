@@ -351,6 +351,7 @@ static void give_log_back(struct session *s)
 static enum mk_status create_loop(struct session *s, struct mk_error *err)
 {
     struct mk_loop *loop;
+    s->config.zeroed = s->loop && mk_loop_is_zeroed(s->loop);
     destroy_loop(s);
     enum mk_status st = mk_loop_create(s->board, s->ctrl, &s->config, &loop, err);
     if (st != MK_OK)
@@ -432,7 +433,7 @@ enum mk_status session_look(struct session *s, double *q, bool *zeroed)
     enum mk_status st = mk_board_exchange(s->board, 0.0, &b);
     for (int j = 0; st == MK_OK && j < mk_model_joints(&s->model); j++)
         q[j] = mk_plant(s->model.plant)->rest[j] + b.count[j] * mk_model_count(&s->model, j);
-    *zeroed = s->loop != NULL;
+    *zeroed = s->loop && mk_loop_is_zeroed(s->loop);
     return st;
 }
 
