@@ -340,6 +340,19 @@ static double speed_at(const char *faults, double tick)
     return speed;
 }
 
+START_TEST(the_kalman_filter_expects_of_a_slide_what_its_unit_makes_usual)
+{
+    bench_use_plant(MK_PLANT_CART_POLE);
+    bench.config.velocity.kind = MK_VELOCITY_KALMAN;
+    bench_build(NULL);
+    const struct mk_velocity *speed = bench.loop->run.speed;
+    double usual = bench.config.velocity.accel_radps2;
+    ck_assert_double_eq_tol(speed[0].config.accel_radps2,
+                            usual * mk_model_joint_scale(&bench.model, 0), 1e-12);
+    ck_assert_double_eq(speed[1].config.accel_radps2, usual);
+}
+END_TEST
+
 START_TEST(after_skipped_samples_speeds_are_those_of_a_run_without)
 {
     double whole = speed_at(NULL, 22), skipped = speed_at("at 20 delay 5ms", 22);
@@ -806,6 +819,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, the_log_says_what_made_it);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
+    tcase_add_test(t, the_kalman_filter_expects_of_a_slide_what_its_unit_makes_usual);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
     tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);
     tcase_add_test(t, angles_go_on_across_the_wrap_of_the_counter);

@@ -61,7 +61,8 @@ enum mk_loop_state { MK_LOOP_IDLE, MK_LOOP_RUNNING, MK_LOOP_FAULTED };
 
 struct mk_loop_config {
     double rate_hz;
-    struct mk_velocity_config velocity; /* dt, count filled in by the loop */
+    /* dt, count filled in by the loop; the acceleration in rad/s^2, of a slide times its scale */
+    struct mk_velocity_config velocity;
     struct mk_safety_limits limits;
     unsigned watchdog_ms; /* default 20 */
     int priority;         /* SCHED_FIFO priority, default 80; 0: do not ask */

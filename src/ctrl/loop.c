@@ -36,6 +36,7 @@ static enum mk_status prepare_joints(struct mk_loop *loop, struct mk_error *err)
         struct mk_velocity_config v = loop->config.velocity;
         v.dt_s = loop->dt;
         v.count_rad = loop->rad_per_count[j];
+        v.accel_radps2 *= mk_model_joint_scale(model, j);
         st = mk_velocity_init(&loop->run.speed[j], &v);
         if (st != MK_OK)
             return mk_error_set(err, st, "the speed estimator's settings are not possible");
