@@ -8,9 +8,10 @@
 bool mk_log_column_is_known(const char *name)
 {
     static const char *const known[] = {
-        "t",       "q1",    "q2",      "u",        "tau",      "u1",    "u2",     "tau1",
-        "tau2",    "dq1",   "dq2",     "enc1",     "enc2",     "ref",   "phase",  "tick",
-        "late_us", "flags", "tau_cmd", "tau1_cmd", "tau2_cmd", "u_cmd", "u1_cmd", "u2_cmd",
+        "t",     "q1",     "q2",      "u",        "tau",     "u1",       "u2",
+        "tau1",  "tau2",   "dq1",     "dq2",      "enc1",    "enc2",     "ref",
+        "phase", "tick",   "late_us", "flags",    "tau_cmd", "tau1_cmd", "tau2_cmd",
+        "u_cmd", "u1_cmd", "u2_cmd",  "left_out",
     };
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
         if (strcmp(known[i], name) == 0)
