@@ -340,6 +340,19 @@ static double speed_at(const char *faults, double tick)
     return speed;
 }
 
+START_TEST(default_limits_hold_at_any_rate_of_the_loop)
+{
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench.config.rate_hz = 100; /* the limits are for 500 */
+    bench_build(NULL);
+    bench_set_law(8, 1, 1e18);
+    bench_start();
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_loop_wait(bench.loop, 5, NULL, NULL, NULL, &err) == MK_OK, "%s", err.message);
+    ck_assert_double_gt(bench_look().sample.v[0], 400);
+}
+END_TEST
+
 START_TEST(the_kalman_filter_expects_of_a_slide_what_its_unit_makes_usual)
 {
     bench_use_plant(MK_PLANT_CART_POLE);
@@ -819,6 +832,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, the_log_says_what_made_it);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
+    tcase_add_test(t, default_limits_hold_at_any_rate_of_the_loop);
     tcase_add_test(t, the_kalman_filter_expects_of_a_slide_what_its_unit_makes_usual);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
     tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);

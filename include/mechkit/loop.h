@@ -63,10 +63,10 @@ struct mk_loop_config {
     double rate_hz;
     /* dt, count filled in by the loop; the acceleration in rad/s^2, of a slide times its scale */
     struct mk_velocity_config velocity;
-    struct mk_safety_limits limits;
-    unsigned watchdog_ms; /* default 20 */
-    int priority;         /* SCHED_FIFO priority, default 80; 0: do not ask */
-    size_t ring_samples;  /* default 8192 */
+    struct mk_safety_limits limits; /* made for their dt_s; fitted to the loop's */
+    unsigned watchdog_ms;           /* default 20 */
+    int priority;                   /* SCHED_FIFO priority, default 80; 0: do not ask */
+    size_t ring_samples;            /* default 8192 */
     /* Every sample (struct mk_sample) is pushed here too, for somebody who watches; what does not
      * fit is left out. NULL: nobody. Kept, not owned. */
     struct mk_ring *tap;

@@ -72,6 +72,14 @@ static enum mk_status check_config(const struct mk_ctrl *ctrl, const struct mk_l
     return MK_OK;
 }
 
+/* Limits that were made for another sample time: in a longer one a joint goes further. */
+static void fit_limits(struct mk_safety_limits *limits, double dt)
+{
+    for (int j = 0; j < MK_MAX_JOINTS && limits->dt_s > 0.0; j++)
+        limits->jump_rad[j] *= dt / limits->dt_s;
+    limits->dt_s = dt;
+}
+
 enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
                               const struct mk_loop_config *config, struct mk_loop **out,
                               struct mk_error *err)
@@ -88,7 +96,7 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
     loop->board = board;
     loop->ctrl = ctrl;
     loop->config = *config;
-    loop->config.limits.dt_s = 1.0 / config->rate_hz;
+    fit_limits(&loop->config.limits, 1.0 / config->rate_hz);
     loop->plant = mk_plant(ctrl->model.plant);
     loop->dt = 1.0 / config->rate_hz;
     loop->simulated = board->clock->ops->simulated;
