@@ -220,6 +220,29 @@ START_TEST(a_journal_of_another_sweep_is_refused)
 END_TEST
 
 /* Whatever somebody else has under the name that the journal would have. */
+START_TEST(a_journal_of_models_with_another_spread_is_refused)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_model model;
+    struct sweep a, b;
+    char spec[300];
+    mk_model_default(MK_PLANT_FURUTA, &model);
+    ck_assert_int_eq(mk_model_add_effect(&model, "encoder-offset", 2, NULL), MK_OK);
+    snprintf(spec, sizeof spec, "%s",
+             scratch_text("spread.ini", "[sweep]\nkind = robustness\n"
+                                        "[rig]\nsetup = furuta\nmodel = logs-own.ini\n"));
+    model.effect[0].spread[0] = 0.01;
+    ck_assert_int_eq(mk_model_write(scratch("logs-own.ini"), &model, NULL, &err), MK_OK);
+    ck_assert_msg(sweep_read(spec, &a, &err) == MK_OK, "%s", err.message);
+    model.effect[0].spread[0] = 0.02;
+    ck_assert_int_eq(mk_model_write(scratch("logs-own.ini"), &model, NULL, &err), MK_OK);
+    ck_assert_msg(sweep_read(spec, &b, &err) == MK_OK, "%s", err.message);
+    ck_assert(a.fingerprint != b.fingerprint);
+    sweep_free(&a);
+    sweep_free(&b);
+}
+END_TEST
+
 START_TEST(a_file_that_is_no_journal_is_left_alone)
 {
     static const char *const foreign[] = {"Dear diary,\ntoday nothing fell over.\n",
@@ -493,6 +516,7 @@ Suite *suite_sweep(void)
     tcase_add_test(t, a_full_disk_keeps_what_was_done);
     tcase_add_test(t, two_processes_do_not_write_one_journal);
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);
+    tcase_add_test(t, a_journal_of_models_with_another_spread_is_refused);
     tcase_add_test(t, a_file_that_is_no_journal_is_left_alone);
     tcase_add_test(t, a_journal_with_a_hole_is_refused_and_one_that_ends_in_zeros_goes_on);
     tcase_add_test(t, a_journal_whose_rows_lack_a_column_is_refused);

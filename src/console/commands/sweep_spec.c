@@ -270,8 +270,10 @@ static void mix_model(uint64_t *hash, const struct mk_model *m)
         const struct mk_effect_info *info = mk_effect(m->effect[i].index);
         mix(hash, info->name);
         mix_number(hash, m->effect[i].joint);
-        for (int k = 0; k < info->parameter_count; k++)
+        for (int k = 0; k < info->parameter_count; k++) {
             mix_number(hash, m->effect[i].value[k]);
+            mix_number(hash, m->effect[i].spread[k]);
+        }
     }
 }
 
