@@ -5,6 +5,9 @@
 #include <string.h>
 
 #include "experiment/robustness.h"
+#include "mechkit/json.h"
+#include "support/files.h"
+#include "support/program.h"
 
 #define BALANCING_COUNT 6
 static const struct {
@@ -120,6 +123,20 @@ START_TEST(a_rig_that_cannot_be_caught_is_told_so)
 }
 END_TEST
 
+START_TEST(figures_on_standard_output_are_json_alone)
+{
+    static char out[20000];
+    struct mk_error err = MK_ERROR_INIT;
+    cJSON *root = NULL;
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "robustness --setup furuta --seeds 1 --json -"),
+                     0);
+    ck_assert_msg(mk_json_read(scratch_text("figures.json", out), &root, &err) == MK_OK, "%s",
+                  err.message);
+    ck_assert_int_eq(cJSON_GetArraySize(root), 1);
+    cJSON_Delete(root);
+}
+END_TEST
+
 Suite *suite_robustness(void)
 {
     Suite *s = suite_create("robustness");
@@ -128,6 +145,7 @@ Suite *suite_robustness(void)
     tcase_add_loop_test(t, the_nominal_rig_is_caught_in_four_seconds_and_held_for_twenty, 0, 1);
     tcase_add_loop_test(t, faster_and_slower_loops_balance_too, 0, 1);
     tcase_add_loop_test(t, a_seed_means_the_same_rig_and_the_same_run, 0, 1);
+    tcase_add_test(t, figures_on_standard_output_are_json_alone);
     tcase_add_test(t, rigs_are_off_by_no_more_than_was_said);
     tcase_add_loop_test(t, a_rig_that_cannot_be_caught_is_told_so, 0, BALANCING_COUNT);
     suite_add_tcase(s, t);

@@ -219,17 +219,21 @@ static int run(int argc, char **argv)
         return report_usage("robustness", "--swingup goes with --setup: it is a trajectory of one");
     struct mk_error err = MK_ERROR_INIT;
     cJSON *root = cJSON_CreateArray();
-    print_heading(&o);
+    const bool prints = !(o.json && strcmp(o.json, "-") == 0);
+    if (prints)
+        print_heading(&o);
     const struct mk_ctrl_ops *setup;
     for (int i = 0; (setup = mk_ctrl_setup(i)) != NULL; i++) {
         if (!balances(setup) || (o.setup && strcmp(o.setup, setup->name) != 0))
             continue;
         struct outcome outcome;
         enum mk_status st = run_setup(setup, &o, &outcome, &err);
-        if (st == MK_OK) {
+        if (st == MK_OK && prints) {
             print_outcome(&outcome);
             print_failures(&outcome);
             fflush(stdout);
+        }
+        if (st == MK_OK) {
             cJSON_AddItemToArray(root, outcome_json(&outcome));
             code = passed(&outcome) ? code : EXIT_RUN_FAILED;
         }
