@@ -425,6 +425,7 @@ START_TEST(the_program_fits_what_is_open_and_says_where_it_cannot)
     code = run_mechkit(out, sizeof out, "identify --model %s --out %s --json - %s", model.c_str(),
                        fitted.c_str(), data.c_str());
     ck_assert_msg(code == 0, "%d %s", code, out);
+    ck_assert_msg(out[0] == '{', "%s", out); /* JSON alone */
     mk_model m;
     ck_assert_msg(mk_model_read(fitted.c_str(), &m, &err) == MK_OK, "%s", err.message);
     for (int i = 0; i < 4; i++)

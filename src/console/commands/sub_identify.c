@@ -174,17 +174,16 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
 
 /* Free runs of the given (NULL: it has unknown values) and the fitted model over a log, or over the
  * beginning of a very long one. */
-static enum mk_status compare(const struct mk_model *given, const struct mk_model *fitted,
-                              const char *path, const struct mk_log *log, cJSON *list,
+static enum mk_status compare(const struct mk_model *const models[2], const char *path,
+                              const struct mk_log *log, cJSON *list, bool prints,
                               struct mk_error *err)
 {
     struct mk_predict_figures f[2];
-    const struct mk_model *models[2] = {given, fitted};
     struct mk_predict_options o = {.window_s = 1.0};
     struct mk_log beginning = *log;
     if (beginning.rows > MOST_COMPARED)
         beginning.rows = MOST_COMPARED;
-    size_t n = (size_t)mk_model_joints(fitted);
+    size_t n = (size_t)mk_model_joints(models[1]);
     for (int i = 0; i < 2; i++) {
         struct mk_log *made = NULL;
         /* Where values are unknown there is nothing to compare with, and ones that are far off may
@@ -196,11 +195,13 @@ static enum mk_status compare(const struct mk_model *given, const struct mk_mode
         if (st != MK_OK && i == 1)
             return st;
     }
-    printf("  %s, free runs of 1 s%s, nrmse:", path,
-           beginning.rows < log->rows ? " over its first million rows" : "");
-    for (size_t j = 0; j < n; j++)
+    if (prints)
+        printf("  %s, free runs of 1 s%s, nrmse:", path,
+               beginning.rows < log->rows ? " over its first million rows" : "");
+    for (size_t j = 0; j < n && prints; j++)
         printf("  q%zu %.4g -> %.4g", j + 1, f[0].nrmse[j], f[1].nrmse[j]);
-    printf("\n");
+    if (prints)
+        printf("\n");
     cJSON *o1 = cJSON_CreateObject();
     cJSON_AddStringToObject(o1, "file", path);
     cJSON_AddItemToObject(o1, "nrmse_given", mk_json_numbers(f[0].nrmse, n));
@@ -412,21 +413,27 @@ static enum mk_status leave_out(struct job *j, struct mk_error *err)
                : st;
 }
 
+/* Where the JSON goes to standard output nothing else does. */
+static bool prints(const struct job *j)
+{
+    return !(j->o.json && strcmp(j->o.json, "-") == 0);
+}
+
 static enum mk_status compare_all(struct job *j, struct mk_error *err)
 {
-    const struct mk_model *fitted = &j->result.model, *given = &j->given;
+    const struct mk_model *models[2] = {&j->given, &j->result.model};
     for (int i = 0; i < j->result.parameter_count; i++)
         if (j->o.ident.unknown[i])
-            given = NULL;
+            models[0] = NULL;
     enum mk_status st = MK_OK;
     cJSON *data = cJSON_AddArrayToObject(j->json, "data");
     for (int i = 0; i < j->o.input.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->logs[i], MK_DATA_IDENTIFY))
-            st = compare(given, fitted, j->o.input.text[i], j->logs[i], data, err);
+            st = compare(models, j->o.input.text[i], j->logs[i], data, prints(j), err);
     cJSON *check = cJSON_AddArrayToObject(j->json, "validation");
     for (size_t i = 0; i < j->o.validate.count && st == MK_OK; i++)
         if (mk_data_check_uses(&j->model, j->validation[i], MK_DATA_HOLD_OUT))
-            st = compare(given, fitted, j->o.validate.text[i], j->validation[i], check, err);
+            st = compare(models, j->o.validate.text[i], j->validation[i], check, prints(j), err);
     return st;
 }
 
@@ -504,9 +511,11 @@ static int identify(struct job *j)
     if (leave_out(j, &err) != MK_OK)
         return report_error(&err);
     left_out_warn(j->left_out, j->left_out_count);
-    left_out_print(stdout, j->left_out, j->left_out_count);
-    say_input(j);
-    print_result(&j->result, (const char *const *)j->o.input.text);
+    if (prints(j)) {
+        left_out_print(stdout, j->left_out, j->left_out_count);
+        say_input(j);
+        print_result(&j->result, (const char *const *)j->o.input.text);
+    }
     j->json = result_json(&j->result, (const char *const *)j->o.input.text);
     cJSON_AddItemToObject(j->json, "left_out", left_out_json(j->left_out, j->left_out_count));
     cJSON_AddItemToObject(j->json, "input", input_json(j));
