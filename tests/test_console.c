@@ -477,6 +477,27 @@ START_TEST(a_link_that_friction_holds_off_its_rest_does_not_start_again)
 }
 END_TEST
 
+START_TEST(a_setup_that_takes_no_signal_has_no_reference_in_its_log)
+{
+    struct mk_log *log;
+    const char *script =
+        scratch_text("two.cmd", "model models/pendubot.ini\nsetup open-loop\ninput 0.1*sin(6*t)\n"
+                                "start\nwait 0.1\nhalt\nsetup pendubot-mid\nstart\nwait 0.1\n"
+                                "halt\nsetup open-loop\nstart\nwait 0.1\nhalt\n");
+    char folder[200];
+    snprintf(folder, sizeof folder, "%s", scratch("refs"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", folder);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    ck_assert_int_eq(mk_log_read(scratch("refs/run-002.csv"), &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "setup"), "pendubot-mid");
+    ck_assert_ptr_null(mk_log_find_meta(log, "reference"));
+    mk_log_free(log);
+    ck_assert_int_eq(mk_log_read(scratch("refs/run-003.csv"), &log, NULL), MK_OK);
+    ck_assert_str_eq(mk_log_find_meta(log, "reference"), "0.1*sin(6*t)");
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal)
 {
     static const char zeros[] = "setup pi-speed\n\0\0\0";
@@ -1136,6 +1157,7 @@ Suite *suite_console(void)
     tcase_add_test(t, what_only_the_run_can_tell_is_left_to_it);
     tcase_add_test(t, a_model_is_looked_for_beside_the_file_that_names_it);
     tcase_add_test(t, a_link_that_friction_holds_off_its_rest_does_not_start_again);
+    tcase_add_test(t, a_setup_that_takes_no_signal_has_no_reference_in_its_log);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);

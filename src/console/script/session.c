@@ -271,6 +271,12 @@ static enum mk_status open_board(struct session *s, struct mk_error *err)
     return mk_board_open(s->backend, &config, &s->board, err);
 }
 
+/* The signal is kept for the next setup that takes one. */
+static const struct mk_signal *own_signal(const struct session *s)
+{
+    return s->setup->takes_signal ? s->signal : NULL;
+}
+
 enum mk_status session_setup(struct session *s, const char *name, struct mk_error *err)
 {
     const struct mk_ctrl_ops *ops;
@@ -292,7 +298,7 @@ enum mk_status session_setup(struct session *s, const char *name, struct mk_erro
     s->config.cancel = s->options.cancel;
     mk_safety_default(&s->model, 1.0 / s->config.rate_hz, &s->config.limits);
     const struct mk_model *nominal = s->have_nominal ? &s->nominal : &s->model;
-    st = mk_ctrl_create(ops, nominal, 1.0 / s->config.rate_hz, s->signal, &s->ctrl, err);
+    st = mk_ctrl_create(ops, nominal, 1.0 / s->config.rate_hz, own_signal(s), &s->ctrl, err);
     if (st == MK_OK && s->swingup[0])
         st = mk_ctrl_load_swingup(s->ctrl, s->swingup, err);
     if (st == MK_OK)
@@ -376,7 +382,7 @@ enum mk_status session_start(struct session *s, struct mk_error *err)
             return mk_error_set(err, MK_ERR_FAULT, "fault %s is latched: acknowledge it with ack",
                                 mk_fault_name(snap.fault));
     }
-    s->ctrl->ref = s->signal;
+    s->ctrl->ref = own_signal(s);
     enum mk_status st = create_loop(s, err);
     if (st != MK_OK)
         return st;
