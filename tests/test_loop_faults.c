@@ -160,7 +160,7 @@ static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk
 }
 
 /* A run under u = 0 with a board that lies from its exchange `from` on; when the fault came, in s
- * after that exchange. The watch before the start takes 100 exchanges. */
+ * after that exchange. The watch before the start takes 0.2 s: 100 exchanges at 500 Hz. */
 static double lie_from(enum lie lie, int from, enum mk_fault fault)
 {
     bench_build(NULL);
@@ -178,7 +178,7 @@ static double lie_from(enum lie lie, int from, enum mk_fault fault)
     ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
     bench.board->ops = liar.honest;
     bench_assert_motor_is_off();
-    return t - (from - 100) * 0.002;
+    return t - (from / bench.config.rate_hz - 0.2);
 }
 
 START_TEST(a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once)
@@ -194,6 +194,14 @@ START_TEST(a_board_that_drives_and_denies_it_is_found_by_the_motion)
     bench_use_plant(plants[_i]);
     ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 200, MK_FAULT_DRIVEN),
                         plants[_i] == MK_PLANT_PENDUBOT ? 0.4 : 0.1);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_and_denies_it_is_found_by_slow_samples_too)
+{
+    bench.config.rate_hz = MK_LOOP_RATE_MIN_HZ;
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 40, MK_FAULT_DRIVEN), 0.3);
 }
 END_TEST
 
@@ -732,6 +740,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_motor_wired_backwards_stops);
     tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
     tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
+    tcase_add_test(t, a_board_that_drives_and_denies_it_is_found_by_slow_samples_too);
     tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
     tcase_add_test(t, a_command_whose_sample_was_lost_may_act_later);
     tcase_add_test(t, a_board_that_drives_before_the_start_is_not_started);

@@ -23,8 +23,10 @@
 #define JUMP_SAMPLES 1.3
 
 /* A motor joint that is driven by something else: the speed that the model knows nothing of is kept
- * for this time, and is a fault where it takes this share of all that the motor can do. */
+ * for this time, and is a fault where it takes this share of all that the motor can do. The speeds
+ * of readings lag by four samples: the time has so many at least. */
 #define DRIVEN_S 0.05
+#define DRIVEN_SAMPLES 25.0
 #define DRIVEN_SHARE 0.4
 
 /* Share of the reserve at a joint that has neither motor nor gears. */
@@ -319,10 +321,11 @@ static bool driven_by_another(const struct mk_residual *r, struct mk_residual_jo
                               double dt, const double *q, const double *v, int j)
 {
     struct bounded b = accelerate(r, t, q, v, j, v[j]);
+    double kept_s = fmax(DRIVEN_S, DRIVEN_SAMPLES * r->limits->dt_s);
     if (s->known == 0)
         s->model_v = v[j];
-    s->model_v += b.a * dt + (v[j] - s->model_v) * dt / DRIVEN_S;
-    double allowed = DRIVEN_S * (DRIVEN_SHARE * b.authority + b.off);
+    s->model_v += b.a * dt + (v[j] - s->model_v) * dt / kept_s;
+    double allowed = kept_s * (DRIVEN_SHARE * b.authority + b.off);
     return (v[j] - s->model_v) * v[j] > 0.0 && fabs(v[j]) > fabs(s->model_v) + allowed;
 }
 
