@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "ctrl/ctrl_rig.h"
 #include "ctrl/residual.h"
 #include "experiment/robustness.h"
 #include "mechkit/loop.h"
@@ -24,7 +25,7 @@ static const struct {
                          {"furuta", MK_PLANT_FURUTA}};
 
 /* Runs a setup on the nominal virtual rig under a fault script for at most `seconds`. */
-static struct mk_loop_snapshot run_with(int setup, const char *faults, double seconds)
+static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *faults, double seconds)
 {
     struct mk_error err = MK_ERROR_INIT;
     struct mk_model model;
@@ -37,13 +38,14 @@ static struct mk_loop_snapshot run_with(int setup, const char *faults, double se
     mk_model_default(setups[setup].plant, &model);
     mk_clock_init_simulated(&clock);
     mk_loop_config_default(&model, &config);
+    config.rate_hz = rate_hz;
     const struct mk_board_config board_config = {
         .model = &model, .clock = &clock, .fault_script = faults};
     ck_assert_int_eq(
         mk_board_open(mk_board_backend_by_name("virtual"), &board_config, &board, &err), MK_OK);
-    ck_assert_int_eq(
-        mk_ctrl_create(mk_ctrl_setup_by_name(setups[setup].setup), &model, DT, NULL, &ctrl, &err),
-        MK_OK);
+    ck_assert_int_eq(mk_ctrl_create(mk_ctrl_setup_by_name(setups[setup].setup), &model,
+                                    1.0 / rate_hz, NULL, &ctrl, &err),
+                     MK_OK);
     ck_assert_int_eq(mk_loop_create(board, ctrl, &config, &loop, &err), MK_OK);
     ck_assert_int_eq(mk_loop_start(loop, NULL, NULL, 0, &err), MK_OK);
     enum mk_status st = mk_loop_wait(loop, seconds, NULL, NULL, NULL, &err);
@@ -53,6 +55,11 @@ static struct mk_loop_snapshot run_with(int setup, const char *faults, double se
     mk_ctrl_destroy(ctrl);
     mk_board_close(board);
     return last;
+}
+
+static struct mk_loop_snapshot run_with(int setup, const char *faults, double seconds)
+{
+    return run_at(1.0 / DT, setup, faults, seconds);
 }
 
 /* Seconds that docs/safety.md promises: while a rig swings up or is caught, and while it is held so
@@ -107,6 +114,43 @@ START_TEST(rigs_that_are_off_the_model_are_not_stopped)
         ck_assert_msg(strncmp(t.fault, "encoder", 7) != 0, "%s, seed %d: %s", setups[_i].setup,
                       (int)seed, t.fault);
     }
+}
+END_TEST
+
+static const double rates_hz[] = {MK_LOOP_RATE_MIN_HZ, 150.0, MK_LOOP_RATE_MAX_HZ};
+#define RATE_COUNT ((int)(sizeof rates_hz / sizeof rates_hz[0]))
+
+START_TEST(rigs_are_not_stopped_at_the_slowest_and_the_fastest_rate)
+{
+    static const char *const names[] = {"pendubot-mid", "pendubot-top", "reaction-wheel",
+                                        "furuta",       "cart-pole",    "acrobot"};
+    struct trial_spread spread;
+    trial_spread_default(&spread);
+    spread.rate_hz = rates_hz[_i];
+    for (size_t k = 0; k < sizeof names / sizeof names[0]; k++)
+        for (uint64_t seed = 1; seed <= 3; seed++) {
+            const struct mk_ctrl_ops *setup = mk_ctrl_setup_by_name(names[k]);
+            struct mk_model nominal;
+            struct trial t;
+            mk_model_default(mk_ctrl_first_rig(setup), &nominal);
+            ck_assert_int_eq(trial_run(setup, &nominal, &spread, seed, &t, NULL), MK_OK);
+            ck_assert_msg(t.end != TRIAL_FAULT, "%s, seed %d: %s", names[k], (int)seed, t.fault);
+        }
+}
+END_TEST
+
+START_TEST(a_dead_encoder_stops_the_motor_at_the_slowest_and_the_fastest_rate)
+{
+    const double rate_hz = rates_hz[_i], died_s = 3.0;
+    for (int setup = 0; setup < SETUP_COUNT; setup++)
+        for (int joint = 1; joint <= 2; joint++) {
+            char script[40];
+            snprintf(script, sizeof script, "at %d stuck %d", (int)(died_s * rate_hz), joint);
+            struct mk_loop_snapshot end = run_at(rate_hz, setup, script, died_s + FOUND_HELD_S);
+            ck_assert_msg(end.fault == MK_FAULT_STUCK && end.fault_joint == joint,
+                          "%g Hz, %s, %s: %s, joint %d", rate_hz, setups[setup].setup, script,
+                          mk_fault_name(end.fault), end.fault_joint);
+        }
 }
 END_TEST
 
@@ -250,6 +294,9 @@ Suite *suite_residual(void)
     tcase_add_loop_test(t, a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor, 0, 1);
     tcase_add_loop_test(t, an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once, 0,
                         SETUP_COUNT);
+    tcase_add_loop_test(t, rigs_are_not_stopped_at_the_slowest_and_the_fastest_rate, 0, RATE_COUNT);
+    tcase_add_loop_test(t, a_dead_encoder_stops_the_motor_at_the_slowest_and_the_fastest_rate, 0,
+                        RATE_COUNT);
     tcase_add_loop_test(t, noise_of_two_counts_is_no_jump, 0, SETUP_COUNT);
     tcase_add_test(t, a_wheel_that_friction_holds_is_not_stopped);
     tcase_add_test(t, a_model_that_may_be_off_by_all_of_it_stops_nothing);

@@ -45,6 +45,9 @@
 #define SWAY_S 0.3
 #define SWAY_COUNTS 5.0
 #define SWAY_OTHER_COUNTS 3.0
+/* A count of the other joint is the more speed the closer samples are: closer than this its speed
+ * is smoothed until a count is as much as then. */
+#define SWAY_SAMPLE_S 0.002
 
 /* So much more of the other joint's counts where a way is added up without forgetting. */
 #define SURE_CARRIED 4.0
@@ -265,14 +268,15 @@ static bool must_have_swayed(const struct mk_residual *r, struct mk_residual_swa
                              const double *q, const double *v, int j)
 {
     int k = 1 - j;
+    double other_v = r->joint[k].smooth_v;
     if (mk_plant(r->plant.plant)->joints == 1)
         return false;
     struct sway_of now = sway_of(r, q, v, j);
     if (s->still_s == 0.0 || !now.known) {
-        *s = (struct mk_residual_sway){.other_v = v[k], .mean_a = now.a, .still_s = dt};
+        *s = (struct mk_residual_sway){.other_v = other_v, .mean_a = now.a, .still_s = dt};
         return false;
     }
-    double step = now.ratio * (v[k] - s->other_v), forget = dt / SWAY_S;
+    double step = now.ratio * (other_v - s->other_v), forget = dt / SWAY_S;
     double off = now.off * dt + r->limits->model_share * fabs(step);
     double way = go_on(s->sure, now.a * dt - step, off, dt, r);
     double keep = 1.0 - SWAY_CORNER_RADPS * dt;
@@ -282,7 +286,7 @@ static bool must_have_swayed(const struct mk_residual *r, struct mk_residual_swa
     s->mean_way += forget * (s->way - s->mean_way);
     double sway = s->way - s->mean_way;
     s->square += forget * (sway * sway - s->square);
-    s->other_v = v[k];
+    s->other_v = other_v;
     s->still_s += dt;
     double own = mk_model_count(r->model, j);
     double carried = SWAY_OTHER_COUNTS * fabs(now.ratio) * mk_model_count(r->model, k);
@@ -340,6 +344,13 @@ static void remember(struct mk_residual_joint *s, double q, bool regular)
     s->known += s->known < MK_RESIDUAL_PAST;
 }
 
+static void smooth_speeds(struct mk_residual *r, double dt, const double *v)
+{
+    double closer = dt / SWAY_SAMPLE_S, share = fmin(closer * closer, 1.0);
+    for (int j = 0; j < mk_model_joints(r->model); j++)
+        r->joint[j].smooth_v += share * (v[j] - r->joint[j].smooth_v);
+}
+
 /* A rig that nothing drives may be moved and held by hand. */
 static bool drives(struct mk_residual *r, double dt)
 {
@@ -385,6 +396,7 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
     enum mk_fault fault = MK_FAULT_NONE;
     bool checks = drives(r, dt) && r->limits->model_share < 1.0;
     int motor = mk_plant(r->plant.plant)->motor_joint;
+    smooth_speeds(r, dt, v);
     if (r->limits->model_share < 1.0 &&
         driven_by_another(r, &r->joint[motor], t, dt, q, v, motor)) {
         fault = MK_FAULT_DRIVEN;

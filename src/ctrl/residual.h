@@ -43,8 +43,9 @@ struct mk_residual_joint {
     bool fresh;                      /* the newest reading differs from the one before */
     struct mk_residual_sure sure[2]; /* up, down */
     struct mk_residual_sway sway;
-    double model_v; /* the model's speed, the motor joint's */
-    double noise2;  /* mean square of what the last readings do not lead to */
+    double smooth_v; /* its speed, with the noise of counts that samples further apart have */
+    double model_v;  /* the model's speed, the motor joint's */
+    double noise2;   /* mean square of what the last readings do not lead to */
 };
 
 struct mk_residual {
