@@ -207,6 +207,18 @@ START_TEST(two_pushes_tell_how_a_furuta_pendulum_is_wired)
 }
 END_TEST
 
+START_TEST(two_pushes_tell_how_a_cart_pole_is_wired)
+{
+    check_wiring(MK_PLANT_CART_POLE, _i);
+}
+END_TEST
+
+START_TEST(two_pushes_tell_how_an_acrobot_is_wired)
+{
+    check_wiring(MK_PLANT_ACROBOT, _i);
+}
+END_TEST
+
 START_TEST(what_a_push_moved_is_said_in_the_unit_of_each_joint)
 {
     mk_model_default(MK_PLANT_CART_POLE, &model);
@@ -360,6 +372,8 @@ Suite *suite_doctor(void)
     tcase_add_loop_test(t, two_pushes_tell_how_a_pendubot_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_reaction_wheel_is_wired, 0, WIRINGS);
     tcase_add_loop_test(t, two_pushes_tell_how_a_furuta_pendulum_is_wired, 0, WIRINGS);
+    tcase_add_loop_test(t, two_pushes_tell_how_a_cart_pole_is_wired, 0, WIRINGS);
+    tcase_add_loop_test(t, two_pushes_tell_how_an_acrobot_is_wired, 0, WIRINGS);
     tcase_add_test(t, what_a_push_moved_is_said_in_the_unit_of_each_joint);
     tcase_add_loop_test(t, a_slow_sweep_finds_nothing_on_a_healthy_rig, 0, SWEPT);
     tcase_add_loop_test(t, a_slow_sweep_finds_a_cable_that_drags, 0, SWEPT);
