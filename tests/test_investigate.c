@@ -333,6 +333,33 @@ END_TEST
 
 /* --- what is refused -------------------------------------------------------------------------- */
 
+START_TEST(a_speed_that_is_held_is_told_in_its_unit)
+{
+    char given[300], folder[300], path[400];
+    struct mk_model model;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    ck_assert_int_eq(mk_model_set_linear(&model, 0, true, NULL), MK_OK);
+    model.parameter[0] = 2.0; /* kg, N s/m, N */
+    model.parameter[1] = 3.0;
+    model.parameter[2] = 1.0;
+    model.u_to_torque = 1.0;
+    snprintf(given, sizeof given, "%s", scratch("slide.ini"));
+    snprintf(folder, sizeof folder, "%s", scratch("slide"));
+    ck_assert_int_eq(mk_model_write(given, &model, NULL, NULL), MK_OK);
+    (void)run_mechkit(said, sizeof said,
+                      "investigate --model %s --out %s --fast --control --experiments 1 "
+                      "--seconds 3",
+                      given, folder);
+    ck_assert_msg(strstr(said, "pi-speed, believing the given model: held, off by ") != NULL &&
+                      strstr(said, " m/s rms") != NULL && strstr(said, "nan") == NULL,
+                  "%s", said);
+    snprintf(path, sizeof path, "%s/notebook.html", folder);
+    char *book = slurp_file(path);
+    ck_assert_ptr_nonnull(strstr(book, " mm/s<"));
+    free(book);
+}
+END_TEST
+
 START_TEST(a_model_of_another_plant_is_refused)
 {
     const char *folder = new_folder("other");
@@ -536,6 +563,7 @@ Suite *suite_investigate(void)
     suite_add_tcase(s, ends);
     TCase *refused = tcase_create("refused");
     tcase_set_timeout(refused, 120);
+    tcase_add_test(refused, a_speed_that_is_held_is_told_in_its_unit);
     tcase_add_test(refused, a_model_of_another_plant_is_refused);
     tcase_add_test(refused, another_investigation_in_the_folder_is_not_written_over);
     tcase_add_test(refused, usage_errors_say_what_would_be_right);

@@ -643,6 +643,22 @@ static bool done_already(const struct journal *j, const char *setup, const char 
     return false;
 }
 
+/* Where nothing is caught, a speed is held. */
+static const char *how_it_held(const struct journal_control *c, const struct mk_model *given,
+                               char *buf, size_t size)
+{
+    const int motor = mk_plant(given->plant)->motor_joint;
+    if (!c->held)
+        snprintf(buf, size, "not held");
+    else if (isfinite(c->caught_s))
+        snprintf(buf, size, "held, caught after %.3g s, sway %.3g mrad, rms command %.3g",
+                 c->caught_s, 1e3 * c->sway, c->effort);
+    else
+        snprintf(buf, size, "held, off by %.3g %s rms, rms command %.3g", c->sway,
+                 mk_model_unit(given, motor, "rad/s"), c->effort);
+    return buf;
+}
+
 static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_ops *setup,
                                 const struct mk_model *nominal, const char *name,
                                 struct mk_error *err)
@@ -678,12 +694,10 @@ static enum mk_status try_setup(struct investigation *v, const struct mk_ctrl_op
     snprintf(c.fault, sizeof c.fault, "%s", run.fault_text);
     j->control[j->controls++] = c;
     j->control_s += rig_seconds(&v->rig) - begin;
-    investigation_say(
-        v,
-        "  %s, believing the %s model: %s, caught after %.3g s, sway %.3g mrad, rms command "
-        "%.3g%s%s",
-        setup->name, name, c.held ? "held" : "not held", c.caught_s, 1e3 * c.sway, c.effort,
-        c.fault[0] ? "; " : "", c.fault);
+    char held[120];
+    investigation_say(v, "  %s, believing the %s model: %s%s%s", setup->name, name,
+                      how_it_held(&c, &j->given, held, sizeof held), c.fault[0] ? "; " : "",
+                      c.fault);
     return save(v, err);
 }
 

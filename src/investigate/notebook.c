@@ -438,7 +438,10 @@ static void put_control(struct book *b)
         else
             cell(b, "-");
         if (isfinite(c->sway))
-            cell(b, "%.3g m%s", 1e3 * c->sway, isfinite(c->caught_s) ? "rad" : "rad/s");
+            cell(b, "%.3g m%s", 1e3 * c->sway,
+                 isfinite(c->caught_s)
+                     ? "rad"
+                     : mk_model_unit(&j->given, mk_plant(j->given.plant)->motor_joint, "rad/s"));
         else
             cell(b, "-");
         if (isfinite(c->effort))
