@@ -205,6 +205,32 @@ START_TEST(pi_speed_follows_a_ramp_without_lag)
 }
 END_TEST
 
+START_TEST(pi_speed_feeds_a_ramp_forward_the_same_after_missed_samples)
+{
+    struct mk_signal *ramp;
+    struct mk_model model;
+    struct mk_ctrl *ctrl;
+    struct mk_ctrl_output out;
+    const double dt = 0.002;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    ck_assert_int_eq(mk_signal_create("20*t", &ramp, NULL), MK_OK);
+    ck_assert_int_eq(
+        mk_ctrl_create(mk_ctrl_setup_by_name("pi-speed"), &model, dt, ramp, &ctrl, NULL), MK_OK);
+    static const int ticks[] = {0, 1, 2, 5, 6};
+    for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
+        const int missed = i ? ticks[i] - ticks[i - 1] - 1 : 0;
+        struct mk_ctrl_input in = {
+            .t = ticks[i] * dt, .dt = dt * (1 + missed), .tick = (uint64_t)ticks[i]};
+        in.v[0] = 20.0 * in.t; /* it follows */
+        mk_ctrl_step(ctrl, &in, &out);
+        if (i > 0)
+            ck_assert_double_eq_tol(out.u, model.parameter[0] * 20.0, 1e-9);
+    }
+    mk_ctrl_destroy(ctrl);
+    mk_signal_destroy(ramp);
+}
+END_TEST
+
 START_TEST(pi_speed_does_not_wind_up_at_the_limit)
 {
     /* 2000 rad/s is out of reach; after it, 50 rad/s must come without a long detour. */
@@ -345,6 +371,7 @@ Suite *suite_ctrl(void)
     tcase_add_test(t, pi_speed_follows_a_step_within_two_percent);
     tcase_add_test(t, pi_speed_needs_no_right_friction);
     tcase_add_test(t, pi_speed_follows_a_ramp_without_lag);
+    tcase_add_test(t, pi_speed_feeds_a_ramp_forward_the_same_after_missed_samples);
     tcase_add_test(t, pi_speed_does_not_wind_up_at_the_limit);
     tcase_add_test(t, pi_speed_without_a_signal_holds_its_parameter);
     suite_add_tcase(s, t);

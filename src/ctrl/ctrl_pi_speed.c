@@ -64,14 +64,15 @@ static void pi_speed_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     if (!mk_ctrl_input_ok(ctrl, in))
         return;
 
-    double slope = reference_slope(s, r, ctrl->dt, limit / inertia);
+    double dt = in->dt > 0.0 ? in->dt : ctrl->dt; /* more where samples were missed */
+    double slope = reference_slope(s, r, dt, limit / inertia);
     double error = r - in->v[0];
     double feed = inertia * slope + ctrl->value[FRICTION] * mk_plant_friction(&ctrl->model, r);
     double wish = ctrl->value[KP] * error + s->integral + feed;
 
     /* The integral stands still while the command is at its limit and the error pushes further. */
     if (fabs(wish) < limit || wish * error < 0.0)
-        s->integral += ctrl->value[KI] * error * ctrl->dt;
+        s->integral += ctrl->value[KI] * error * dt;
     s->integral = mk_clamp(s->integral, -limit, limit);
     out->u = wish;
 }
