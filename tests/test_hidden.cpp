@@ -390,6 +390,24 @@ START_TEST(nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_
 }
 END_TEST
 
+START_TEST(what_was_found_is_tried_in_control_where_that_is_asked_for)
+{
+    truth::Wish wish;
+    wish.rig = "inertia-wheel", wish.effect = "quadratic-drag", wish.seed = 43;
+    truth::Case c = truth::make_case(wish);
+    const mk_log *train = c.train[0].get(), *hold = c.holdout.get();
+    mk_explain_options o = {};
+    o.threads = 2;
+    for (bool asked : {false, true}) {
+        static mk_explanation e;
+        o.control = asked;
+        ck_assert_int_eq(mk_explain(&c.given, &train, 1, &hold, 1, &o, &e, nullptr), MK_OK);
+        ck_assert_int_eq(e.offered, 1);
+        ck_assert_int_eq(e.control_count > 0, asked);
+    }
+}
+END_TEST
+
 START_TEST(what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does)
 {
     // To a pendulum that only swings, a tilted base and a wrong zero are one thing; a dead zone and
@@ -435,6 +453,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_loop_test(t, clean_data_raise_no_alarm, 0, 2);
     tcase_add_loop_test(
         t, what_the_motor_cannot_tell_apart_gets_no_next_experiment_and_what_it_can_does, 0, 2);
+    tcase_add_test(t, what_was_found_is_tried_in_control_where_that_is_asked_for);
     tcase_add_test(t, what_no_entry_describes_is_unknown_with_a_formula_that_predicts);
     tcase_add_test(t, late_readings_of_one_joint_are_a_rival_of_a_late_command);
     tcase_add_test(t, rivals_that_training_data_cannot_tell_apart_are_told_apart_by_held_out_data);

@@ -554,13 +554,26 @@ START_TEST(readings_of_the_time_before_a_run_count_as_others_do)
     ck_assert_uint_eq(one.row_count, other.row_count);
     for (size_t i = 0; i < one.row_count; i++)
         ck_assert_double_eq_tol(prompt.residual[i], late.residual[i], 1e-5);
-    // q(-d) = q - d v + d^2 a / 2, a from a run that ends d later.
     constexpr double DELAY = 0.004;
     late.model.effect[0].value[0] = DELAY;
     mk::ShootTask far = late.task(x, true);
     far.first_row = 0, far.end_row = late.t.size();
     mk::shoot(far);
     ck_assert_uint_eq(far.row_count, one.row_count);
+    // The same from where a run ends that has taken as long as the reading is late: the first
+    // reading shows where that one began.
+    mk::ShootTask before = prompt.task(x, false);
+    before.end = DELAY;
+    mk::shoot(before);
+    const std::vector<double> there = prompt.x_end;
+    mk::ShootTask after = late.task(there, false);
+    after.first_row = 0, after.end_row = late.t.size();
+    mk::shoot(after);
+    ck_assert_double_eq_tol(-late.residual[0], x[0], 2e-5);
+    ck_assert_double_gt(std::fabs(there[0] - x[0]), 4e-3);
+    far = late.task(x, true);
+    far.first_row = 0, far.end_row = late.t.size();
+    mk::shoot(far);
     for (int side = 0; side < 2; side++) {
         // By the start state's speeds: central differences of what the first reading shows.
         double y[2];

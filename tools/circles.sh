@@ -42,6 +42,6 @@ awk '
 }
 if ! tsort "$work/pairs" >/dev/null 2>"$work/circles"; then
     echo "files of a folder that need each other:" >&2
-    sed -n 's/^tsort: \(.*\/.*\)$/  \1/p' "$work/circles" >&2
+    sed -n '/contains a loop/d; s/^tsort: \(.*\/.*\)$/  \1/p' "$work/circles" >&2
     exit 1
 fi

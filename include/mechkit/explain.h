@@ -78,12 +78,13 @@ struct mk_suspect {
 };
 #define MK_MAX_SUSPECTS 5
 
-/* What pushed the rig beyond the refitted model during one stretch of the training data. */
+/* What acted on the rig beyond the refitted model during one shooting interval (60 ms) of the
+ * training data. */
 struct mk_residual_torque {
     double t;                                  /* s from the start of its log */
-    double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS]; /* in the middle of the stretch */
+    double q[MK_MAX_JOINTS], v[MK_MAX_JOINTS]; /* in the middle of the interval */
     double u;
-    /* Mean missing torque in the equation of each joint, in the model's torque units (command
+    /* Mean residual torque in the equation of each joint, in the model's torque units (command
      * units, or N m where u_to_torque is 1). */
     double torque[MK_MAX_JOINTS];
 };
@@ -183,7 +184,7 @@ struct mk_explain_options {
     const struct mk_data_check *data_check;
     bool force; /* searches in spite of a fatal finding */
     /* Where an extension is offered, fills `control`: the rig's set-ups are tried on a virtual rig
-     * that is the extended model. A second or some. */
+     * that is the extended model (some seconds). False: `control_count` is 0. */
     bool control;
     struct mk_row_choice rows;
     mk_progress_fn progress;
@@ -226,7 +227,7 @@ struct mk_explanation {
         suspect[MK_MAX_SUSPECTS]; /* likeliest first; none of them is among the causes */
     bool partly_named; /* verdict unknown, but its terms are entries of the catalogue: they explain
                           a part */
-    char structure[512]; /* of the missing torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
+    char structure[512]; /* of the residual torque when unknown, e.g. "joint 2: -0.013 dq2|dq2|" */
 
     /* extended: what to use from now on. With the causes in it if `offered`; else, because they
      * predict held-out data worse or there are none, the refitted model (verdict none: the given).
@@ -266,7 +267,7 @@ struct mk_explanation {
     double closed;
     int residual_torque_count;
     struct mk_residual_torque residual_torque[MK_MAX_RESIDUAL_TORQUES];
-    double missing[MK_MAX_JOINTS]; /* rms of the missing torque in each equation, same units */
+    double missing[MK_MAX_JOINTS]; /* rms of the residual torque in each equation, same units */
     /* One-step predictions of the readings by both models with the process noise that the best one
      * needs: rms error over its predicted standard deviation, 1 for a right model; 0: not found. */
     double one_step_refit[MK_MAX_JOINTS], one_step_extended[MK_MAX_JOINTS];

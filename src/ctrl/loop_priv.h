@@ -158,7 +158,7 @@ struct mk_loop {
 
 /* Waits for the next deadline and makes one sample. False: the run is over. RT. */
 bool mk_loop_tick(struct mk_loop *loop);
-/* Watchdog set, board's clock started or the first deadline set. */
+/* Watchdog set, board's clock started or the first deadline set. Before the first tick: not RT. */
 enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err);
 /* Zero torque and nothing more to come. RT. */
 void mk_loop_end_ticks(struct mk_loop *loop);

@@ -1,5 +1,5 @@
-/* The tick: one sample from deadline to hand-over. All of this file is RT: it allocates, locks and
- * prints nothing. */
+/* The tick: one sample from deadline to hand-over. All but mk_loop_begin_ticks is RT: it
+ * allocates, locks and prints nothing. */
 #include <math.h>
 #include <string.h>
 
@@ -377,6 +377,8 @@ bool mk_loop_tick(struct mk_loop *loop)
     return r->tick < r->end_tick;
 }
 
+/* Before the first tick, so the one function here that is not RT: what it asks of the board may
+ * fail with a message. */
 enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
 {
     const struct mk_board_ops *ops = loop->board->ops;

@@ -339,7 +339,8 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
     if (!(o.spread >= 0.0 && o.spread <= 0.5))
         return mk_error_set(err, MK_ERR_RANGE, "spread %g: from 0 to 0.5", o.spread);
     if (!(o.process_noise >= 0.0))
-        return mk_error_set(err, MK_ERR_RANGE, "drift %g: not negative", o.process_noise);
+        return mk_error_set(err, MK_ERR_RANGE, "process noise %g: must be 0 or more",
+                            o.process_noise);
     const mk_plant_info *plant = mk_plant(model.plant);
     for (int j = 0; j < plant->joints; j++) {
         bool wheel = plant->joint_is_wheel[j];

@@ -1,5 +1,7 @@
 #include "explain/report/budget_text.hpp"
 
+#include "explain/report/append.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdarg>
@@ -11,16 +13,6 @@ namespace mk
 
 namespace
 {
-
-MK_PRINTF(2, 3) void add(std::string &s, const char *format, ...)
-{
-    char text[1024];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text, sizeof text, format, args);
-    va_end(args);
-    s += text;
-}
 
 // One bar of the waterfall: the errors of a model, and what it has beyond the one before.
 struct Bar {

@@ -10,26 +10,18 @@
 #include <vector>
 
 #include "base/out_file.h"
+#include "explain/report/append.hpp"
 #include "explain/report/budget_text.hpp"
 #include "ident/input_report.h"
 #include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
 #include "mechkit/sim.h"
 
+using mk::add;
 using mk::OwnedLog;
 
 namespace
 {
-
-MK_PRINTF(2, 3) void add(std::string &s, const char *format, ...)
-{
-    char text[1024];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text, sizeof text, format, args);
-    va_end(args);
-    s += text;
-}
 
 std::string escaped(const std::string &text)
 {
