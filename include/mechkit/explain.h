@@ -142,7 +142,8 @@ struct mk_budget_item {
     int cause;        /* index into cause[]; -1: another one */
     int log_value;    /* index into log_value[]; -1: another one */
     bool input;       /* the other column of the command, with its delay and lag */
-    double share;     /* of the gap, what it closes in all orders of adding causes (Shapley) */
+    double share;     /* of the gap, what it closes in all orders of adding causes (Shapley): 0 to
+                         `closed`, where that is above 0 */
     double low, high; /* 90 % interval of the share, by resampling the held-out logs */
     double inclusion; /* share of resamples of the training logs that choose it; NaN: not asked */
     double rms[MK_MAX_JOINTS]; /* error of a free run with this item and those before it */

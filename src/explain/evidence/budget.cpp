@@ -4,14 +4,18 @@
 // model with the set S of items only, all else fitted again, and n_j^2 that of the readings' noise,
 // S closes
 //     v(S) = mean_j (MSE_j(none) - MSE_j(S)) / (MSE_j(none) - n_j^2) .
-// The share of item i is its Shapley value (L. Shapley 1953): what it adds to v when it is added,
-// averaged over orders,
-//     share_i = mean over orders of v(before i and i) - v(before i) .
-// It does not depend on the order in which the search found items, and the shares add up to v(all)
-// in every single order. An item is a cause, what differs from log to log, or the command's other
-// column with its delay.
+// The share of item i is its Shapley value (L. Shapley 1953): what it adds to what is closed when
+// it is added, averaged over orders of adding,
+//     share_i = mean over orders of c(before i and i) - c(before i) ,
+//     c = max of v over none and the sets so far in that order, at most v(all);  c(all) = v(all) .
+// An item that is added can be fitted to nothing, so that a set closes no less than a part of it;
+// where free runs on other data say less, the fit did not carry over without the items to come. The
+// shares do not depend on the order in which the search found items, and add up to v(all) in every
+// single order. An item is a cause, what differs from log to log, or the command's other column
+// with its delay.
 //
-// Sets are bit masks; v of each is computed once (`figures`), since it takes a fit.
+// Sets are bit masks; v of each is computed once (`figures`), since it takes a fit. It is fitted to
+// the free runs of the training data, since v measures free runs.
 #include "explain/evidence/budget.hpp"
 
 #include <algorithm>
@@ -95,20 +99,32 @@ class Shares
                 sum += mean_square(of(set), j, nullptr) / (out.floor[j] * out.floor[j]);
         return sum;
     }
-    // Gains of an item over the orders of adding.
-    std::vector<std::pair<Set, double>> &orders(size_t item)
+    // Of every item, its share.
+    std::vector<double> shares(const Times *times = nullptr)
     {
-        if (weights.empty())
+        if (orders.empty())
             find_orders();
-        return weights[item];
-    }
-    // sum over the sets that come before the item, weighted by how many orders have them there.
-    double share(size_t item, const Times *times = nullptr)
-    {
-        double sum = 0.0;
-        for (const auto &[without, weight] : orders(item))
-            sum += weight * (closed(without | (1u << item), times) - closed(without, times));
-        return sum;
+        std::map<Set, double> v;
+        const auto closed_by = [&](Set set) {
+            const auto [at, fresh] = v.try_emplace(set, 0.0);
+            if (fresh)
+                at->second = closed(set, times);
+            return at->second;
+        };
+        const double all = closed_by(everything());
+        std::vector<double> share(items.size(), 0.0);
+        for (const std::vector<size_t> &order : orders) {
+            Set set = 0;
+            double before = 0.0;
+            for (size_t item : order) {
+                set |= 1u << item;
+                const double now =
+                    set == everything() ? all : std::max(before, std::min(closed_by(set), all));
+                share[item] += (now - before) / (double)orders.size();
+                before = now;
+            }
+        }
+        return share;
     }
     const HeldOut &runs() const { return held; }
 
@@ -119,11 +135,14 @@ class Shares
     const mk_explanation &out;
     int joints;
     std::map<Set, HeldOutFigures> figures;
-    std::vector<FitLog> other_logs;
-    std::unique_ptr<Search> other;
-    std::unique_ptr<FreeRuns> other_runs;
-    std::vector<std::vector<std::pair<Set, double>>>
-        weights; // by item: what is there before, share
+    // Free runs, and the extended model in them.
+    struct TrainingRuns {
+        std::unique_ptr<FreeRuns> made;
+        const FreeRuns *runs = nullptr;
+        RunPoint extended;
+    };
+    TrainingRuns training[2];                // by whether the given column drives them
+    std::vector<std::vector<size_t>> orders; // of items
 
     void find_items()
     {
@@ -166,66 +185,56 @@ class Shares
                 m.effect[e] = m.effect[e + 1];
             m.effect_count--;
         }
-        // Without the late item the model is driven by the given column: other data, on which it is
-        // fitted again.
         if (given_column)
             m.input = out.given.input;
-        Hypothesis fitted;
-        if (given_column && last.runs())
-            return fitted_to_given_column(m);
-        const bool fine = given_column ? search_with_given_column().refit_at(
-                                             m, last.best, last.refit.process_noise, fitted)
-                                       : last.fit_again(m, fitted);
-        return fine ? fitted.point.model : m;
+        return fitted_to_runs(m, given_column);
     }
-    mk_model fitted_to_given_column(const mk_model &m)
+    // Fitted to what v measures: free runs, over the training data. Likelihood fits a model that
+    // lacks much to each next reading, and its free runs may then end further off than without the
+    // items that it has.
+    mk_model fitted_to_runs(const mk_model &m, bool given_column)
     {
-        constexpr int ITERATIONS = 6;
+        constexpr int ITERATIONS = 8;
         const int threads = last.search().settings().threads;
-        if (!other_runs) {
-            other_runs =
-                std::make_unique<FreeRuns>(data.rows_by_log(), out.given, out.window_s, threads);
-            RunPoint at = other_runs->start(out.given);
-            other_runs->take_scale(at);
-        }
-        RunPoint point = other_runs->start(m);
+        const TrainingRuns &over = training_runs(given_column);
+        const bool same = mk_model_state_count(&m) == mk_model_state_count(&over.extended.model);
+        RunPoint point = same ? over.runs->adopt(over.extended, m, threads) : over.runs->start(m);
         RunQuadraticModel quadratic;
-        return other_runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, quadratic)
+        return over.runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, quadratic)
                    ? point.model
                    : m;
     }
-    // The training data as the given model's column of the command drives them.
-    Search &search_with_given_column()
+    // The training data as the given model's column of the command drives them, or the extended
+    // one's. What errors are usual there are those of the refitted model.
+    const TrainingRuns &training_runs(bool given_column)
     {
-        if (other)
-            return *other;
-        std::vector<const FitLog *> views;
-        const std::vector<const mk_log *> &rows = last.rows();
-        other_logs.reserve(rows.size());
-        for (size_t i = 0; i < rows.size(); i++) {
-            mk_record record;
-            if (mk_record_from_log(rows[i], &out.given, &record, nullptr) != MK_OK)
-                return last.search();
-            other_logs.push_back(
-                fit_log(record, out.given, 0, record.rows, last.logs()[i]->source));
-            views.push_back(&other_logs.back());
+        TrainingRuns &over = training[given_column];
+        if (over.runs)
+            return over;
+        if (last.runs() && !given_column) {
+            over.runs = last.runs();
+            over.extended = last.extended_run();
+            return over;
         }
-        SearchOptions so;
-        so.given = &out.given;
-        so.threads = last.search().usual_options().threads;
-        other = std::make_unique<Search>(views, so);
-        return *other;
+        mk_model model = out.extended, refit = out.refit;
+        if (given_column)
+            model.input = out.given.input;
+        refit.input = model.input;
+        over.made = std::make_unique<FreeRuns>(data.rows_by_log(), model, out.window_s,
+                                               last.search().settings().threads);
+        RunPoint at = over.made->start(refit);
+        over.made->take_scale(at);
+        over.extended = over.made->start(model);
+        over.runs = over.made.get();
+        return over;
     }
-    // All n! orders up to ALL_ORDERS items; else the model's order and its reverse, 2 n fits at
-    // most in place of 2^n.
+    // All n! orders up to ALL_ORDERS items, which take 2^n fits; else the model's order and its
+    // reverse, which take 2 n at most.
     void find_orders()
     {
-        const size_t n = items.size();
-        weights.assign(n, {});
-        std::vector<std::vector<size_t>> orders;
-        std::vector<size_t> order(n);
+        std::vector<size_t> order(items.size());
         std::iota(order.begin(), order.end(), 0u);
-        if (n <= ALL_ORDERS) {
+        if (items.size() <= ALL_ORDERS) {
             do
                 orders.push_back(order);
             while (std::next_permutation(order.begin(), order.end()));
@@ -233,29 +242,16 @@ class Shares
             orders.push_back(order);
             orders.emplace_back(order.rbegin(), order.rend());
         }
-        for (const std::vector<size_t> &one : orders) {
-            // The item's marginal gains: v with it less v without, over the sets that come before
-            // it in some order.
-            Set before = 0;
-            for (size_t item : one) {
-                weights[item].emplace_back(before, 1.0 / (double)orders.size());
-                before |= 1u << item;
-            }
-        }
     }
-    static constexpr size_t ALL_ORDERS = 3;
+    static constexpr size_t ALL_ORDERS = 4;
 };
 
 // The same windows and times for all sets: errors of windows are computed once, and a resample only
 // weighs them.
 void find_intervals(Shares &shares)
 {
-    const std::vector<Interval> found = intervals_of(shares.of(0), [&](const Times &times) {
-        std::vector<double> share(shares.items.size());
-        for (size_t k = 0; k < share.size(); k++)
-            share[k] = shares.share(k, &times);
-        return share;
-    });
+    const std::vector<Interval> found =
+        intervals_of(shares.of(0), [&](const Times &times) { return shares.shares(&times); });
     for (size_t k = 0; k < found.size(); k++) {
         shares.items[k].entry.low = found[k].low;
         shares.items[k].entry.high = found[k].high;
@@ -341,9 +337,10 @@ void make_budget(const TrainingData &data, const CauseSearch &causes, const Fina
     }
     if (out.offered && !shares.items.empty()) {
         b.closed = shares.closed(shares.everything());
+        const std::vector<double> share = shares.shares();
         for (size_t i = 0; i < shares.items.size(); i++) {
             Shares::Item &item = shares.items[i];
-            item.entry.share = shares.share(i);
+            item.entry.share = share[i];
             const int first = causes.refit.point.model.effect_count;
             const int round = item.entry.cause >= 0 ? item.effects[0] - first : -1;
             if (round >= 0 && round < (int)causes.carried.size())

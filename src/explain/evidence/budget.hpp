@@ -10,7 +10,7 @@ namespace mk
 {
 
 // Fills out.budget from what was found. Shares are order-free: what a cause closes when it is
-// added, averaged over all orders of adding the causes (Shapley 1953), with all else fitted again.
+// added, averaged over orders of adding the causes (Shapley 1953), with all else fitted again.
 void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
                  mk_explanation &out);
 

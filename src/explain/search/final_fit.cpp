@@ -82,20 +82,4 @@ void FinalFit::fit_runs(const TrainingData &data, const SearchOptions &usual, co
     best = extended ? std::move(best_again) : refit;
 }
 
-bool FinalFit::fit_again(const mk_model &model, Hypothesis &out) const
-{
-    constexpr int ITERATIONS = 6;
-    if (!decided)
-        return search().refit_at(model, best, refit.process_noise, out);
-    const bool same = mk_model_state_count(&model) == mk_model_state_count(&run.model);
-    RunPoint point =
-        same ? decided->adopt(run, model, search().settings().threads) : decided->start(model);
-    RunQuadraticModel quadratic;
-    if (!decided->minimise(point, fitted_parameters(model), ITERATIONS, search().settings().threads,
-                           quadratic))
-        return false;
-    out.point.model = point.model;
-    return true;
-}
-
 } // namespace mk

@@ -30,8 +30,8 @@ class FinalFit
     void fit_runs(const TrainingData &data, const SearchOptions &usual, const FreeRuns &runs);
     // Which runs these were; NULL: none.
     const FreeRuns *runs() const { return decided; }
-    // A model fitted again as the last fit was, from its values.
-    bool fit_again(const mk_model &model, Hypothesis &out) const;
+    // The extended model in them.
+    const RunPoint &extended_run() const { return run; }
 
     const std::vector<const FitLog *> &logs() const { return views; }
     // The rows that each of them has, as they were read.
