@@ -12,6 +12,9 @@ trap 'rm -rf "$work"' EXIT
 # one file.
 parts='s/[.][^/]*$//
 s#/fit_states$#/fit#
+s#/fit_shoot$#/fit#
+s#/fit_eliminate$#/fit#
+s#/fit_own$#/fit#
 s#/search/trials$#/search/search#
 s#/search/full_fits$#/search/search#'
 

@@ -207,6 +207,8 @@ class Fit
     using Job = std::pair<size_t, size_t>; // log, node
     void shoot_some(const FitPoint &point, const std::vector<int> &free, const Job *first,
                     const Job *last, bool derivatives);
+    size_t rows_in_view(const FitPoint &point, const Job &job) const;
+    ShootTask task_of(const FitPoint &point, const Job &job, int columns);
     void compress(const ShootTask &task, const double *noise, size_t log, size_t node);
     void shoot_one(const FitPoint &point, size_t log, size_t node); // without derivatives
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);

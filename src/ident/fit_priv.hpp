@@ -9,6 +9,18 @@ namespace mk
 
 constexpr double SHORTER = 0.4; // from one step length to the next
 
+// Standard deviation of the prior on the state of an effect at the start of a log, in the state's
+// own unit (rad, rad/s) and times state_freedom(). The prior's mean is the effect's state at rest.
+constexpr double HIDDEN_STD = 0.05;
+
+// Factors on the standard deviations of the states: 1 for angles and speeds, less for the states of
+// a moving base, and the joint's scale for the states of an effect at a joint (0.01 where it slides
+// and states are in m).
+Eigen::VectorXd state_freedom(const mk_model &model);
+
+// The covariance of what `information` belongs to.
+Eigen::MatrixXd inverse_of(const Eigen::MatrixXd &information);
+
 // One log as the kernel takes it.
 struct Fit::LogData {
     ShootData shoot;

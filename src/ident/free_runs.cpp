@@ -617,8 +617,8 @@ FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
 
 // Own values b = b0 + db with the prior |b / spread|^2 / 2: with E the columns of their means,
 //     K = A E ,  M = (E'AE + D)^-1 ,  beta = E'a - D b0 ,  D = (scale / spread)^2 ,
-// A - K M K' and a - K M beta are left, as in Fit::eliminate_own (ident/fit.cpp). Here beta = E'a;
-// pull_of_prior() gives D b0.
+// A - K M K' and a - K M beta are left, as in Fit::eliminate_own (ident/fit_own.cpp). Here beta =
+// E'a; pull_of_prior() gives D b0.
 void FreeRuns::eliminate_own(const RunPoint &point, const std::vector<int> &wanted, Normal &n) const
 {
     const std::vector<int> own = own_parameters(point.model);
