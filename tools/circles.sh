@@ -11,10 +11,8 @@ trap 'rm -rf "$work"' EXIT
 # The file that an object belongs to, without its ending; a kernel that is compiled several times is
 # one file.
 parts='s/[.][^/]*$//
-s#/fit_states$#/fit#
-s#/fit_shoot$#/fit#
-s#/fit_eliminate$#/fit#
-s#/fit_own$#/fit#
+s#/fit_\(states\|shoot\|eliminate\|own\)$#/fit#
+s#/free_runs_\(windows\|folds\)$#/free_runs#
 s#/search/trials$#/search/search#
 s#/search/full_fits$#/search/search#'
 
