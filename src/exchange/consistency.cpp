@@ -367,28 +367,44 @@ bool counts_can_be(const Columns &c, const mk_model &rig)
     return true;
 }
 
+// Rows of the first tenth of a second.
+size_t first_rows(const Columns &c)
+{
+    size_t rows = 0;
+    while (rows < c.rows && c.t[rows] - c.t[0] < 0.1)
+        rows++;
+    return rows;
+}
+
+// Whether a command acts in the first rows: over a twentieth of the largest.
+bool is_driven(const Columns &c, size_t first)
+{
+    double most = 0.0;
+    for (size_t r = 0; c.u[0] && r < c.rows; r++)
+        if (std::isfinite(c.u[0][r]))
+            most = std::max(most, std::fabs(c.u[0][r]));
+    for (size_t r = 0; c.u[0] && r < first; r++)
+        if (std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
+            return true;
+    return false;
+}
+
 // Standing still for the first tenth of a second without a command, a rig hangs.
 bool hangs(const Columns &c, const mk_model &rig)
 {
     const mk_plant_info *plant = mk_plant(rig.plant);
-    size_t rows = 0;
-    double most = 0.0;
-    for (size_t r = 0; r < c.rows; r++)
-        if (c.u[0] && std::isfinite(c.u[0][r]))
-            most = std::max(most, std::fabs(c.u[0][r]));
-    while (rows < c.rows && c.t[rows] - c.t[0] < 0.1)
-        rows++;
+    const size_t rows = first_rows(c);
+    if (rows <= 3 || is_driven(c, rows))
+        return true;
     for (int j = 0; j < plant->joints; j++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
         for (size_t r = 0; r < rows; r++) {
-            if (c.u[0] && std::isfinite(c.u[0][r]) && std::fabs(c.u[0][r]) > 0.05 * most)
-                return true;
             low = std::fmin(low, c.q[j][r]);
             high = std::fmax(high, c.q[j][r]);
         }
         bool level = plant->joint_is_wheel[j] || rig.joint_linear[j] || plant->joint_is_level[j];
         double off = std::remainder(0.5 * (low + high) - plant->rest[j], 2.0 * M_PI);
-        if (rows > 3 && high - low < 0.02 && !level && std::fabs(off) > 0.5)
+        if (high - low < 0.02 && !level && std::fabs(off) > 0.5)
             return false;
     }
     return true;

@@ -287,24 +287,21 @@ static int on_entry(void *user, const char *section, const char *key, const char
     return on_column(r, section, key, value);
 }
 
-static enum mk_status check(struct reader *r)
+/* The section or key without which a mapping says too little; NULL: all are there. */
+static const char *missing_part(struct reader *r)
 {
-    static const char *const commands[] = {"u", "u1", "tau", "tau1"};
-    bool has_command = false;
-    for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++)
-        has_command |= mk_import_map_find(&r->map, commands[i]) != NULL;
-    if (has_command && r->map.no_input)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
-                           "[rig] input = none, but there is a column for the command: one of the "
-                           "two is wrong");
-    const char *missing = !r->has_rig                          ? "[rig] kind"
-                          : !mk_import_map_find(&r->map, "t")  ? "[t]"
-                          : !mk_import_map_find(&r->map, "q1") ? "[q1]"
-                          : mk_plant(r->map.rig)->joints > 1 && !mk_import_map_find(&r->map, "q2")
-                              ? "[q2]"
-                              : NULL;
-    if (missing)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
+    if (!r->has_rig)
+        return "[rig] kind";
+    if (!mk_import_map_find(&r->map, "t"))
+        return "[t]";
+    if (!mk_import_map_find(&r->map, "q1"))
+        return "[q1]";
+    return mk_plant(r->map.rig)->joints > 1 && !mk_import_map_find(&r->map, "q2") ? "[q2]" : NULL;
+}
+
+/* What turns is counted by the turn, what slides by the metre, and nothing in two ways. */
+static enum mk_status check_joints(const struct reader *r)
+{
     struct mk_model rig;
     struct mk_error why = MK_ERROR_INIT;
     mk_model_default(r->map.rig, &rig);
@@ -321,7 +318,32 @@ static enum mk_status check(struct reader *r)
     if (r->map.encoder_cpr[0] > 0 && r->map.encoder_resolution[0] > 0.0)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
                            "[rig] encoder_cpr and encoder_resolution say the same thing: give one");
-    if (!has_command && !r->map.no_input)
+    return MK_OK;
+}
+
+static bool has_command(struct mk_import_map *map)
+{
+    static const char *const commands[] = {"u", "u1", "tau", "tau1"};
+    for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++)
+        if (mk_import_map_find(map, commands[i]))
+            return true;
+    return false;
+}
+
+static enum mk_status check(struct reader *r)
+{
+    const bool commanded = has_command(&r->map);
+    if (commanded && r->map.no_input)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                           "[rig] input = none, but there is a column for the command: one of the "
+                           "two is wrong");
+    const char *missing = missing_part(r);
+    if (missing)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
+    enum mk_status st = check_joints(r);
+    if (st != MK_OK)
+        return st;
+    if (!commanded && !r->map.no_input)
         return mk_error_at(
             r->err, MK_ERR_PARSE, r->path, 0, 0,
             "[u] (or [tau]) is missing; if nothing drove the rig, say input = none in "
@@ -371,29 +393,39 @@ static void put_number(FILE *f, const char *key, double value)
     fprintf(f, "%s = %s\n", key, text);
 }
 
-static void put_map(FILE *f, const struct mk_import_map *map)
+static void put_text(FILE *f, const char *key, const char *text)
+{
+    if (*text)
+        fprintf(f, "%s = %s\n", key, text);
+}
+
+/* [source], where something is known of the file's signs. */
+static void put_source(FILE *f, const struct mk_import_map *map)
 {
     const char *separator = map->separator == ','    ? "comma"
                             : map->separator == ';'  ? "semicolon"
                             : map->separator == '\t' ? "tab"
                                                      : "space";
-    if (map->separator || map->decimal)
-        fputs("[source]\n", f);
+    if (!map->separator && !map->decimal)
+        return;
+    fputs("[source]\n", f);
     if (map->separator)
-        fprintf(f, "separator = %s\n", separator);
+        put_text(f, "separator", separator);
     if (map->decimal)
-        fprintf(f, "decimal = %s\n", map->decimal == ',' ? "comma" : "point");
-    fprintf(f, "%s[rig]\nkind = %s\n", map->separator || map->decimal ? "\n" : "",
-            mk_plant(map->rig)->name);
-    if (map->u_to_torque > 0.0)
-        put_number(f, "u_to_torque", map->u_to_torque);
-    if (map->encoder_cpr[0] > 0)
+        put_text(f, "decimal", map->decimal == ',' ? "comma" : "point");
+    fputc('\n', f);
+}
+
+/* The size of a count of every joint, in the way that the mapping has it. */
+static void put_counts(FILE *f, const struct mk_import_map *map)
+{
+    const int joints = mk_plant(map->rig)->joints;
+    if (map->encoder_cpr[0] > 0) {
         fprintf(f, "encoder_cpr = %d", map->encoder_cpr[0]);
-    if (map->encoder_cpr[0] > 0 && map->encoder_cpr[1] > 0)
-        fprintf(f, " %d", map->encoder_cpr[1]);
-    if (map->encoder_cpr[0] > 0)
+        if (map->encoder_cpr[1] > 0)
+            fprintf(f, " %d", map->encoder_cpr[1]);
         fputc('\n', f);
-    int joints = mk_plant(map->rig)->joints;
+    }
     if (map->encoder_resolution[0] > 0.0) {
         char text[MK_NUMBER_MAX];
         fprintf(f, "encoder_resolution =");
@@ -403,28 +435,42 @@ static void put_map(FILE *f, const struct mk_import_map *map)
         }
         fputc('\n', f);
     }
+}
+
+static void put_rig(FILE *f, const struct mk_import_map *map)
+{
+    fprintf(f, "[rig]\nkind = %s\n", mk_plant(map->rig)->name);
+    if (map->u_to_torque > 0.0)
+        put_number(f, "u_to_torque", map->u_to_torque);
+    put_counts(f, map);
     if (map->joint_linear[0] || map->joint_linear[1]) {
         fprintf(f, "joint_unit =");
-        for (int j = 0; j < joints; j++)
+        for (int j = 0; j < mk_plant(map->rig)->joints; j++)
             fputs(map->joint_linear[j] ? " m" : " rad", f);
         fputc('\n', f);
     }
     if (map->no_input)
-        fputs("input = none\n", f);
-    for (int i = 0; i < map->count; i++) {
-        const struct mk_import_column *c = &map->column[i];
-        fprintf(f, "\n[%s]\ncolumn = %s\n", c->to, c->from);
-        if (*c->plus)
-            fprintf(f, "plus = %s\n", c->plus);
-        if (*c->minus)
-            fprintf(f, "minus = %s\n", c->minus);
-        if (*c->unit)
-            fprintf(f, "unit = %s\n", c->unit);
-        if (c->sign != 1.0)
-            put_number(f, "sign", c->sign);
-        if (c->offset != 0.0)
-            put_number(f, "offset", c->offset);
-    }
+        put_text(f, "input", "none");
+}
+
+static void put_column(FILE *f, const struct mk_import_column *c)
+{
+    fprintf(f, "\n[%s]\ncolumn = %s\n", c->to, c->from);
+    put_text(f, "plus", c->plus);
+    put_text(f, "minus", c->minus);
+    put_text(f, "unit", c->unit);
+    if (c->sign != 1.0)
+        put_number(f, "sign", c->sign);
+    if (c->offset != 0.0)
+        put_number(f, "offset", c->offset);
+}
+
+static void put_map(FILE *f, const struct mk_import_map *map)
+{
+    put_source(f, map);
+    put_rig(f, map);
+    for (int i = 0; i < map->count; i++)
+        put_column(f, &map->column[i]);
 }
 
 static bool can_name_sources(const struct mk_import_column *c)

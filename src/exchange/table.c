@@ -45,6 +45,24 @@ static enum quantity quantity_in(const struct mk_log *log, const char *name)
     return quantity_of_joint_column(name, linear, plant ? plant->motor_joint : 0);
 }
 
+/* How many native units a unit of one's own is. */
+static enum mk_status size_of_unit(const char *column, const char *unit_name,
+                                   enum quantity quantity, double u_to_torque, double *size,
+                                   struct mk_error *err)
+{
+    const struct unit *unit = unit_by_name(unit_name);
+    *size = unit ? unit_size(unit, quantity, u_to_torque) : 0.0;
+    if (*size != 0.0)
+        return MK_OK;
+    if (unit && quantity == QUANTITY_COMMAND && u_to_torque <= 0.0)
+        return mk_error_set(err, MK_ERR_USAGE,
+                            "%s:%s: the log does not say how many N m a unit of command is: "
+                            "give --model",
+                            column, unit_name);
+    return mk_error_set(err, MK_ERR_USAGE, "%s:%s: the units of %s are: %s", column, unit_name,
+                        column, units_of(quantity));
+}
+
 static enum mk_status add_column(struct mk_table *table, const struct mk_log *log, const char *name,
                                  const char *unit_name, double u_to_torque, struct mk_error *err)
 {
@@ -56,18 +74,10 @@ static enum mk_status add_column(struct mk_table *table, const struct mk_log *lo
     const char *native = native_unit(quantity);
     double size = 1.0;
     bool own = unit_name && *unit_name && strcmp(unit_name, native) != 0;
-    if (own) {
-        const struct unit *unit = unit_by_name(unit_name);
-        size = unit ? unit_size(unit, quantity, u_to_torque) : 0.0;
-        if (unit && size == 0.0 && quantity == QUANTITY_COMMAND && u_to_torque <= 0.0)
-            return mk_error_set(err, MK_ERR_USAGE,
-                                "%s:%s: the log does not say how many N m a unit of command is: "
-                                "give --model",
-                                name, unit_name);
-        if (size == 0.0)
-            return mk_error_set(err, MK_ERR_USAGE, "%s:%s: the units of %s are: %s", name,
-                                unit_name, name, units_of(quantity));
-    }
+    enum mk_status st =
+        own ? size_of_unit(name, unit_name, quantity, u_to_torque, &size, err) : MK_OK;
+    if (st != MK_OK)
+        return st;
     struct mk_table_column *c = &table->column[table->count];
     snprintf(c->name, sizeof c->name, "%s", name);
     snprintf(c->unit, sizeof c->unit, "%s", own ? unit_name : native);
@@ -99,6 +109,16 @@ static enum mk_status add_listed(struct mk_table *table, const struct mk_log *lo
                                             : st;
 }
 
+static enum mk_status add_all(struct mk_table *table, const struct mk_log *log, double u_to_torque,
+                              struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    for (size_t i = 0; st == MK_OK && i < log->column_count; i++)
+        if (log->columns[i].data)
+            st = add_column(table, log, log->columns[i].name, NULL, u_to_torque, err);
+    return st;
+}
+
 enum mk_status mk_table_from_log(const struct mk_log *log, const char *columns, double u_to_torque,
                                  struct mk_table **out, struct mk_error *err)
 {
@@ -110,16 +130,13 @@ enum mk_status mk_table_from_log(const struct mk_log *log, const char *columns, 
     *out = NULL;
     if (table)
         table->column = calloc(room + 1, sizeof *table->column);
-    enum mk_status st = MK_OK;
-    if (!table || !table->column || (columns && !list))
+    enum mk_status st;
+    if (!table || !table->column || (columns && !list)) {
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the table");
-    if (st == MK_OK) {
+    } else {
         table->rows = log->rows;
-        if (list)
-            st = add_listed(table, log, list, u_to_torque, err);
-        for (size_t i = 0; !list && st == MK_OK && i < log->column_count; i++)
-            if (log->columns[i].data)
-                st = add_column(table, log, log->columns[i].name, NULL, u_to_torque, err);
+        st = list ? add_listed(table, log, list, u_to_torque, err)
+                  : add_all(table, log, u_to_torque, err);
     }
     free(list);
     if (st == MK_OK)
