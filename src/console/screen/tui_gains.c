@@ -165,6 +165,67 @@ static double step_of(const struct tui *t, int row)
     return x > 1e-12 ? 0.05 * x : 0.05;
 }
 
+/* Keys that go to another parameter: how many down; 0 for any other key. */
+static int rows_down(int key)
+{
+    switch (key) {
+    case TK_UP:
+    case 'k':
+        return -1;
+    case TK_DOWN:
+    case TK_TAB:
+    case 'j':
+        return 1;
+    default:
+        return 0;
+    }
+}
+
+static void escape(struct tui *t)
+{
+    if (t->gains.edit[0])
+        t->gains.edit[0] = '\0';
+    else
+        t->mode = MODE_MAIN;
+}
+
+/* Keys that change the chosen parameter, or do something with all of them. */
+static void act(struct tui *t, int key)
+{
+    struct tui_gains *g = &t->gains;
+    switch (key) {
+    case TK_RIGHT:
+    case '+':
+        put(t, g->row, value_of(t, g->row) + step_of(t, g->row));
+        break;
+    case TK_LEFT:
+        put(t, g->row, value_of(t, g->row) - step_of(t, g->row));
+        break;
+    case 'o':
+        put(t, g->row, t->status.initial[g->row]);
+        break;
+    case 'u':
+        memset(g->pending, 0, sizeof g->pending);
+        break;
+    case 'd':
+        send(t);
+        break;
+    case 'r':
+        if (g->setup->takes_signal)
+            tui_open_prompt(t, ":", g->setup->output ? "ref " : "input ");
+        break;
+    case TK_ESCAPE:
+        escape(t);
+        break;
+    case 'q':
+    case 'g':
+        t->mode = MODE_MAIN;
+        break;
+    default:
+        break;
+    }
+}
+
 void gains_key(struct tui *t, int key)
 {
     struct tui_gains *g = &t->gains;
@@ -172,32 +233,15 @@ void gains_key(struct tui *t, int key)
         t->mode = MODE_MAIN;
         return;
     }
-    int n = g->setup->param_count;
     if (typed(g, key))
         return;
-    bool moves = key == TK_UP || key == TK_DOWN || key == TK_RETURN || key == TK_TAB;
-    if (moves)
+    if (key == TK_UP || key == TK_DOWN || key == TK_RETURN || key == TK_TAB)
         take_edit(t);
-    if (key == TK_UP || key == 'k')
-        g->row = (g->row + n - 1) % n;
-    else if (key == TK_DOWN || key == TK_TAB || key == 'j')
-        g->row = (g->row + 1) % n;
-    else if (key == TK_RIGHT || key == '+')
-        put(t, g->row, value_of(t, g->row) + step_of(t, g->row));
-    else if (key == TK_LEFT)
-        put(t, g->row, value_of(t, g->row) - step_of(t, g->row));
-    else if (key == 'o')
-        put(t, g->row, t->status.initial[g->row]);
-    else if (key == 'u')
-        memset(g->pending, 0, sizeof g->pending);
-    else if (key == 'd')
-        send(t);
-    else if (key == 'r' && g->setup->takes_signal)
-        tui_open_prompt(t, ":", g->setup->output ? "ref " : "input ");
-    else if (key == TK_ESCAPE && g->edit[0])
-        g->edit[0] = '\0';
-    else if (key == TK_ESCAPE || key == 'q' || key == 'g')
-        t->mode = MODE_MAIN;
+    const int n = g->setup->param_count, down = rows_down(key);
+    if (down)
+        g->row = (g->row + n + down) % n;
+    else
+        act(t, key);
 }
 
 /* --- drawing --------------------------------------------------------------------------------- */

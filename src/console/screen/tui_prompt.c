@@ -143,12 +143,23 @@ static void edit(struct tui_prompt *p, int key)
     }
 }
 
+/* A character of a text: no control character, no half of a surrogate pair. */
+static bool is_text(int key)
+{
+    return key >= ' ' && key < 0x110000 && key != TK_ERASE && !(key >= 0xd800 && key < 0xe000);
+}
+
+static bool leaves(const struct tui_prompt *p, int key)
+{
+    return key == TK_ESCAPE || key == TK_CTRL('c') || (key == TK_ERASE && !p->text[0]);
+}
+
 enum prompt_answer prompt_key(struct tui_prompt *p, int key, const struct host_status *status)
 {
     char typed[5];
     if (key == TK_RETURN)
         return PROMPT_DONE;
-    if (key == TK_ESCAPE || key == TK_CTRL('c') || (key == TK_ERASE && !p->text[0]))
+    if (leaves(p, key))
         return PROMPT_LEFT;
     if (key == TK_TAB) {
         complete_word(p, status);
@@ -159,8 +170,7 @@ enum prompt_answer prompt_key(struct tui_prompt *p, int key, const struct host_s
         recall(p, 1);
     } else if (key == TK_DOWN || key == TK_CTRL('n')) {
         recall(p, -1);
-    } else if (key >= ' ' && key < 0x110000 && key != TK_ERASE &&
-               !(key >= 0xd800 && key < 0xe000)) {
+    } else if (is_text(key)) {
         tui_encode((uint32_t)key, typed);
         insert(p, typed);
     } else {

@@ -175,18 +175,31 @@ static float cell(const double *column, size_t row)
     return column ? (float)column[row] : NAN;
 }
 
-enum mk_status scope_load(struct scope *s, const struct mk_log *log, const struct mk_log *model)
+/* A whole number below `bound`; 0 where there is none. */
+static unsigned whole(const double *column, size_t row, double bound)
+{
+    return column && column[row] >= 0.0 && column[row] < bound ? (unsigned)column[row] : 0;
+}
+
+/* The columns of a log that the scope draws, and those of a prediction; NULL: there is none. */
+static void find_channels(const struct mk_log *log, const struct mk_log *model,
+                          const double *column[CH_STORED])
 {
     static const char *const names[CH_COUNT] = {"q1", "q2", "dq1", "dq2", "u", "ref"};
+    for (int ch = 0; ch < CH_COUNT; ch++)
+        column[ch] = mk_log_get(log, names[ch]);
+    column[CH_MODEL1] = model ? mk_log_get(model, "q1") : NULL;
+    column[CH_MODEL2] = model ? mk_log_get(model, "q2") : NULL;
+}
+
+enum mk_status scope_load(struct scope *s, const struct mk_log *log, const struct mk_log *model)
+{
     const double *column[CH_STORED], *t = mk_log_get(log, "t"), *phase = mk_log_get(log, "phase");
     const double *late = mk_log_get(log, "late_us"), *flags = mk_log_get(log, "flags");
     struct scope_point *room = calloc(log->rows, sizeof *room);
     if (!room)
         return MK_ERR_NOMEM;
-    for (int ch = 0; ch < CH_COUNT; ch++)
-        column[ch] = mk_log_get(log, names[ch]);
-    column[CH_MODEL1] = model ? mk_log_get(model, "q1") : NULL;
-    column[CH_MODEL2] = model ? mk_log_get(model, "q2") : NULL;
+    find_channels(log, model, column);
     free(s->point);
     s->point = room;
     s->room = s->count = log->rows;
@@ -199,9 +212,9 @@ enum mk_status scope_load(struct scope *s, const struct mk_log *log, const struc
         p->t = t[i];
         for (int ch = 0; ch < CH_STORED; ch++)
             p->y[ch] = cell(column[ch], i);
-        p->phase = phase && phase[i] >= 0.0 && phase[i] < 4.0 ? (uint8_t)phase[i] : 0;
+        p->phase = (uint8_t)whole(phase, i, 4.0);
         p->late_us = cell(late, i);
-        p->flags = flags && flags[i] >= 0.0 && flags[i] < 65536.0 ? (uint16_t)flags[i] : 0;
+        p->flags = (uint16_t)whole(flags, i, 65536.0);
         s->has_ref = s->has_ref || !isnan(p->y[CH_REF]);
     }
     memset(s->turns, 0, sizeof s->turns);

@@ -98,38 +98,60 @@ static double fail_unknown(struct parser *p, size_t length)
 
 static double sum(struct parser *p);
 
+static double absolute(struct parser *p)
+{
+    p->at++;
+    double value = fabs(sum(p));
+    skip_blanks(p);
+    if (*p->at != '|')
+        return fail(p, "expected |");
+    p->at++;
+    return value;
+}
+
+static double literal(struct parser *p)
+{
+    const char *from = p->at;
+    double value;
+    while (isalnum((unsigned char)*p->at) || *p->at == '.' ||
+           ((*p->at == '-' || *p->at == '+') && (p->at[-1] == 'e' || p->at[-1] == 'E')))
+        p->at++;
+    if (*p->at == ',')
+        return fail(p, "decimals come after a point");
+    if (!mk_parse_double(from, p->at, &value)) {
+        p->at = from;
+        return fail(p, "not a number");
+    }
+    return value;
+}
+
+static double named(struct parser *p)
+{
+    double value;
+    const size_t n = word_length(p->at);
+    if (n == 0)
+        return fail(p, "expected a name or a number");
+    if (!find_value(p->snap, p->at, n, &value))
+        return fail_unknown(p, n);
+    p->at += n;
+    return value;
+}
+
 static double item(struct parser *p)
 {
+    double value;
     skip_blanks(p);
     if (++p->depth > MAX_DEPTH)
         return fail(p, "nested too deeply");
-    double value = (double)NAN;
-    size_t n = word_length(p->at);
     if (*p->at == '-') {
         p->at++;
         value = -item(p);
     } else if (*p->at == '|') {
-        p->at++;
-        value = fabs(sum(p));
-        skip_blanks(p);
-        if (*p->at != '|')
-            return fail(p, "expected |");
-        p->at++;
+        value = absolute(p);
     } else if (isdigit((unsigned char)*p->at) || *p->at == '.') {
-        const char *from = p->at;
-        while (isalnum((unsigned char)*p->at) || *p->at == '.' ||
-               ((*p->at == '-' || *p->at == '+') && (p->at[-1] == 'e' || p->at[-1] == 'E')))
-            p->at++;
-        if (*p->at == ',')
-            return fail(p, "decimals come after a point");
-        if (!mk_parse_double(from, p->at, &value)) {
-            p->at = from;
-            return fail(p, "not a number");
-        }
-    } else if (n > 0 && find_value(p->snap, p->at, n, &value)) {
-        p->at += n;
+        value = literal(p);
     } else {
-        return n ? fail_unknown(p, n) : fail(p, "expected a name or a number");
+        value = named(p);
     }
     p->depth--;
     return value;
@@ -193,30 +215,44 @@ static bool within(struct parser *p, double value)
     return fabs(value - target) <= (percent ? tolerance / 100.0 * fabs(target) : tolerance);
 }
 
-static bool comparison(struct parser *p)
+/* Takes one of < <= > >= == != : its first sign, and whether "=" follows; '\0': there is none. */
+static char take_sign(struct parser *p, bool *equal)
 {
-    double left = sum(p);
-    if (p->status != MK_OK)
-        return false;
-    if (accept_word(p, "within"))
-        return within(p, left);
-    char c = *p->at, next = c ? p->at[1] : '\0';
-    if (c != '<' && c != '>' && !(c == '=' && next == '=') && !(c == '!' && next == '='))
-        return fail(p, "expected < <= > >= == != or within"), false;
-    p->at += next == '=' ? 2 : 1;
-    double right = sum(p);
-    if (isnan(left) || isnan(right))
-        return false;
-    switch (c) {
+    const char c = *p->at;
+    *equal = c && p->at[1] == '=';
+    if (!c || !strchr("<>=!", c) || (strchr("=!", c) && !*equal))
+        return '\0';
+    p->at += *equal ? 2 : 1;
+    return c;
+}
+
+static bool compare(double left, char sign, bool equal, double right)
+{
+    switch (sign) {
     case '<':
-        return next == '=' ? left <= right : left < right;
+        return equal ? left <= right : left < right;
     case '>':
-        return next == '=' ? left >= right : left > right;
+        return equal ? left >= right : left > right;
     case '=':
         return !(left < right) && !(left > right);
     default:
         return left < right || left > right;
     }
+}
+
+static bool comparison(struct parser *p)
+{
+    double left = sum(p);
+    bool equal;
+    if (p->status != MK_OK)
+        return false;
+    if (accept_word(p, "within"))
+        return within(p, left);
+    const char sign = take_sign(p, &equal);
+    if (!sign)
+        return fail(p, "expected < <= > >= == != or within"), false;
+    double right = sum(p);
+    return !isnan(left) && !isnan(right) && compare(left, sign, equal, right);
 }
 
 static bool evaluate(struct parser *p)
