@@ -1,6 +1,7 @@
 /* Logs written while a run goes on: whatever ends it, whole lines are there. */
 #include "suites.h"
 
+#include <errno.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -268,6 +269,29 @@ START_TEST(a_file_is_on_the_disk_before_it_gets_its_name)
 }
 END_TEST
 
+/* A copy that is cut short is none: the original is removed after it. */
+START_TEST(a_copy_is_whole_or_is_not_there)
+{
+    char from[256], to[256], text[16] = "";
+    snprintf(from, sizeof from, "%s", scratch("original.csv"));
+    snprintf(to, sizeof to, "%s", scratch("copy.csv"));
+    scratch_text("original.csv", "t,q1\n0,1\n");
+    ck_assert_int_eq(mk_copy_new(from, to), 0);
+    FILE *f = fopen(to, "r");
+    ck_assert_uint_eq(fread(text, 1, sizeof text, f), 9);
+    fclose(f);
+    ck_assert_str_eq(text, "t,q1\n0,1\n");
+    ck_assert_int_eq(mk_copy_new(from, to), EEXIST);
+    ck_assert_int_eq(access(to, F_OK), 0);
+    remove(to);
+    /* A folder opens and cannot be read, as a file on a broken disk. */
+    ck_assert_int_eq(mk_copy_new(scratch(""), to), EISDIR);
+    ck_assert_int_ne(access(to, F_OK), 0);
+    ck_assert_int_eq(mk_copy_new(scratch("none.csv"), to), ENOENT);
+    ck_assert_int_ne(access(to, F_OK), 0);
+}
+END_TEST
+
 START_TEST(a_log_is_on_the_disk_when_it_is_closed)
 {
     struct mk_log_writer *w = open_writer(scratch("synced.csv"));
@@ -309,6 +333,7 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, notes_longer_than_the_buffer_stay_one_line);
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_file_is_on_the_disk_before_it_gets_its_name);
+    tcase_add_test(t, a_copy_is_whole_or_is_not_there);
     tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);
     tcase_add_test(t, a_temporary_file_never_takes_one_that_is_there);
     suite_add_tcase(s, t);

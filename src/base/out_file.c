@@ -40,6 +40,39 @@ int mk_sync(int fd)
     return 0;
 }
 
+/* What is left to read of `from`, to `to`. 0 or errno. */
+static int copy_rest(int from, int to)
+{
+    char block[1 << 14];
+    for (;;) {
+        const ssize_t n = read(from, block, sizeof block);
+        if (n == 0)
+            return 0;
+        if (n < 0 && errno != EINTR)
+            return errno;
+        const int failure = n > 0 ? mk_write_all(to, block, (size_t)n, NULL) : 0;
+        if (failure)
+            return failure;
+    }
+}
+
+int mk_copy_new(const char *from, const char *to)
+{
+    const int in = open(from, O_RDONLY | O_CLOEXEC);
+    if (in < 0)
+        return errno;
+    const int out = open(to, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    int failure = out < 0 ? errno : copy_rest(in, out);
+    if (out >= 0 && failure == 0)
+        failure = mk_sync(out);
+    if (out >= 0 && close(out) != 0 && failure == 0)
+        failure = errno;
+    if (out >= 0 && failure)
+        unlink(to);
+    close(in);
+    return failure;
+}
+
 /* --- what a killed program left ------------------------------------------------------------- */
 
 /* "base.PID-WHATEVER.tmp": the process that made it, 0 when it is another file. */

@@ -57,6 +57,9 @@ MK_NODISCARD enum mk_status mk_out_text_save(struct mk_out_text *out, struct mk_
 
 /* write(2) until all is written. 0 or errno; *written (NULL allowed) counts also on failure. */
 int mk_write_all(int fd, const char *data, size_t size, size_t *written);
+/* Copies a file to a name that must be free (EEXIST), and brings it to the disk. 0 or errno; on
+ * failure, of reading too, nothing of the copy is left. */
+int mk_copy_new(const char *from, const char *to);
 /* fsync(2), where the file is of a kind that has it. 0 or errno. */
 int mk_sync(int fd);
 

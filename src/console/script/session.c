@@ -537,24 +537,7 @@ static int link_or_copy(const char *from, const char *to)
 {
     if (link(from, to) == 0)
         return 0;
-    if (errno == EEXIST)
-        return EEXIST;
-    FILE *in = fopen(from, "rb"), *out = in ? fopen(to, "wbx") : NULL;
-    int why = in && out ? 0 : errno;
-    char block[1 << 14];
-    size_t n;
-    while (!why && (n = fread(block, 1, sizeof block, in)) > 0)
-        if (fwrite(block, 1, n, out) != n)
-            why = errno ? errno : EIO;
-    if (in)
-        fclose(in);
-    if (out && !why && (fflush(out) != 0 || (why = mk_sync(fileno(out))) != 0))
-        why = why ? why : errno;
-    if (out && fclose(out) != 0 && !why)
-        why = errno;
-    if (out && why)
-        unlink(to);
-    return why;
+    return errno == EEXIST ? EEXIST : mk_copy_new(from, to);
 }
 
 /* Whether two names lead to one file, as "a.csv" and "./a.csv" do. */
