@@ -37,6 +37,14 @@ const FastKernel *fast_kernel(int index)
 
 } // namespace mk
 
+static bool same_effects(const mk_model &a, const mk_model &b)
+{
+    for (int e = 0; e < a.effect_count; e++)
+        if (a.effect[e].index != b.effect[e].index || a.effect[e].joint != b.effect[e].joint)
+            return false;
+    return true;
+}
+
 static enum mk_status check(const mk_batch *b, mk_error *err)
 {
     if (b->model_count < 1 || b->samples < 0 || !(b->dt > 0.0) || !b->x0 || !b->x ||
@@ -50,11 +58,9 @@ static enum mk_status check(const mk_batch *b, mk_error *err)
                                 "the fast path is for models without states, contact or delay");
         if (m->plant != b->model[0].plant || m->effect_count != b->model[0].effect_count)
             return mk_error_set(err, MK_ERR_INVALID, "the models of a batch must be of one kind");
-        for (int e = 0; e < m->effect_count; e++)
-            if (m->effect[e].index != b->model[0].effect[e].index ||
-                m->effect[e].joint != b->model[0].effect[e].joint)
-                return mk_error_set(err, MK_ERR_INVALID,
-                                    "the models of a batch must have the same effects");
+        if (!same_effects(*m, b->model[0]))
+            return mk_error_set(err, MK_ERR_INVALID,
+                                "the models of a batch must have the same effects");
         enum mk_status st = mk_model_check(m, err);
         if (st != MK_OK)
             return st;

@@ -279,6 +279,35 @@ static double own_window(double window_s)
     return window_s > 0.0 ? fmin(window_s, longest) : usual;
 }
 
+/* The integration as it was asked for; what was left open as a free run of the model needs it. */
+static struct mk_sim_config config_of(const struct mk_predict_options *options,
+                                      const struct mk_model *model)
+{
+    struct mk_sim_config config = options ? options->sim : (struct mk_sim_config){0};
+    double rtol, atol;
+    mk_free_run_tolerances(model, &rtol, &atol);
+    config.rtol = config.rtol > 0.0 ? config.rtol : rtol;
+    config.atol = config.atol > 0.0 ? config.atol : atol;
+    return config;
+}
+
+/* Reads the log, and finds the values that the model has of its own in it; `own` is the model with
+ * them. */
+static enum mk_status read_log(struct prediction *p, const struct mk_log *log, double window_s,
+                               struct mk_model *own, struct mk_predict_figures *figures,
+                               struct mk_error *err)
+{
+    enum mk_status st = mk_record_from_log(log, p->model, &p->rec, err);
+    if (st == MK_OK && p->rec.rows < 2)
+        st = mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "a prediction needs at least 2 rows");
+    if (st != MK_OK || !mk_model_has_own_values(p->model))
+        return st;
+    st = mk_find_own_values(&p->rec, p->model, middle(&p->rec), own_window(window_s), own,
+                            figures->own, &figures->own_count, err);
+    p->model = own;
+    return st;
+}
+
 static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
                               const struct mk_predict_options *options, bool states,
                               struct mk_log **out, struct mk_predict_figures *figures,
@@ -286,25 +315,14 @@ static enum mk_status predict(const struct mk_model *model, const struct mk_log 
 {
     struct mk_model own;
     const double window_s = options ? options->window_s : 0.0;
+    const struct mk_sim_config config = config_of(options, model);
     struct prediction p = {.model = model, .joints = mk_model_joints(model)};
     struct mk_predict_figures figs;
     struct mk_log *made = NULL;
-    struct mk_sim_config config = options ? options->sim : (struct mk_sim_config){0};
-    double rtol, atol;
     size_t bad = 0;
     memset(&figs, 0, sizeof figs);
-    mk_free_run_tolerances(model, &rtol, &atol);
-    config.rtol = config.rtol > 0.0 ? config.rtol : rtol;
-    config.atol = config.atol > 0.0 ? config.atol : atol;
     *out = NULL;
-    enum mk_status st = mk_record_from_log(log, model, &p.rec, err);
-    if (st == MK_OK && p.rec.rows < 2)
-        st = mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "a prediction needs at least 2 rows");
-    if (st == MK_OK && mk_model_has_own_values(model)) {
-        st = mk_find_own_values(&p.rec, model, middle(&p.rec), own_window(window_s), &own, figs.own,
-                                &figs.own_count, err);
-        p.model = &own;
-    }
+    enum mk_status st = read_log(&p, log, window_s, &own, &figs, err);
     if (st == MK_OK)
         st = mk_log_create(p.rec.rows, &made);
     if (st == MK_OK)

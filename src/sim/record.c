@@ -62,6 +62,27 @@ static int find_names(const struct mk_log *log, const struct command_names *name
     return -1;
 }
 
+/* No column that the model asks for: an error, unless nothing drives the rig. */
+static enum mk_status no_command(const struct mk_log *log, const struct mk_model *model,
+                                 struct mk_error *err)
+{
+    const int measured = find_names(log, measured_names);
+    if (nothing_drives(log, model))
+        return MK_OK;
+    if (model->input == MK_INPUT_COMMANDED)
+        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                           "the log has no column u_cmd, tau_cmd, or u1_cmd/tau1_cmd, which "
+                           "`input = commanded` in the model asks for: without that line the "
+                           "measured %s is taken",
+                           measured < 0 ? "command" : measured_names[measured].one);
+    return missing(log, err,
+                   "u (the command), tau, or u1/tau1: one of them is needed. If nothing "
+                   "drove "
+                   "the rig, say so: `motor = none` in [rig] of the model, or `# input: "
+                   "none` in "
+                   "the log (mechkit import: `input = none` in [rig] of the mapping)");
+}
+
 /* The motor's command, and where two motors drive the rig that of joint 2. */
 static enum mk_status find_commands(const struct mk_log *log, const struct mk_model *model,
                                     struct mk_record *out, struct mk_error *err)
@@ -69,28 +90,16 @@ static enum mk_status find_commands(const struct mk_log *log, const struct mk_mo
     const struct mk_plant_info *plant = mk_plant(model->plant);
     const bool commanded = model->input == MK_INPUT_COMMANDED;
     const struct command_names *names = commanded ? commanded_names : measured_names;
-    const int found = find_names(log, names), measured = find_names(log, measured_names);
-    if (found < 0 && commanded && !nothing_drives(log, model))
-        return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
-                           "the log has no column u_cmd, tau_cmd, or u1_cmd/tau1_cmd, which "
-                           "`input = commanded` in the model asks for: without that line the "
-                           "measured %s is taken",
-                           measured < 0 ? "command" : measured_names[measured].one);
+    const int found = find_names(log, names);
     if (found < 0)
-        return nothing_drives(log, model)
-                   ? MK_OK
-                   : missing(log, err,
-                             "u (the command), tau, or u1/tau1: one of them is needed. If nothing "
-                             "drove "
-                             "the rig, say so: `motor = none` in [rig] of the model, or `# input: "
-                             "none` in "
-                             "the log (mechkit import: `input = none` in [rig] of the mapping)");
+        return no_command(log, model, err);
     const bool takes_two = plant->joints == 2 && plant->motor_joint == 0 && names[found].two;
     out->u[0] = mk_log_get(log, names[found].one);
     out->u[1] = takes_two ? mk_log_get(log, names[found].two) : NULL;
     out->si = names[found].si;
-    if (commanded && takes_two && !out->u[1] && measured == found &&
-        mk_log_get(log, measured_names[measured].two))
+    const bool lacks_one = takes_two && !out->u[1] && find_names(log, measured_names) == found &&
+                           mk_log_get(log, measured_names[found].two);
+    if (commanded && lacks_one)
         return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
                            "the log has no column %s beside %s, which `input = commanded` in the "
                            "model asks for: what joint 2 was sent is not known",

@@ -230,14 +230,15 @@ class Shooter
         (void)parameter, (void)column, (void)slope;
 #endif
     }
-    void seed()
-    {
-        // Each free parameter is a column: dp/dc is its scale in its own column and 0 elsewhere.
-        // Columns 0 .. ns - 1 are the start state; a law sees the state as variables of its own, of
-        // slope 1, and chain() puts the real columns in. The first parameter of a delay is the
-        // delay.
-        double slope[MK_MAX_EFFECTS] = {}; // of an effect's first parameter
+    // Slope and column of the first parameter of each effect, which of a delay is the delay.
+    struct FirstParameters {
+        double slope[MK_MAX_EFFECTS] = {};
         int column[MK_MAX_EFFECTS] = {};
+    };
+    // Each free parameter is a column: dp/dc is its scale in its own column and 0 elsewhere.
+    FirstParameters seed_parameters()
+    {
+        FirstParameters by_effect;
         for (int f = first; f - first < columns - ns; f++) {
             int number = k.free[f], place = ns + f - first;
             if (number < c.parameter_count) {
@@ -250,41 +251,61 @@ class Shooter
                 if (number >= 0 && number < count)
                     vary(c.effect[e].p[number], place, k.scale[f]);
                 if (number == 0) {
-                    slope[e] = k.scale[f];
-                    column[e] = place;
+                    by_effect.slope[e] = k.scale[f];
+                    by_effect.column[e] = place;
                 }
                 number -= count;
             }
         }
-        for (int i = 0; i < ns; i++) {
-            seen[i] = Scalar(0.0);
-            vary(seen[i], i, 1.0);
-        }
-        // Speeds at which friction may reverse: those of the joints, and that of the light side of
-        // a backlash.
+        return by_effect;
+    }
+    // Speeds at which friction may reverse: those of the joints, and that of the light side of a
+    // backlash, which is a body of its own between joint and encoder (angle, speed).
+    void find_speeds()
+    {
         constexpr unsigned apart = MK_STAGE_STATE | MK_STAGE_MEASUREMENT;
         int states = 2 * c.joints;
         for (int j = 0; j < c.joints; j++)
             add_speed(c.joints + j, j);
         for (int e = 0; e < c.effect_count; e++) {
             const mk_effect_info *info = mk_effect(c.effect[e].index);
-            // A body of its own between joint and encoder: angle, speed.
             if ((info->stages & apart) == apart)
                 add_speed(states + 1, std::max(c.effect[e].joint, 0));
             states += info->state_count;
-            stiff = stiff || effect_ops<double>(c.effect[e].index).rate;
+        }
+    }
+    void find_delays(const FirstParameters &by_effect)
+    {
+        for (int e = 0; e < c.effect_count; e++) {
+            const mk_effect_info *info = mk_effect(c.effect[e].index);
+            const double slope = by_effect.slope[e];
+            const int column = by_effect.column[e];
             if (info->stages & MK_STAGE_COMMAND_DELAY) {
                 late += plain.effect[e].p[0];
-                late_slope[column[e]] += slope[e];
-                edges_move = edges_move || slope[e] != 0.0;
+                late_slope[column] += slope;
+                edges_move = edges_move || slope != 0.0;
             }
             for (int j = 0; j < c.joints && (info->stages & MK_STAGE_SENSOR_DELAY); j++)
                 if (c.effect[e].joint < 0 || c.effect[e].joint == j) {
                     age[j] += plain.effect[e].p[0];
-                    age_slope[j][column[e]] += slope[e];
-                    ages_move = ages_move || slope[e] != 0.0;
+                    age_slope[j][column] += slope;
+                    ages_move = ages_move || slope != 0.0;
                 }
         }
+    }
+    void seed()
+    {
+        // Columns 0 .. ns - 1 are the start state; a law sees the state as variables of its own, of
+        // slope 1, and chain() puts the real columns in.
+        const FirstParameters by_effect = seed_parameters();
+        for (int i = 0; i < ns; i++) {
+            seen[i] = Scalar(0.0);
+            vary(seen[i], i, 1.0);
+        }
+        find_speeds();
+        for (int e = 0; e < c.effect_count; e++)
+            stiff = stiff || effect_ops<double>(c.effect[e].index).rate;
+        find_delays(by_effect);
     }
     double state(int i, int at) const
     {
