@@ -36,6 +36,39 @@ static enum mk_status link_failed(struct mk_loop *loop, enum mk_status st, struc
     return mk_loop_fault_error(loop->safety.fault, 0.0, 0, err);
 }
 
+/* The safety latches a fault of the start, and it is the error. */
+static enum mk_status latch(struct mk_loop *loop, enum mk_fault fault, double value,
+                            struct mk_error *err)
+{
+    mk_safety_latch(&loop->safety, fault, value, 0);
+    return mk_loop_fault_error(fault, value, 0, err);
+}
+
+/* Whether somebody, or the time that it takes, ends the watch. */
+static enum mk_status may_watch_on(struct mk_loop *loop, double since_s, struct mk_error *err)
+{
+    if (atomic_load_explicit(&loop->estop, memory_order_relaxed))
+        return latch(loop, MK_FAULT_ESTOP, 0.0, err);
+    if (loop->config.cancel && __atomic_load_n(loop->config.cancel, __ATOMIC_RELAXED))
+        return mk_error_set(err, MK_ERR_INTR, "interrupted");
+    return since_s > REST_LIMIT_S ? latch(loop, MK_FAULT_OVERRUN, since_s, err) : MK_OK;
+}
+
+/* One exchange with command 0. `lost`: it brought no sample, and not too many were lost in a row.
+ */
+static enum mk_status watch_once(struct mk_loop *loop, struct rest_watch *w, bool *lost,
+                                 struct mk_error *err)
+{
+    enum mk_status st = mk_board_exchange(loop->board, 0.0, &w->last);
+    *lost = st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO;
+    w->lost = *lost ? w->lost + 1 : 0;
+    if (w->lost >= loop->config.limits.lost_limit || (st != MK_OK && !*lost))
+        return link_failed(loop, st, err);
+    if (!*lost && !mk_board_watch_obeys(0.0, w->last.u_applied))
+        return latch(loop, MK_FAULT_DISOBEYED, 0.0, err);
+    return MK_OK;
+}
+
 /* Readings at the run's rate, command 0. */
 static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, struct mk_error *err)
 {
@@ -43,31 +76,17 @@ static enum mk_status watch_links(struct mk_loop *loop, struct rest_watch *w, st
     int n = (int)(REST_S * loop->config.rate_hz);
     int64_t t0_ns = mk_clock_now_ns(clock);
     int32_t first[MK_MAX_JOINTS] = {0};
-    bool have = false;
+    bool have = false, lost;
     for (int k = 0; k < n; k++) {
         mk_clock_sleep_until(clock, t0_ns + (int64_t)(k * 1e9 / loop->config.rate_hz));
-        if (atomic_load_explicit(&loop->estop, memory_order_relaxed)) {
-            mk_safety_latch(&loop->safety, MK_FAULT_ESTOP, 0.0, 0);
-            return mk_loop_fault_error(MK_FAULT_ESTOP, 0.0, 0, err);
-        }
-        if (loop->config.cancel && __atomic_load_n(loop->config.cancel, __ATOMIC_RELAXED))
-            return mk_error_set(err, MK_ERR_INTR, "interrupted");
-        double since_s = 1e-9 * (double)(mk_clock_now_ns(clock) - t0_ns);
-        if (since_s > REST_LIMIT_S) {
-            mk_safety_latch(&loop->safety, MK_FAULT_OVERRUN, since_s, 0);
-            return mk_loop_fault_error(MK_FAULT_OVERRUN, since_s, 0, err);
-        }
-        enum mk_status st = mk_board_exchange(loop->board, 0.0, &w->last);
-        bool lost = st == MK_ERR_TIMEOUT || st == MK_ERR_PROTO;
-        w->lost = lost ? w->lost + 1 : 0;
-        if (w->lost >= loop->config.limits.lost_limit || (st != MK_OK && !lost))
-            return link_failed(loop, st, err);
+        enum mk_status st =
+            may_watch_on(loop, 1e-9 * (double)(mk_clock_now_ns(clock) - t0_ns), err);
+        if (st == MK_OK)
+            st = watch_once(loop, w, &lost, err);
+        if (st != MK_OK)
+            return st;
         if (lost)
             continue;
-        if (!mk_board_watch_obeys(0.0, w->last.u_applied)) {
-            mk_safety_latch(&loop->safety, MK_FAULT_DISOBEYED, 0.0, 0);
-            return mk_loop_fault_error(MK_FAULT_DISOBEYED, 0.0, 0, err);
-        }
         if (!have)
             memcpy(first, w->last.count, sizeof first);
         have = true;

@@ -112,14 +112,13 @@ static void describe_control(struct meta_list *m, const struct mk_loop *loop)
     meta_string(m, "velocity", mk_velocity_name(loop->config.velocity.kind));
 }
 
-static void describe_run(struct meta_list *m, const struct mk_loop *loop)
+/* The size of a count of every joint, by the turn where all have one, and the units of joints that
+ * slide. */
+static void describe_joints(struct meta_list *m, const struct mk_loop *loop)
 {
-    const struct mk_loop_config *config = &loop->config;
-    size_t n = 0;
-    meta_string(m, "rig", loop->plant->name);
-    meta_double(m, "sample_rate_hz", config->rate_hz);
     const struct mk_model *model = &loop->ctrl->model;
     bool slides = false, turns = true;
+    size_t n = 0;
     for (int j = 0; j < loop->plant->joints; j++) {
         turns = turns && loop->identity.encoder_cpr[j] > 0;
         slides = slides || model->joint_linear[j];
@@ -136,21 +135,33 @@ static void describe_run(struct meta_list *m, const struct mk_loop *loop)
     }
     if (slides)
         meta_finish(m, "joint_unit", n);
-    meta_double(m, "u_to_torque", loop->ctrl->model.u_to_torque);
-    meta_double(m, "u_max", loop->board->u_max);
-    n = 0;
-    meta_text(m, &n, loop->identity.name);
+}
+
+static void describe_board(struct meta_list *m, const struct mk_board_identity *identity)
+{
+    size_t n = 0;
+    meta_text(m, &n, identity->name);
     meta_text(m, &n, ", ");
-    meta_text(m, &n, loop->identity.firmware);
-    if (loop->identity.serial[0]) {
+    meta_text(m, &n, identity->firmware);
+    if (identity->serial[0]) {
         meta_text(m, &n, ", serial ");
-        meta_text(m, &n, loop->identity.serial);
+        meta_text(m, &n, identity->serial);
     }
     meta_finish(m, "board", n);
+}
+
+static void describe_run(struct meta_list *m, const struct mk_loop *loop)
+{
+    meta_string(m, "rig", loop->plant->name);
+    meta_double(m, "sample_rate_hz", loop->config.rate_hz);
+    describe_joints(m, loop);
+    meta_double(m, "u_to_torque", loop->ctrl->model.u_to_torque);
+    meta_double(m, "u_max", loop->board->u_max);
+    describe_board(m, &loop->identity);
     describe_control(m, loop);
     meta_string(m, "phases", "0 idle, 1 swing-up, 2 balance, 3 track");
     meta_string(m, "program", "mechkit " MK_VERSION);
-    if (config->stream)
+    if (loop->config.stream)
         meta_string(m, "clock", "board");
     if (loop->simulated)
         meta_string(m, "realtime", "simulated time");
