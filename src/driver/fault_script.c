@@ -200,41 +200,56 @@ static enum mk_status arguments(struct line *l, struct mk_fault_rule *rule, uint
     return st;
 }
 
-static enum mk_status parse_rule(struct line *l, struct mk_fault_rule *rule)
+/* "at N" or "from N to M": the first sample, and the first after the last one (0 of "at"). */
+static enum mk_status when(struct line *l, uint64_t *first, uint64_t *end)
 {
     enum mk_status st;
-    uint64_t extent = 0, end = 0;
-    bool range = accept(l, "from");
+    const bool range = accept(l, "from");
+    *end = 0;
     if (!range && (st = expect(l, "at")) != MK_OK)
         return st;
-    if ((st = sample_number(l, &rule->first)) != MK_OK)
+    if ((st = sample_number(l, first)) != MK_OK || !range)
         return st;
-    if (range) {
-        if ((st = expect(l, "to")) != MK_OK)
-            return st;
-        int at = l->next;
-        if ((st = sample_number(l, &end)) != MK_OK)
-            return st;
-        if (end <= rule->first) {
-            l->next = at;
-            return complain(l, MK_ERR_RANGE, "the last sample must come after the first");
-        }
-    }
-    if ((st = find_action(l, &rule->action)) != MK_OK)
+    if ((st = expect(l, "to")) != MK_OK)
         return st;
-    int argument = l->next;
-    if ((st = arguments(l, rule, &extent)) != MK_OK)
+    const int at = l->next;
+    if ((st = sample_number(l, end)) != MK_OK)
         return st;
-    if (range && extent != 0) {
+    if (*end > *first)
+        return MK_OK;
+    l->next = at;
+    return complain(l, MK_ERR_RANGE, "the last sample must come after the first");
+}
+
+/* The action, its arguments, and for how many samples: 0 where the rule does not say. */
+static enum mk_status what(struct line *l, bool range, struct mk_fault_rule *rule, uint64_t *extent)
+{
+    enum mk_status st = find_action(l, &rule->action);
+    const int argument = l->next;
+    if (st == MK_OK)
+        st = arguments(l, rule, extent);
+    if (st != MK_OK)
+        return st;
+    if (range && *extent != 0) {
         l->next = argument;
         return complain(l, MK_ERR_PARSE, "'from' and 'to' say how many samples; expected no more");
     }
-    if (!range && extent == 0 && accept(l, "for") && (st = count_of_samples(l, &extent)) != MK_OK)
+    return !range && *extent == 0 && accept(l, "for") ? count_of_samples(l, extent) : MK_OK;
+}
+
+static enum mk_status parse_rule(struct line *l, struct mk_fault_rule *rule)
+{
+    uint64_t extent = 0, end = 0;
+    enum mk_status st = when(l, &rule->first, &end);
+    const bool range = end > 0;
+    if (st == MK_OK)
+        st = what(l, range, rule, &extent);
+    if (st != MK_OK)
         return st;
     if (l->next < l->count) {
-        char what[80];
-        snprintf(what, sizeof what, "usage: %s; expected no more", actions[rule->action].usage);
-        return complain(l, MK_ERR_PARSE, what);
+        char usage[80];
+        snprintf(usage, sizeof usage, "usage: %s; expected no more", actions[rule->action].usage);
+        return complain(l, MK_ERR_PARSE, usage);
     }
     if (extent == 0)
         extent = actions[rule->action].extent == EXTENT_REST ? UINT64_MAX - rule->first : 1;

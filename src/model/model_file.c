@@ -343,6 +343,33 @@ static enum mk_status missing(struct reader *r, const struct mk_ini_entry *first
                        first->section, p->name, p->help);
 }
 
+/* Adds the effect of a section to the model, at the joint that the section gives. */
+static enum mk_status add_effect(struct reader *r, struct mk_model *m,
+                                 const struct mk_ini_entry *first, const char *name)
+{
+    double joint = 0.0;
+    struct mk_error why = MK_ERROR_INIT;
+    struct mk_ini_entry *e = find(r, first->section, "joint");
+    enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
+    if (st != MK_OK)
+        return st;
+    if (joint != floor(joint) || fabs(joint) > 100.0)
+        return mk_ini_refuse(r->file, e, r->err, "a joint number");
+    st = mk_model_add_effect(m, name, (int)joint, &why);
+    return st == MK_OK ? MK_OK
+                       : mk_error_at(r->err, st == MK_ERR_INVALID ? MK_ERR_PARSE : st, r->path,
+                                     e ? e->line : first->line, 0, "%s", why.message);
+}
+
+/* Number (mechkit/ident.h) of the first parameter of the effect that was added last. */
+static int first_number_of_last(const struct mk_model *m)
+{
+    int number = mk_plant(m->plant)->parameter_count;
+    for (int k = 0; k + 1 < m->effect_count; k++)
+        number += mk_effect(m->effect[k].index)->parameter_count;
+    return number;
+}
+
 static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct mk_ini_entry *first)
 {
     char name[MK_INI_TEXT];
@@ -350,24 +377,13 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct m
     const struct mk_effect_info *info = mk_effect_by_name(name);
     if (!info)
         return unknown_effect(r, first, name);
-    double joint = 0.0;
-    struct mk_ini_entry *e = find(r, first->section, "joint");
-    enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
+    enum mk_status st = add_effect(r, m, first, name);
     if (st != MK_OK)
         return st;
-    if (joint != floor(joint) || fabs(joint) > 100.0)
-        return mk_ini_refuse(r->file, e, r->err, "a joint number");
-    struct mk_error why = MK_ERROR_INIT;
-    st = mk_model_add_effect(m, name, (int)joint, &why);
-    if (st != MK_OK)
-        return mk_error_at(r->err, st == MK_ERR_INVALID ? MK_ERR_PARSE : st, r->path,
-                           e ? e->line : first->line, 0, "%s", why.message);
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
-    int first_number = mk_plant(m->plant)->parameter_count;
-    for (int k = 0; k + 1 < m->effect_count; k++)
-        first_number += mk_effect(m->effect[k].index)->parameter_count;
+    const int first_number = first_number_of_last(m);
     for (int i = 0; i < info->parameter_count; i++) {
-        e = find(r, first->section, info->parameter[i].name);
+        struct mk_ini_entry *e = find(r, first->section, info->parameter[i].name);
         if (!e && info->parameter[i].optional)
             continue;
         if (!e)

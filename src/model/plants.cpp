@@ -25,13 +25,22 @@ constexpr bool joint_is_complete(const mk_plant_info &i, int j)
     return i.joint_travel[j] > 0.0 && i.joint_speed[j] > 0.0 && endless == i.joint_is_wheel[j];
 }
 
+constexpr bool is_within(int low, int value, int high)
+{
+    return low <= value && value <= high;
+}
+
+constexpr bool counts_are_right(const mk_plant_info &i)
+{
+    return is_within(1, i.joints, MK_MAX_JOINTS) && is_within(0, i.motor_joint, i.joints - 1) &&
+           is_within(3, i.parameter_count, MK_MAX_PARAMETERS) &&
+           is_within(1, i.equilibrium_count, MK_MAX_EQUILIBRIA);
+}
+
 // A motor joint, limits of every joint, friction last, and somewhere to rest.
 constexpr bool row_is_complete(const mk_plant_info &i)
 {
-    bool complete = i.name && i.help && i.source && i.joints >= 1 && i.joints <= MK_MAX_JOINTS &&
-                    i.motor_joint >= 0 && i.motor_joint < i.joints && i.parameter_count >= 3 &&
-                    i.parameter_count <= MK_MAX_PARAMETERS && i.equilibrium_count >= 1 &&
-                    i.equilibrium_count <= MK_MAX_EQUILIBRIA;
+    bool complete = i.name && i.help && i.source && counts_are_right(i);
     for (int j = 0; j < i.joints; j++)
         complete = complete && joint_is_complete(i, j);
     for (int k = 0; k < i.parameter_count; k++)
