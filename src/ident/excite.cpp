@@ -322,7 +322,7 @@ class Excitation
     }
 };
 
-enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error *err)
+enum mk_status check_figures(const mk_model &model, const mk_excite_options &o, mk_error *err)
 {
     if (!(o.seconds >= 1.0 && o.seconds <= 600.0))
         return mk_error_set(err, MK_ERR_RANGE, "%g s: from 1 to 600 s", o.seconds);
@@ -341,6 +341,11 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
     if (!(o.process_noise >= 0.0))
         return mk_error_set(err, MK_ERR_RANGE, "process noise %g: must be 0 or more",
                             o.process_noise);
+    return MK_OK;
+}
+
+enum mk_status check_joints(const mk_model &model, const mk_excite_options &o, mk_error *err)
+{
     const mk_plant_info *plant = mk_plant(model.plant);
     for (int j = 0; j < plant->joints; j++) {
         bool wheel = plant->joint_is_wheel[j];
@@ -352,14 +357,24 @@ enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error
             return mk_error_set(err, MK_ERR_RANGE,
                                 "joint %d: speed limit and noise must be above 0", j + 1);
     }
+    return MK_OK;
+}
+
+enum mk_status check(const mk_model &model, const mk_excite_options &o, mk_error *err)
+{
+    enum mk_status st = check_figures(model, o, err);
+    if (st == MK_OK)
+        st = check_joints(model, o, err);
+    if (st != MK_OK)
+        return st;
     if (by_condition(o.criterion) && !fully_actuated(model))
         return mk_error_set(
             err, MK_ERR_NOTSUP,
             "the %s cannot be led along a trajectory: it has a joint without motor; "
             "use criterion worst, a or d",
-            plant->name);
+            mk_plant(model.plant)->name);
     mk_signal *against = nullptr;
-    enum mk_status st = o.against ? mk_signal_create(o.against, &against, err) : MK_OK;
+    st = o.against ? mk_signal_create(o.against, &against, err) : MK_OK;
     if (st != MK_OK)
         return st;
     mk_signal_destroy(against);

@@ -219,6 +219,12 @@ struct Flicker {
     }
 };
 
+// Whether readings go through a value rather than turning at it.
+bool passes(double before, double at, double after)
+{
+    return (before < at && at < after) || (before > at && at > after);
+}
+
 // Readings that stay on one count without passing through it (rest, a turning point) share one
 // rounding error: together they are worth one. In passing, errors even out, unless that is a rest
 // between two slips: long stays are worth no more than short ones. Where noise decides how long
@@ -227,7 +233,7 @@ void weigh(FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
     std::vector<double> &w = log.weight[j];
-    size_t n = q.size();
+    const size_t n = q.size();
     w.assign(n, 0.0);
     const Flicker flicker(q, log.count[j]);
     const bool noisy = flicker.noisy;
@@ -235,25 +241,19 @@ void weigh(FitLog &log, int j)
     constexpr double LEFT = 0.02;
     log.repeating[j] = !noisy ? 1.0 : flicker.rounded ? LEFT : 0.0;
     const double near = NEAR * log.count[j], most = noisy ? 16.0 : 8.0;
-    size_t k = 0;
     double previous = MISSING;
-    while (k < n) {
-        if (std::isnan(q[k])) {
-            k++;
+    for (size_t k = 0, stop; k < n; k = stop) {
+        stop = k + 1;
+        if (std::isnan(q[k]))
             continue;
-        }
-        size_t stop = k, members = 0;
+        size_t members = 1; // of the stay that begins here; missing readings do not end it
         for (; stop < n && (std::isnan(q[stop]) || std::fabs(q[stop] - q[k]) <= near); stop++)
             members += !std::isnan(q[stop]);
-        double next = stop < n ? q[stop] : MISSING;
-        bool passed = (previous < q[k] && q[k] < next) || (previous > q[k] && q[k] > next);
-        double worth = passed || noisy ? std::min(most, (double)members) : 1.0;
-        double value = std::sqrt(worth / std::max((double)members, 1.0));
+        const bool passed = passes(previous, q[k], stop < n ? q[stop] : MISSING);
+        const double worth = passed || noisy ? std::min(most, (double)members) : 1.0;
         for (size_t i = k; i < stop; i++)
-            if (!std::isnan(q[i]))
-                w[i] = value;
+            w[i] = std::isnan(q[i]) ? 0.0 : std::sqrt(worth / (double)members);
         previous = q[k];
-        k = stop;
     }
 }
 

@@ -140,6 +140,25 @@ enum mk_status fit_what_is_known(const mk::IdentMethod &method, mk::IdentProblem
     return st;
 }
 
+void warn_of_joints_at_rest(const mk::IdentProblem &problem, mk_ident_result &r)
+{
+    for (int j = 0; j < mk_model_joints(&problem.model); j++)
+        if (!problem.moves[j])
+            mk::warn(r, "q%d does not move in these data: is the joint stuck, or its encoder?",
+                     j + 1);
+}
+
+// Standard errors of the plant's parameters into the model; the one that holds the scale has none.
+void keep_errors(mk_ident_result &r)
+{
+    const int count = std::min(mk_plant(r.model.plant)->parameter_count, r.parameter_count);
+    for (int i = 0; i < count; i++) {
+        const double e = r.parameter[i].std_error;
+        if (!(r.scale_free && i == r.scale_holder))
+            r.model.parameter_stderr[i] = std::isfinite(e) ? e : 0.0;
+    }
+}
+
 } // namespace
 
 int mk_ident_method_count(void)
@@ -188,19 +207,10 @@ try {
     st = fit_what_is_known(*method, problem, *result, err);
     if (st != MK_OK)
         return st;
-    for (int j = 0; j < mk_model_joints(model); j++)
-        if (!problem.moves[j])
-            mk::warn(*result,
-                     "q%d does not move in these data: is the joint stuck, or its encoder?", j + 1);
+    warn_of_joints_at_rest(problem, *result);
     warn_of_clipping(problem, *result);
     result->model.no_motor = model->no_motor;
-    for (int i = 0; i < result->parameter_count && i < MK_MAX_PARAMETERS; i++) {
-        if (result->scale_free && i == result->scale_holder)
-            continue;
-        double e = result->parameter[i].std_error;
-        if (i < mk_plant(model->plant)->parameter_count)
-            result->model.parameter_stderr[i] = std::isfinite(e) ? e : 0.0;
-    }
+    keep_errors(*result);
     result->seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     *out = *result;

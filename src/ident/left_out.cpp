@@ -104,8 +104,7 @@ bool is_in(const mk_left_out &span, double t)
     return t >= span.from_s && t <= span.to_s;
 }
 
-enum mk_status copy_without(const mk_log &log, size_t number, const mk_left_out *left_out,
-                            int count, mk_log &made)
+enum mk_status copy_columns(const mk_log &log, mk_log &made)
 {
     for (size_t c = 0; c < log.column_count; c++) {
         if (!log.columns[c].data || std::strcmp(log.columns[c].name, "left_out") == 0)
@@ -115,6 +114,22 @@ enum mk_status copy_without(const mk_log &log, size_t number, const mk_left_out 
             return MK_ERR_NOMEM;
         std::copy_n(log.columns[c].data, log.rows, data);
     }
+    return MK_OK;
+}
+
+enum mk_status copy_meta(const mk_log &log, mk_log &made)
+{
+    for (size_t m = 0; m < log.meta_count; m++)
+        if (log.meta[m].key[0] &&
+            mk_log_set_meta(&made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
+            return MK_ERR_NOMEM;
+    return MK_OK;
+}
+
+// The column left_out: what the log has there, and 1 within the spans of this log.
+enum mk_status mark_rows(const mk_log &log, size_t number, const mk_left_out *left_out, int count,
+                         mk_log &made)
+{
     const double *t = mk_log_get(&log, "t"), *before = mk_log_get(&log, "left_out");
     double *mark = mk_log_add_column(&made, "left_out");
     if (!t || !mark)
@@ -125,15 +140,35 @@ enum mk_status copy_without(const mk_log &log, size_t number, const mk_left_out 
             if (left_out[i].log == number && is_in(left_out[i], t[k] - t[0]))
                 mark[k] = 1.0;
     }
-    for (size_t c = 0; c < made.column_count; c++)
-        for (const char *angle : {"q1", "q2"})
-            for (size_t k = 0; k < log.rows && std::strcmp(made.columns[c].name, angle) == 0; k++)
-                if (mark[k] != 0.0)
-                    made.columns[c].data[k] = std::nan("");
-    for (size_t m = 0; m < log.meta_count; m++)
-        if (log.meta[m].key[0] &&
-            mk_log_set_meta(&made, log.meta[m].key, log.meta[m].value) == MK_ERR_NOMEM)
-            return MK_ERR_NOMEM;
+    return MK_OK;
+}
+
+// Angles of marked rows are missing.
+void hide_marked(mk_log &made)
+{
+    const double *mark = mk_log_get(&made, "left_out");
+    for (size_t c = 0; c < made.column_count; c++) {
+        const mk_log_column &column = made.columns[c];
+        const bool angle =
+            std::strcmp(column.name, "q1") == 0 || std::strcmp(column.name, "q2") == 0;
+        for (size_t k = 0; angle && k < made.rows; k++)
+            if (mark[k] != 0.0)
+                column.data[k] = std::nan("");
+    }
+}
+
+enum mk_status copy_without(const mk_log &log, size_t number, const mk_left_out *left_out,
+                            int count, mk_log &made)
+{
+    enum mk_status st = copy_columns(log, made);
+    if (st == MK_OK)
+        st = mark_rows(log, number, left_out, count, made);
+    if (st != MK_OK)
+        return st;
+    hide_marked(made);
+    st = copy_meta(log, made);
+    if (st != MK_OK)
+        return st;
     made.path = log.path ? strdup(log.path) : nullptr;
     return MK_OK;
 }

@@ -190,35 +190,51 @@ void report_constant(const MeasureProblem &problem, double j, double error, mk_m
                      problem.options.known * error / (j * j), m.u_to_torque);
 }
 
-enum mk_status run_inertia(const MeasureProblem &problem, mk_measurement &out, mk_error *err)
+// Pieces with a constant acceleration, and with them those at constant speed.
+void find_ramps(const MeasureProblem &problem, std::vector<Section> &ramping,
+                std::vector<Section> &all)
 {
-    std::vector<Section> all, ramping;
     for (const Section &p : cut(problem, PIECE_S)) {
-        bool ramp = ramps(problem.model, p);
+        const bool ramp = ramps(problem.model, p);
         if (ramp || steady(problem.model, p))
             all.push_back(p);
         if (ramp)
             ramping.push_back(p);
     }
+}
+
+// u = J a + friction(v): inertia and friction of the same runs. Friction both ways, or of the way
+// that most runs go where the other has too few.
+void inertia_equations(const std::vector<Section> &pieces, MatrixXd &x, VectorXd &y)
+{
+    const Ways ways = count_ways(pieces);
+    const bool both = ways.forwards > 2 && ways.backwards > 2;
+    const int first = both || ways.forwards > ways.backwards ? 0 : 2, terms = both ? 4 : 2;
+    x.resize((long)pieces.size(), 1 + terms);
+    y.resize((long)pieces.size());
+    for (size_t i = 0; i < pieces.size(); i++) {
+        double row[4];
+        friction_row(pieces[i].v, row);
+        x((long)i, 0) = pieces[i].a;
+        for (int k = 0; k < terms; k++)
+            x((long)i, 1 + k) = row[first + k];
+        y((long)i) = pieces[i].u;
+    }
+}
+
+enum mk_status run_inertia(const MeasureProblem &problem, mk_measurement &out, mk_error *err)
+{
+    std::vector<Section> all, ramping;
+    find_ramps(problem, ramping, all);
     if (ramping.size() < 4)
         return mk_error_set(err, MK_ERR_RANGE,
                             "%zu pieces of %g s with a constant acceleration: 4 are needed",
                             ramping.size(), PIECE_S);
     inertia_by_model(problem, ramping, out);
     // Better: friction found along with it, from the same runs.
-    Ways ways = count_ways(all);
-    bool both = ways.forwards > 2 && ways.backwards > 2;
-    MatrixXd x((long)all.size(), both ? 5 : 3);
-    VectorXd y((long)all.size());
-    for (size_t i = 0; i < all.size(); i++) {
-        double row[4];
-        friction_row(all[i].v, row);
-        int first = both || ways.forwards > ways.backwards ? 0 : 2;
-        x((long)i, 0) = all[i].a;
-        for (int k = 0; k < (both ? 4 : 2); k++)
-            x((long)i, 1 + k) = row[first + k];
-        y((long)i) = all[i].u;
-    }
+    MatrixXd x;
+    VectorXd y;
+    inertia_equations(all, x, y);
     Regressed r = regress_plain(x, y);
     if (!r.determined)
         return mk_error_set(err, MK_ERR_RANGE,
