@@ -285,46 +285,68 @@ static enum mk_status hears(const struct rig_watch *w, struct mk_error *err)
                         w->asked - w->lost, w->asked, RIG_WATCH_RATE_HZ);
 }
 
+/* The watch of a rig that comes to rest. */
+struct resting {
+    struct rig_watch w;
+    struct stillness s;
+    struct calming c;
+    bool driven;   /* the motor was on in the last step */
+    double said_s; /* when it was told last */
+};
+
+/* One exchange, with a calming command where that is due, and what the readings say. */
+static enum mk_status rest_step(struct rig *r, struct resting *now, double t, bool first,
+                                struct mk_error *err)
+{
+    const bool drives = r->calms && calms_now(t);
+    if (cancelled(r))
+        return interrupted(err);
+    enum mk_status st = drives != now->driven ? switch_motor(r, &now->c, drives, t, err) : MK_OK;
+    if (st != MK_OK)
+        return st;
+    if (!rig_watch_step(&now->w, drives && r->calms ? calming_command(r, &now->c) : 0.0))
+        return mk_error_set(err, MK_ERR_NODEV,
+                            "the board fell silent while the rig came to rest: check cable and "
+                            "power");
+    st = hears(&now->w, err);
+    if (st != MK_OK)
+        return st;
+    follow(&now->c, &now->w, drives, t);
+    look(&now->s, r, now->w.q, t, first || drives || now->driven);
+    now->driven = drives;
+    return MK_OK;
+}
+
+/* It stands still; for longer where that is not in the middle of its swing. */
+static bool rests(const struct resting *now, const struct rig *r, double t)
+{
+    const double still_s = t - now->s.since_s;
+    return still_s >= REST_S &&
+           (in_the_middle(&now->s, r, now->w.q) || still_s >= REST_S + MIDDLE_S);
+}
+
 static enum mk_status until_still(struct rig *r, struct mk_error *err)
 {
-    struct rig_watch w;
-    struct stillness s = {.moves = 0};
-    struct calming c = {.swing = 0.0};
+    struct resting now = {.driven = false};
     const double begin = rig_seconds(r);
-    double said = 0.0;
-    bool driven = false;
-    rig_watch_begin(&w, r->board, r->given);
+    rig_watch_begin(&now.w, r->board, r->given);
     for (bool first = true;; first = false) {
         const double t = rig_seconds(r) - begin;
-        const bool drives = r->calms && calms_now(t);
-        if (cancelled(r))
-            return interrupted(err);
-        enum mk_status st = drives != driven ? switch_motor(r, &c, drives, t, err) : MK_OK;
+        enum mk_status st = rest_step(r, &now, t, first, err);
         if (st != MK_OK)
             return st;
-        if (!rig_watch_step(&w, drives && r->calms ? calming_command(r, &c) : 0.0))
-            return mk_error_set(err, MK_ERR_NODEV,
-                                "the board fell silent while the rig came to rest: check cable and "
-                                "power");
-        st = hears(&w, err);
-        if (st != MK_OK)
-            return st;
-        follow(&c, &w, drives, t);
-        look(&s, r, w.q, t, first || drives || driven);
-        driven = drives;
-        if (t - s.since_s >= REST_S &&
-            (in_the_middle(&s, r, w.q) || t - s.since_s >= REST_S + MIDDLE_S)) {
-            note_origin(r, &w);
+        if (rests(&now, r, t)) {
+            note_origin(r, &now.w);
             return MK_OK;
         }
         if (t > REST_MOST_S)
             return mk_error_set(err, MK_ERR_TIMEOUT,
                                 "joint %d does not come to rest within %.0f s: calm it by hand, "
                                 "then give the same command again",
-                                s.moves, REST_MOST_S);
-        if (t - said > SAY_EVERY_S) {
-            said = t;
-            tell(r, t / REST_MOST_S, drives ? "calming the rig" : "coming to rest");
+                                now.s.moves, REST_MOST_S);
+        if (t - now.said_s > SAY_EVERY_S) {
+            now.said_s = t;
+            tell(r, t / REST_MOST_S, now.driven ? "calming the rig" : "coming to rest");
         }
     }
 }
