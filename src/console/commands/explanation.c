@@ -246,14 +246,9 @@ static bool drowns(const struct mk_explanation *e)
     return all;
 }
 
-void explanation_print(FILE *out, const struct mk_explanation *e)
+/* What was found: causes, values that differ, what else it could be. */
+static void print_found(FILE *out, const struct mk_explanation *e)
 {
-    data_checks_print(out, &e->data_check);
-    left_out_print(out, e->left_out, e->left_out_count);
-    fprintf(out, "%s\n", sentence(e));
-    if (e->verdict == MK_VERDICT_UNKNOWN)
-        fprintf(out, "  %s\n", e->structure);
-    budget_print(out, e);
     if (e->input.changed)
         print_input(out, e);
     if (e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL)
@@ -269,6 +264,11 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
     print_suspects(out, e);
     if (!e->input.changed)
         print_input(out, e);
+}
+
+/* What is to be kept in mind about data and model. */
+static void print_reservations(FILE *out, const struct mk_explanation *e)
+{
     if (e->scale_free)
         fprintf(
             out,
@@ -294,6 +294,18 @@ void explanation_print(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 "  Held-out data are predicted far worse than they are read: they may show what "
                 "the other logs do not. Learn from such data too.\n");
+}
+
+void explanation_print(FILE *out, const struct mk_explanation *e)
+{
+    data_checks_print(out, &e->data_check);
+    left_out_print(out, e->left_out, e->left_out_count);
+    fprintf(out, "%s\n", sentence(e));
+    if (e->verdict == MK_VERDICT_UNKNOWN)
+        fprintf(out, "  %s\n", e->structure);
+    budget_print(out, e);
+    print_found(out, e);
+    print_reservations(out, e);
     /* The budget says it joint by joint. */
     if (e->offered && e->budget.item_count == 0)
         fprintf(out, "  The extension closes %.1f %% of what refitting leaves.\n",

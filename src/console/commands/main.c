@@ -23,10 +23,15 @@ static void print_help(FILE *out)
           out);
 }
 
+static bool is_help(const char *word)
+{
+    return strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0;
+}
+
 static bool asks_for_help(int argc, char **argv)
 {
     for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
-        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0)
+        if (is_help(argv[i]))
             return true;
     return false;
 }
@@ -62,6 +67,13 @@ static const char *nearest_subcommand(const char *name)
     return meant.name;
 }
 
+static int no_subcommand(const char *name)
+{
+    const char *meant = nearest_subcommand(name);
+    return report_usage("", "there is no command '%s'%s%s%s", name, meant ? ": did you mean " : "",
+                        meant ? meant : "", meant ? "?" : "");
+}
+
 int main(int argc, char **argv)
 {
     /* A full disk or a closed pipe must come back as an error, not end the program in mid run. */
@@ -76,7 +88,7 @@ int main(int argc, char **argv)
         return finish(EXIT_OK);
     }
     bool help = strcmp(argv[1], "help") == 0; /* `help NAME` is `NAME --help` */
-    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || (help && argc == 2)) {
+    if (is_help(argv[1]) || (help && argc == 2)) {
         print_help(stdout);
         return finish(EXIT_OK);
     }
@@ -87,7 +99,5 @@ int main(int argc, char **argv)
     }
     if (sub)
         return finish(sub->run(argc - 1, argv + 1));
-    const char *name = argv[help ? 2 : 1], *meant = nearest_subcommand(name);
-    return report_usage("", "there is no command '%s'%s%s%s", name, meant ? ": did you mean " : "",
-                        meant ? meant : "", meant ? "?" : "");
+    return no_subcommand(argv[help ? 2 : 1]);
 }

@@ -228,6 +228,11 @@ void options_help(const struct subcommand *sub, FILE *out)
         fprintf(out, "\n%s\n", sub->notes);
 }
 
+bool is_standard_output(const char *path)
+{
+    return path && strcmp(path, "-") == 0;
+}
+
 bool same_file(const char *a, const char *b)
 {
     struct stat x, y;

@@ -79,6 +79,8 @@ int options_parse(const struct subcommand *sub, int argc, char **argv, void *tar
 /* Text of `mechkit NAME --help`. */
 void options_help(const struct subcommand *sub, FILE *out);
 
+/* Whether the path of an output is "-". NULL: there is no such output. */
+bool is_standard_output(const char *path);
 /* Whether two paths lead to one file that exists: what is read must not be written over. */
 bool same_file(const char *a, const char *b);
 

@@ -371,28 +371,44 @@ static int reference_column(const struct mk_log *log)
     return 0;
 }
 
+/* Joints and their units, after the first log. */
+static void find_joints(struct layout *l, const struct mk_log *log)
+{
+    const char *rig = mk_log_find_meta(log, "rig");
+    const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
+    l->joints = mk_log_get(log, "q2") ? 2 : 1;
+    for (int j = 0; j < l->joints; j++) {
+        bool slides = mk_record_joint_slides(log, j);
+        l->wheel[j] = plant && plant->joint_is_wheel[j] && !slides;
+        l->unit[j] = slides ? "m" : "rad";
+    }
+}
+
+/* All logs must have the angles of the first one. */
+static enum mk_status check_logs(const struct layout *l, struct mk_error *err)
+{
+    for (int i = 0; i < l->p->count; i++) {
+        const struct mk_log *log = l->p->logs[i];
+        const bool one = mk_log_get(log, "q1") != NULL;
+        if (!one || (l->joints == 2 && !mk_log_get(log, "q2")))
+            return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s",
+                               one ? "q2" : "q1");
+    }
+    return MK_OK;
+}
+
 enum mk_status plot_script(FILE *f, const struct plot *plot, struct mk_error *err)
 {
     struct layout l = {.f = f, .p = plot};
-    const char *rig = mk_log_find_meta(plot->logs[0], "rig");
-    const struct mk_plant_info *plant = rig ? mk_plant_by_name(rig) : NULL;
-    l.joints = mk_log_get(plot->logs[0], "q2") ? 2 : 1;
-    for (int j = 0; j < l.joints; j++) {
-        bool slides = mk_record_joint_slides(plot->logs[0], j);
-        l.wheel[j] = plant && plant->joint_is_wheel[j] && !slides;
-        l.unit[j] = slides ? "m" : "rad";
-    }
+    find_joints(&l, plot->logs[0]);
     l.ref_column = reference_column(plot->logs[0]);
     l.caught = plot->count == 1 ? hand_over(plot->logs[0]) : (double)NAN;
-    for (int i = 0; i < plot->count; i++)
-        if (!mk_log_get(plot->logs[i], l.joints == 2 ? "q2" : "q1") ||
-            !mk_log_get(plot->logs[i], "q1"))
-            return mk_error_at(err, MK_ERR_PARSE, plot->logs[i]->path, 0, 0,
-                               "the log has no column %s",
-                               mk_log_get(plot->logs[i], "q1") ? "q2" : "q1");
+    enum mk_status st = check_logs(&l, err);
+    if (st != MK_OK)
+        return st;
     put_terminal(&l);
     put_styles(f, plot->out != NULL);
-    enum mk_status st = put_data(&l, err);
+    st = put_data(&l, err);
     if (st != MK_OK)
         return st;
     put_title(&l);

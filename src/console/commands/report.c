@@ -27,6 +27,13 @@ int report_output_error(const struct mk_error *err)
     return err->status == MK_ERR_USAGE ? EXIT_WRONG_USAGE : EXIT_RUN_FAILED;
 }
 
+int report_end(enum mk_status st, bool writing, const struct mk_error *err)
+{
+    if (st == MK_OK)
+        return EXIT_OK;
+    return writing ? report_output_error(err) : report_error(err);
+}
+
 int report_error(const struct mk_error *err)
 {
     print(err);

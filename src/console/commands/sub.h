@@ -35,6 +35,9 @@ extern const struct subcommand sub_boards, sub_console, sub_design, sub_doctor, 
 int report_error(const struct mk_error *err);
 /* The same where the file is one to be written: no bad input. */
 int report_output_error(const struct mk_error *err);
+/* How a subcommand ends: EXIT_OK, or what report_output_error (it was `writing` already) or
+ * report_error give. */
+int report_end(enum mk_status st, bool writing, const struct mk_error *err);
 /* report_output_error where the error is about the output `out` (NULL: none), else report_error. */
 int report_error_of(const struct mk_error *err, const char *out);
 /* Prints "mechkit: message (see mechkit NAME --help)"; returns 2. */

@@ -334,6 +334,30 @@ static void print_place(const struct mk_model *model, const struct mk_equilibriu
     printf(" g = %.4g m/s^2\n", model->g);
 }
 
+/* The gains, their poles, and what is written of both. */
+static int design_gains(const struct options *o, const struct mk_model *model,
+                        const struct mk_equilibrium *eq)
+{
+    struct linear sys;
+    struct result r = {0};
+    struct mk_error err = MK_ERROR_INIT;
+    double condition;
+    linear_at(model, eq->q, o->friction, &sys);
+    int rank = mk_design_controllability(sys.n, sys.a, sys.b, 1e-12, &condition);
+    int code = find_gains(o, &sys, &r, &err);
+    if (code != EXIT_OK)
+        return code;
+    if (r.n > 0 && find_poles(o, &sys, &r, &err) != MK_OK)
+        return report_error(&err);
+    if (o->json && write_json(o, model, eq, &sys, &r, rank, &err) != MK_OK)
+        return report_output_error(&err);
+    if (!is_standard_output(o->json)) {
+        print_place(model, eq);
+        print_result(o, linear_setup(model->plant, eq->name), &sys, &r, rank, condition);
+    }
+    return EXIT_OK;
+}
+
 static int run(int argc, char **argv)
 {
     struct options o = {.rate = 500.0};
@@ -356,27 +380,10 @@ static int run(int argc, char **argv)
     const struct mk_equilibrium *eq = find_equilibrium(mk_plant(model.plant), o.at);
     if (!eq)
         return no_equilibrium(mk_plant(model.plant), o.at);
-    if (what.count) {
-        o.swingup.model_path = o.model;
-        o.swingup.json = o.json;
-        o.swingup.options.rate_hz = o.rate;
-        return design_swingup(&o.swingup, &model, eq);
-    }
-    struct linear sys;
-    struct result r = {0};
-    linear_at(&model, eq->q, o.friction, &sys);
-    double condition;
-    int rank = mk_design_controllability(sys.n, sys.a, sys.b, 1e-12, &condition);
-    code = find_gains(&o, &sys, &r, &err);
-    if (code != EXIT_OK)
-        return code;
-    if (r.n > 0 && find_poles(&o, &sys, &r, &err) != MK_OK)
-        return report_error(&err);
-    if (o.json && write_json(&o, &model, eq, &sys, &r, rank, &err) != MK_OK)
-        return report_output_error(&err);
-    if (!(o.json && strcmp(o.json, "-") == 0)) {
-        print_place(&model, eq);
-        print_result(&o, linear_setup(model.plant, eq->name), &sys, &r, rank, condition);
-    }
-    return EXIT_OK;
+    if (!what.count)
+        return design_gains(&o, &model, eq);
+    o.swingup.model_path = o.model;
+    o.swingup.json = o.json;
+    o.swingup.options.rate_hz = o.rate;
+    return design_swingup(&o.swingup, &model, eq);
 }

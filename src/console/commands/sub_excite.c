@@ -226,10 +226,8 @@ static int run(int argc, char **argv)
         st = mk_excitation_write(&result, o.out, o.model, &err);
     if (st == MK_OK && o.json)
         st = write_json(&result, o.json, &err);
-    if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0))
+    if (st == MK_OK && !is_standard_output(o.json))
         print_result(&result);
     mk_excitation_clear(&result);
-    if (st == MK_OK)
-        return EXIT_OK;
-    return writing ? report_output_error(&err) : report_error(&err);
+    return report_end(st, writing, &err);
 }

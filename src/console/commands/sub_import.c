@@ -183,6 +183,9 @@ static enum mk_status write_outputs(const struct options *o, const struct mk_log
         st = mk_import_map_write(o->fixed, count > 0 ? &findings[count - 1].fixed : map, NULL, err);
     if (st == MK_OK && o->json)
         st = write_report(o, map, findings, count, err);
+    if (st == MK_OK && count > 0 && o->out && !is_standard_output(o->json))
+        puts(o->force || !is_fatal(findings, count) ? "written all the same"
+                                                    : "not written: mend the map, or use --force");
     return st;
 }
 
@@ -204,27 +207,21 @@ static int run(int argc, char **argv)
     struct mk_log *log = NULL;
     struct mk_error err = MK_ERROR_INIT;
     int count = 0;
-    bool writing = false;
     enum mk_status st = find_map(&o, &map, &table, &err);
     if (st == MK_OK)
         st = mk_import_apply(table, o.file, &map, &log, &err);
+    const bool writing = st == MK_OK;
     if (st == MK_OK) {
-        bool quiet = o.json && strcmp(o.json, "-") == 0;
         count = mk_import_check(table, o.file, &map, findings);
-        if (!quiet) {
+        if (!is_standard_output(o.json)) {
             print_map(&o, &map, table);
             print_findings(&o, findings, count);
         }
-        writing = true;
         st = write_outputs(&o, log, &map, findings, count, &err);
-        if (st == MK_OK && count > 0 && o.out && !quiet)
-            puts(o.force || !is_fatal(findings, count)
-                     ? "written all the same"
-                     : "not written: mend the map, or use --force");
     }
     mk_log_free(log);
     mk_table_free(table);
     if (st != MK_OK)
-        return writing ? report_output_error(&err) : report_error(&err);
+        return report_end(st, writing, &err);
     return is_fatal(findings, count) && !o.force ? EXIT_RUN_FAILED : EXIT_OK;
 }

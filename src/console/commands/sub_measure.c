@@ -114,6 +114,14 @@ static enum mk_status write_json(const struct options *o, const struct mk_measur
     return st;
 }
 
+static enum mk_status write_model(const struct options *o, const struct mk_measurement *m,
+                                  struct mk_error *err)
+{
+    char comment[80];
+    snprintf(comment, sizeof comment, "measured by mechkit measure %s", o->kind);
+    return mk_model_write(o->out, &m->model, comment, err);
+}
+
 static int run(int argc, char **argv)
 {
     struct options o = {0};
@@ -133,18 +141,13 @@ static int run(int argc, char **argv)
         st = mk_measure(o.kind, &model, (const struct mk_log *const *)logs, (size_t)o.input.count,
                         &o.measure, &result, &err);
     const bool writing = st == MK_OK;
-    if (st == MK_OK && o.out) {
-        char comment[80];
-        snprintf(comment, sizeof comment, "measured by mechkit measure %s", o.kind);
-        st = mk_model_write(o.out, &result.model, comment, &err);
-    }
+    if (st == MK_OK && o.out)
+        st = write_model(&o, &result, &err);
     if (st == MK_OK && o.json)
         st = write_json(&o, &result, &err);
-    if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0))
+    if (st == MK_OK && !is_standard_output(o.json))
         print_measurement(&result);
     for (size_t i = 0; i < MAX_FILES; i++)
         mk_log_free(logs[i]);
-    if (st == MK_OK)
-        return EXIT_OK;
-    return writing ? report_output_error(&err) : report_error(&err);
+    return report_end(st, writing, &err);
 }

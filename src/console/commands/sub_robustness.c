@@ -207,6 +207,32 @@ static bool passed(const struct outcome *o)
     return o->nominal.end == TRIAL_HELD && o->held >= PASS_SHARE * o->count;
 }
 
+/* Whether the setup is asked for, or could be meant. */
+static bool is_meant(const struct options *o, const struct mk_ctrl_ops *setup)
+{
+    return balances(setup) && (!o->setup || strcmp(o->setup, setup->name) == 0);
+}
+
+/* All trials of a setup, printed and added to the report. `code`: how the program ends, which a
+ * setup that does not pass makes EXIT_RUN_FAILED. */
+static enum mk_status try_setup(const struct options *o, const struct mk_ctrl_ops *setup,
+                                cJSON *root, int *code, struct mk_error *err)
+{
+    struct outcome outcome;
+    enum mk_status st = run_setup(setup, o, &outcome, err);
+    if (st == MK_OK && !is_standard_output(o->json)) {
+        print_outcome(&outcome);
+        print_failures(&outcome);
+        fflush(stdout);
+    }
+    if (st == MK_OK) {
+        cJSON_AddItemToArray(root, outcome_json(&outcome));
+        *code = passed(&outcome) ? *code : EXIT_RUN_FAILED;
+    }
+    free(outcome.trial);
+    return st;
+}
+
 static int run(int argc, char **argv)
 {
     struct options o = {.seeds = 200, .first = 1};
@@ -219,30 +245,14 @@ static int run(int argc, char **argv)
         return report_usage("robustness", "--swingup goes with --setup: it is a trajectory of one");
     struct mk_error err = MK_ERROR_INIT;
     cJSON *root = cJSON_CreateArray();
-    const bool prints = !(o.json && strcmp(o.json, "-") == 0);
-    if (prints)
+    if (!is_standard_output(o.json))
         print_heading(&o);
     const struct mk_ctrl_ops *setup;
-    for (int i = 0; (setup = mk_ctrl_setup(i)) != NULL; i++) {
-        if (!balances(setup) || (o.setup && strcmp(o.setup, setup->name) != 0))
-            continue;
-        struct outcome outcome;
-        enum mk_status st = run_setup(setup, &o, &outcome, &err);
-        if (st == MK_OK && prints) {
-            print_outcome(&outcome);
-            print_failures(&outcome);
-            fflush(stdout);
-        }
-        if (st == MK_OK) {
-            cJSON_AddItemToArray(root, outcome_json(&outcome));
-            code = passed(&outcome) ? code : EXIT_RUN_FAILED;
-        }
-        free(outcome.trial);
-        if (st != MK_OK) {
+    for (int i = 0; (setup = mk_ctrl_setup(i)) != NULL; i++)
+        if (is_meant(&o, setup) && try_setup(&o, setup, root, &code, &err) != MK_OK) {
             code = report_error(&err);
             break;
         }
-    }
     if (o.json && mk_json_write(o.json, root, &err) != MK_OK)
         code = report_output_error(&err);
     cJSON_Delete(root);

@@ -237,6 +237,41 @@ static enum mk_status leave_out(const struct options *o, const struct mk_model *
     return st == MK_OK ? left_out_apply(log, 1, 0, left->list, left->count, err) : st;
 }
 
+/* Reads model and log, and looks whether the log is fit to drive the model. */
+static enum mk_status read_inputs(const struct options *o, struct mk_model *model,
+                                  struct mk_log **log, struct left_out *left, struct mk_error *err)
+{
+    enum mk_status st = mk_model_read(o->model, model, err);
+    if (st == MK_OK)
+        st = mk_log_read(o->input, log, err);
+    if (st == MK_OK && (*log)->truncated)
+        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o->input);
+    if (st == MK_OK)
+        st = say_extremes(model, *log, err);
+    if (st == MK_OK)
+        st = leave_out(o, model, log, left, err);
+    return st == MK_OK ? check_commands(model, *log, err) : st;
+}
+
+/* What is written and printed of a prediction. */
+static enum mk_status write_outputs(const struct options *o, const struct mk_model *model,
+                                    const struct mk_log *log, const struct mk_log *prediction,
+                                    const struct mk_predict_figures *figures,
+                                    const struct left_out *left, size_t failed, double seconds,
+                                    struct mk_error *err)
+{
+    double noise[MK_MAX_JOINTS];
+    find_noise(log, model, noise);
+    enum mk_status st = o->out ? mk_log_write(o->out, prediction, err) : MK_OK;
+    if (st == MK_OK && o->json)
+        st = write_figures(o, model, figures, left, noise, failed, seconds, err);
+    if (st == MK_OK && !is_standard_output(o->json)) {
+        left_out_print(stdout, left->list, left->count);
+        print_figures(o, model, figures, noise, failed);
+    }
+    return st;
+}
+
 static int run(int argc, char **argv)
 {
     struct left_out left = {.count = 0};
@@ -251,19 +286,8 @@ static int run(int argc, char **argv)
     struct mk_log *log = NULL, *prediction = NULL;
     struct mk_predict_figures figures;
     struct mk_error err = MK_ERROR_INIT;
-    double noise[MK_MAX_JOINTS];
     size_t failed = 0;
-    enum mk_status st = mk_model_read(o.model, &model, &err);
-    if (st == MK_OK)
-        st = mk_log_read(o.input, &log, &err);
-    if (st == MK_OK && log->truncated)
-        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o.input);
-    if (st == MK_OK)
-        st = say_extremes(&model, log, &err);
-    if (st == MK_OK)
-        st = leave_out(&o, &model, &log, &left, &err);
-    if (st == MK_OK)
-        st = check_commands(&model, log, &err);
+    enum mk_status st = read_inputs(&o, &model, &log, &left, &err);
     double start = now();
     if (st == MK_OK)
         st = (o.states ? mk_predict_states : mk_predict)(&model, log, &o.predict, &prediction,
@@ -271,18 +295,8 @@ static int run(int argc, char **argv)
     double seconds = now() - start;
     const bool writing = st == MK_OK;
     if (st == MK_OK)
-        find_noise(log, &model, noise);
-    if (st == MK_OK && o.out)
-        st = mk_log_write(o.out, prediction, &err);
-    if (st == MK_OK && o.json)
-        st = write_figures(&o, &model, &figures, &left, noise, failed, seconds, &err);
-    if (st == MK_OK && !(o.json && strcmp(o.json, "-") == 0)) {
-        left_out_print(stdout, left.list, left.count);
-        print_figures(&o, &model, &figures, noise, failed);
-    }
+        st = write_outputs(&o, &model, log, prediction, &figures, &left, failed, seconds, &err);
     mk_log_free(prediction);
     mk_log_free(log);
-    if (st == MK_OK)
-        return EXIT_OK;
-    return writing ? report_output_error(&err) : report_error(&err);
+    return report_end(st, writing, &err);
 }

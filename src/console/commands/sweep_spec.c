@@ -26,21 +26,38 @@ static char *next_word(char **save, char *text, const char *separators)
     return word;
 }
 
+/* Takes " log" from the end of a text; whether it was there. */
+static bool take_log(char *text)
+{
+    const size_t n = strlen(text);
+    if (n <= 4 || strcmp(text + n - 4, " log") != 0)
+        return false;
+    text[n - 4] = '\0';
+    return true;
+}
+
+/* Three numbers between colons, and no more. */
+static bool three_numbers(char *text, double out[3])
+{
+    char *save = NULL;
+    for (int i = 0; i < 3; i++) {
+        const char *part = next_word(&save, i ? NULL : text, ":");
+        if (!part || !mk_parse_double_z(part, &out[i]))
+            return false;
+    }
+    return next_word(&save, NULL, ":") == NULL;
+}
+
 /* "low : high : count", even steps, or even ratios where "log" follows. */
 static bool read_range(const char *text, struct sweep_axis *a)
 {
-    double low, high, count;
-    char copy[MK_INI_TEXT], *save = NULL;
+    char copy[MK_INI_TEXT];
+    double part[3];
     snprintf(copy, sizeof copy, "%s", text);
-    size_t n = strlen(copy);
-    bool log = n > 4 && strcmp(copy + n - 4, " log") == 0;
-    if (log)
-        copy[n - 4] = '\0';
-    const char *part[4] = {next_word(&save, copy, ":"), next_word(&save, NULL, ":"),
-                           next_word(&save, NULL, ":"), next_word(&save, NULL, ":")};
-    if (!part[2] || part[3] || !mk_parse_double_z(part[0], &low) ||
-        !mk_parse_double_z(part[1], &high) || !mk_parse_double_z(part[2], &count))
+    const bool log = take_log(copy);
+    if (!three_numbers(copy, part))
         return false;
+    const double low = part[0], high = part[1], count = part[2];
     if (!isfinite(low) || !isfinite(high) || count != floor(count) || count < 2.0 ||
         count > SWEEP_VALUES || (log && !(low > 0.0 && high > 0.0)))
         return false;

@@ -567,6 +567,17 @@ static int replace(const char *log, const char *path)
     return why;
 }
 
+/* Saves under the first of name, name-2, name-3 ... that is free. */
+static int link_under_free_name(const char *log, const char *path, char *saved, size_t size)
+{
+    int why = EEXIST;
+    for (int n = 1; why == EEXIST && n < 10000; n++) {
+        numbered(path, n, saved, size);
+        why = link_or_copy(log, saved);
+    }
+    return why;
+}
+
 enum mk_status session_save(struct session *s, const char *name, bool overwrite, char *saved,
                             size_t size, struct mk_error *err)
 {
@@ -578,17 +589,11 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     enum mk_status st = path_in_out(s, name, path, err);
     if (st != MK_OK)
         return st;
-    bool there = overwrite && is_same_file(s->log_path, path);
-    int why = overwrite ? 0 : EEXIST;
-    if (overwrite && !there)
-        why = replace(s->log_path, path);
-    if (overwrite)
-        numbered(path, 1, saved, size);
-    else
-        for (int n = 1; why == EEXIST && n < 10000; n++) {
-            numbered(path, n, saved, size);
-            why = link_or_copy(s->log_path, saved);
-        }
+    const bool there = overwrite && is_same_file(s->log_path, path);
+    numbered(path, 1, saved, size);
+    int why = there       ? 0
+              : overwrite ? replace(s->log_path, path)
+                          : link_under_free_name(s->log_path, path, saved, size);
     if (overwrite && why == EINVAL)
         return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
                            "this is no regular file and is not replaced: choose another name");
