@@ -142,17 +142,23 @@ static inline bool mk_board_may_be_fast(const struct mk_board_ops *ops)
     return (ops->capabilities & MK_BOARD_CAP_FAST) != 0 || ops->follow != NULL;
 }
 
-/* Table of back ends; NULL out of range / unknown. Static. */
+/* Table of back ends, index from 0; NULL out of range. Static. */
 const struct mk_board_ops *mk_board_backend(int index);
+/* The back end of that name ("virtual", "usb" ...); NULL: unknown. Static. */
 const struct mk_board_ops *mk_board_backend_by_name(const char *name);
 
+/* Opens a board; nothing moves. The caller closes it; the clock of
+ * the configuration must outlive it. On failure *out is NULL: MK_ERR_INVALID (no back end, model or
+ * clock, or a limit u_max that is not above 0), MK_ERR_NOTSUP (a simulated clock, and the board
+ * runs in real time only), MK_ERR_NOMEM, and what the back end's open() returns. */
 MK_NODISCARD enum mk_status mk_board_open(const struct mk_board_ops *ops,
                                           const struct mk_board_config *config,
                                           struct mk_board **out, struct mk_error *err);
 void mk_board_close(struct mk_board *board); /* motor off first; NULL allowed */
 
-/* Tests and demos: the rig behind a virtual board (NULL for others); borrowed. */
 struct mk_rig;
+/* Tests and demos: the rig behind a virtual board (NULL for others), at the board's time. Borrowed
+ * until the board is closed. */
 struct mk_rig *mk_board_virtual_rig(struct mk_board *board);
 
 /* Exchange with the checks every back end relies on: a command that is not finite or beyond u_max

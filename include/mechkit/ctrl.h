@@ -101,8 +101,9 @@ struct mk_ctrl {
     void *priv;
 };
 
-/* Table of setups. NULL out of range / unknown. Static. */
+/* Table of setups, index from 0; NULL out of range. Static. */
 const struct mk_ctrl_ops *mk_ctrl_setup(int index);
+/* The setup of that name ("acrobot" ...); NULL: unknown. Static. */
 const struct mk_ctrl_ops *mk_ctrl_setup_by_name(const char *name);
 
 /* MK_ERR_INVALID when the setup is not for this plant (the message says which rigs it is for),
@@ -111,18 +112,21 @@ MK_NODISCARD enum mk_status mk_ctrl_create(const struct mk_ctrl_ops *ops,
                                            const struct mk_model *nominal, double dt,
                                            const struct mk_signal *signal, struct mk_ctrl **out,
                                            struct mk_error *err);
+/* Frees a controller and what it made, not its signal. NULL allowed. */
 void mk_ctrl_destroy(struct mk_ctrl *ctrl);
 
 int mk_ctrl_param_index(const struct mk_ctrl_ops *ops, const char *name); /* -1: none */
+/* How many of the setup's parameters are gains, which the command `gains` sets together. */
 int mk_ctrl_gain_count(const struct mk_ctrl_ops *ops);
 /* Checks one value against its row; MK_ERR_RANGE says the range. */
 MK_NODISCARD enum mk_status mk_ctrl_check(const struct mk_ctrl_ops *ops, int index, double value,
                                           struct mk_error *err);
 
-/* RT. The law sees the rig as its base parameters describe it: what the nominal model has in
- * effects is made up for, as far as it can be, by the share `compensate` of setups that have such a
- * row (docs/theory.md, section 6). */
+/* Forgets the past, before the first sample of a run; parameters and reference stay. RT. */
 void mk_ctrl_reset(struct mk_ctrl *ctrl);
+/* The command for one sample. The law sees the rig as its base parameters describe it: what the
+ * nominal model has in effects is made up for, as far as it can be, by the share `compensate` of
+ * setups that have such a row (docs/theory.md, section 6). RT. */
 void mk_ctrl_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in, struct mk_ctrl_output *out);
 
 #pragma GCC visibility pop

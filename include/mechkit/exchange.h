@@ -129,6 +129,7 @@ MK_NODISCARD enum mk_status mk_import_map_read(const char *path, struct mk_impor
 /* Writes one; reads back equal. */
 MK_NODISCARD enum mk_status mk_import_map_write(const char *path, const struct mk_import_map *map,
                                                 const char *comment, struct mk_error *err);
+/* The entry of the mapping for column `to` of the log; NULL: none. Part of the mapping. */
 struct mk_import_column *mk_import_map_find(struct mk_import_map *map, const char *to);
 
 /* Reads a foreign file, text (also .gz) or .mat; text by map->separator and ->decimal, which it

@@ -32,8 +32,10 @@ struct mk_ident_method_info {
     const char *source; /* equation or paper */
     bool fits_effects;  /* false: only the base parameters */
 };
+/* How many methods there are: indices 0 .. count - 1. */
 int mk_ident_method_count(void);
 const struct mk_ident_method_info *mk_ident_method(int index); /* NULL out of range; static */
+/* The method of that name; NULL: unknown, or no name. Static. */
 const struct mk_ident_method_info *mk_ident_method_by_name(const char *name);
 
 /* Called now and then from the thread that called mk_identify: `done` in 0..1, what is being done.
@@ -205,10 +207,13 @@ MK_NODISCARD enum mk_status mk_compare_inputs(const struct mk_model *model,
 
 /* Value of parameter `index` of a model, numbered as above (range checked by the caller). */
 double mk_model_parameter(const struct mk_model *model, int index);
+/* Sets it to any value: ranges are mk_model_check's. The index is checked by the caller. */
 void mk_model_set_parameter(struct mk_model *model, int index, double value);
 /* Its standard deviation from log to log; 0 where all logs share it, as base parameters always are.
  */
 double mk_model_parameter_spread(const struct mk_model *model, int index);
+/* Sets the standard deviation from log to log, in the parameter's unit, at least 0; base parameters
+ * have none and stay as they are. */
 void mk_model_set_parameter_spread(struct mk_model *model, int index, double spread);
 /* Its row: unit, range; name written to `name`. */
 const struct mk_parameter_info *mk_model_parameter_info(const struct mk_model *model, int index,

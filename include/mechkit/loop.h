@@ -79,6 +79,8 @@ struct mk_loop_config {
     /* The start gives up when it becomes true, MK_ERR_INTR; NULL: never. Kept, not owned. */
     const volatile int *cancel;
 };
+/* The values above that are said to be a default, speeds by a tracking observer, and the limits of
+ * mk_safety_default at MK_LOOP_RATE_HZ. */
 void mk_loop_config_default(const struct mk_model *model, struct mk_loop_config *out);
 
 struct mk_loop_stats {
@@ -141,7 +143,11 @@ MK_NODISCARD enum mk_status mk_loop_set_params(struct mk_loop *loop, const doubl
 MK_NODISCARD enum mk_status mk_loop_set_signal(struct mk_loop *loop, const struct mk_signal *signal,
                                                struct mk_error *err);
 
+/* The last sample, as a whole and at any time; one thread may ask. An emergency stop that was
+ * pressed while nothing runs shows at once. */
 void mk_loop_get_snapshot(const struct mk_loop *loop, struct mk_loop_snapshot *out);
+/* What the ticks of the last run were like so far; counters are read one by one while it goes on.
+ */
 void mk_loop_get_stats(const struct mk_loop *loop, struct mk_loop_stats *out);
 /* A start has zeroed the counters where the links hang, and no fault has put them in doubt since.
  */

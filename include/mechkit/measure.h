@@ -31,8 +31,10 @@ struct mk_measure_info {
     const char *x_name, *x_unit, *y_name, *y_unit;
     const char *known; /* what `known` is, with unit; NULL: not used */
 };
+/* How many kinds of measurement there are: indices 0 .. count - 1. */
 int mk_measure_count(void);
 const struct mk_measure_info *mk_measure_kind(int index); /* NULL out of range; static */
+/* The kind of that name; NULL: unknown. Static. */
 const struct mk_measure_info *mk_measure_by_name(const char *name);
 
 struct mk_measure_options {

@@ -133,8 +133,9 @@ struct mk_plant_info {
     const char *measures[MK_MAX_PLANT_NAMES]; /* measurements that it allows (mechkit/measure.h) */
 };
 
-/* The row of a plant by kind (NULL out of range) or by name (NULL when unknown). Static. */
+/* The row of a plant; NULL out of range. Static. */
 const struct mk_plant_info *mk_plant(enum mk_plant_kind kind);
+/* The plant of that name; NULL: unknown, or no name. Static. */
 const struct mk_plant_info *mk_plant_by_name(const char *name);
 /* The names of all, as a message lists them: "inertia-wheel, pendulum or furuta". Static. */
 const char *mk_plant_names(void);
@@ -187,8 +188,10 @@ struct mk_effect_words {
     const char *remedy; /* what to do about it, or how to be sure: a sentence */
 };
 
+/* How many effects there are: indices 0 .. count - 1. */
 int mk_effect_count(void);
 const struct mk_effect_info *mk_effect(int index); /* NULL out of range; static */
+/* The effect of that name; NULL: unknown, or no name. Static. */
 const struct mk_effect_info *mk_effect_by_name(const char *name);
 const struct mk_effect_words *mk_effect_in_words(const struct mk_effect_info *effect); /* static */
 
@@ -291,14 +294,17 @@ bool mk_model_turns_freely(const struct mk_model *model, int joint);
  * turns where the motor's slides). Static text. RT-safe. */
 const char *mk_model_unit(const struct mk_model *model, int joint, const char *unit);
 
-/* Index of parameter `name` of the plant / of an effect; -1 when there is none. */
+/* Index of parameter `name` of the plant; -1: none. */
 int mk_plant_parameter_index(const struct mk_plant_info *plant, const char *name);
+/* Index of parameter `name` of an effect; -1: none. */
 int mk_effect_parameter_index(const struct mk_effect_info *effect, const char *name);
 
 /* --- evaluation (all RT-safe) --------------------------------------------------------------- */
 
+/* Joints of the plant, 1 .. MK_MAX_JOINTS. */
 int mk_model_joints(const struct mk_model *model);
 int mk_model_state_count(const struct mk_model *model); /* 2 * joints + states of effects */
+/* Switching functions of all effects: values that mk_model_events writes. */
 int mk_model_event_count(const struct mk_model *model);
 /* Whether an effect puts something with states of its own between a joint and its encoder, so that
  * readings show the far side only (backlash). */
@@ -342,8 +348,9 @@ void mk_plant_mass(const struct mk_model *model, const double *q, const double *
 /* Accelerations under generalised forces tau (n). */
 void mk_plant_acceleration(const struct mk_model *model, const double *q, const double *v,
                            const double *tau, double *a);
-/* Kinetic and potential energy (in torque units x rad); potential 0 as in docs/theory.md. */
+/* Kinetic energy, in torque units x rad. */
 double mk_plant_kinetic(const struct mk_model *model, const double *q, const double *v);
+/* Potential energy in the same unit; 0 as in docs/theory.md. */
 double mk_plant_potential(const struct mk_model *model, const double *q);
 /* Friction torque of the motor joint at speed v: what the plant's own two friction parameters say.
  */

@@ -26,15 +26,19 @@ struct mk_rig_config {
     double start[MK_MAX_JOINTS];   /* true start angles relative to hanging rest, rad; default 0 */
     double start_v[MK_MAX_JOINTS]; /* start speeds, rad/s */
 };
+/* All zero: at rest where the rig hangs, readings without jitter, mk_sim's default solver. */
 void mk_rig_config_default(struct mk_rig_config *config);
 
 struct mk_rig;
 
-/* MK_ERR_RANGE for a model too stiff to be followed, MK_ERR_NOMEM, and what mk_sim_create returns.
+/* A rig at its start position; the caller destroys it. The model is copied; `config` NULL: the
+ * defaults. MK_ERR_RANGE for a model too stiff to be followed, MK_ERR_NOMEM, and what mk_sim_create
+ * returns.
  */
 MK_NODISCARD enum mk_status mk_rig_create(const struct mk_model *model,
                                           const struct mk_rig_config *config, struct mk_rig **out,
                                           struct mk_error *err);
+/* Frees a rig. NULL allowed. */
 void mk_rig_destroy(struct mk_rig *rig);
 
 /* Back to the start position at time 0, counters as at power-up. Allocates; on failure the rig can
@@ -55,8 +59,9 @@ void mk_rig_counts(struct mk_rig *rig, int32_t count[MK_MAX_JOINTS]);
  * their ranges. RT. */
 void mk_rig_zero(struct mk_rig *rig);
 
-/* Truth, for tests and demos: time, state (borrowed). */
+/* Truth, for tests and demos: time since the start, s. */
 double mk_rig_time(const struct mk_rig *rig);
+/* The true state, mk_model_state_count() values. Borrowed, valid until the rig is advanced. */
 const double *mk_rig_state(const struct mk_rig *rig);
 /* With the values of the present log in it, no spread. */
 const struct mk_model *mk_rig_model(const struct mk_rig *rig);

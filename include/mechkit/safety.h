@@ -40,6 +40,7 @@ enum mk_fault {
         MK_FAULT_COUNT
 };
 const char *mk_fault_name(enum mk_fault fault); /* "encoder-jump" */
+/* What the fault means, half a sentence for people. Static. */
 const char *mk_fault_text(enum mk_fault fault);
 
 struct mk_safety_limits {
@@ -84,6 +85,7 @@ struct mk_safety {
     bool primed;
 };
 
+/* Begins without a fault and without history; the limits are copied. RT. */
 void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
                     const struct mk_safety_limits *limits);
 /* Acknowledges: clears the fault and the history. */
@@ -105,8 +107,10 @@ static inline int mk_safety_level(int level, bool bad, int rise)
         return level + rise;
     return level > 0 ? level - 1 : 0;
 }
-/* Late samples and failed exchanges, by such levels: OVERRUN and LINK. */
+/* Whether the sample at time t (s) was late, by such a level: OVERRUN. Returns the latched fault.
+ */
 enum mk_fault mk_safety_timing(struct mk_safety *s, double t, bool late);
+/* Whether the exchange at time t (s) failed, by such a level: LINK. Returns the latched fault. */
 enum mk_fault mk_safety_link(struct mk_safety *s, double t, bool lost);
 /* Before start: NOT_HANGING when a joint is away from rest; sets fault_joint. */
 enum mk_fault mk_safety_check_rest(struct mk_safety *s, const double *q, const double *rest,

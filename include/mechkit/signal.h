@@ -23,9 +23,11 @@ struct mk_signal;
 /* Parses `text`. MK_ERR_PARSE with err->column = 1-based character; file errors as mk_log_read. */
 MK_NODISCARD enum mk_status mk_signal_create(const char *text, struct mk_signal **out,
                                              struct mk_error *err);
+/* Frees a signal. NULL allowed. */
 void mk_signal_destroy(struct mk_signal *signal);
 double mk_signal_at(const struct mk_signal *signal,
                     double t); /* RT; NaN only if the expression is */
+/* The text that it was made of. Borrowed. */
 const char *mk_signal_text(const struct mk_signal *signal);
 /* Last time of a sampled signal, INFINITY for an expression. */
 double mk_signal_duration(const struct mk_signal *signal);

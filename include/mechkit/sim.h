@@ -30,6 +30,7 @@ enum mk_solver {
     MK_SOLVER_COUNT
 };
 
+/* The name as files and options have it; "?" out of range. Static. */
 const char *mk_solver_name(enum mk_solver solver);
 /* MK_SOLVER_COUNT when the name is unknown. */
 enum mk_solver mk_solver_by_name(const char *name);
@@ -75,12 +76,14 @@ MK_NODISCARD enum mk_status mk_sim_issued_before(struct mk_sim *sim, double t, c
 MK_NODISCARD enum mk_status mk_sim_advance(struct mk_sim *sim, double t_end, const double *u,
                                            struct mk_error *err);
 
+/* Time that the simulation is at, s. */
 double mk_sim_time(const struct mk_sim *sim);
 const double *mk_sim_state(const struct mk_sim *sim); /* borrowed, valid until the next call */
 /* What the encoders would read now, before quantisation (sensor delays included). */
 void mk_sim_measure(const struct mk_sim *sim, double *y);
 /* The command that acts on the rig now, after delay and limit (2 values). */
 void mk_sim_applied(const struct mk_sim *sim, double *u);
+/* Work of the integrator since the simulation was made. */
 void mk_sim_get_stats(const struct mk_sim *sim, struct mk_sim_stats *out);
 
 /* --- energy bookkeeping --------------------------------------------------------------------- */

@@ -31,6 +31,7 @@ struct mk_swingup_options {
      * for less command where that costs least. */
     double slack;
 };
+/* MK_LOOP_RATE_HZ, a reserve of 0.25, a slack of 0.1. */
 void mk_swingup_default(struct mk_swingup_options *out);
 
 struct mk_swingup {

@@ -22,6 +22,7 @@ enum mk_velocity_kind {
     MK_VELOCITY_KALMAN,
     MK_VELOCITY_COUNT
 };
+/* The name as command files have it; "?" out of range. Static. */
 const char *mk_velocity_name(enum mk_velocity_kind kind);
 enum mk_velocity_kind mk_velocity_by_name(const char *name); /* MK_VELOCITY_COUNT: unknown */
 
