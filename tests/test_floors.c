@@ -1,6 +1,7 @@
 /* The checker of the tree's rules finds what it is for. */
 #include "suites.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -112,6 +113,67 @@ START_TEST(a_function_of_more_than_80_lines_is_found_and_one_of_80_is_not)
 }
 END_TEST
 
+START_TEST(a_function_of_more_than_15_paths_is_found_and_one_of_15_is_not)
+{
+    /* What is in texts and comments, or behind a case, makes no path. */
+    static const char begin[] = "int f(int a)\n{\n    /* if (a) && || ? */ // while\n"
+                                "    g(\"if ? \\\" && ||\", '?', '\"');\n"
+                                "#if A && B\n#endif\n    /* for\n     * while (a && b)\n     */\n"
+                                "    switch (a) {\n    case 1:\n    case 2:\n    case 3:\n"
+                                "    default:\n        break;\n    }\n";
+    static const char *const ways[] = {"    if (a)\n",
+                                       "    for (;;)\n",
+                                       "    while (a)\n",
+                                       "    a = a && 1;\n",
+                                       "    a = a || 1;\n",
+                                       "    a = a ? 1 : 2;\n",
+                                       "    a = a /* is */ && 1;\n"};
+    char text[1000], said[2048];
+    for (size_t way = 0; way < sizeof ways / sizeof ways[0]; way++)
+        for (int paths = 15; paths <= 16; paths++) {
+            size_t n = (size_t)snprintf(text, sizeof text, "%s", begin);
+            for (int i = 2; i < paths; i++) /* the function and its switch are 2 */
+                n += (size_t)snprintf(text + n, sizeof text - n, "%s", ways[way]);
+            snprintf(text + n, sizeof text - n, "}\n");
+            const int status = check_tree("src/ctrl/a.c", text, said, sizeof said);
+            ck_assert_msg(status == (paths > 15) && (status == 0) == !strstr(said, "a.c:2: 16"),
+                          "%s%d: %s", ways[way], paths, said);
+        }
+}
+END_TEST
+
+START_TEST(an_exported_function_without_a_comment_is_found)
+{
+    static const struct {
+        const char *header;
+        bool told;
+    } rows[] = {
+        {"/* What it does. */\nint mk_one(int a);\n", true},
+        {"/* What it does,\n * and how. */\nint mk_one(int a,\n           int b);\n", true},
+        {"int mk_one(int a); /* what it does */\n", true},
+        {"int mk_one(int a,\n           int b); /* what it does,\n * and how */\n", true},
+        {"int mk_one(int a);\n", false},
+        {"/* What it does. */\nint mk_other(int a);\nint mk_one(int a);\n", false},
+        {"/* --- a section --- */\n\nint mk_one(int a);\n", false},
+        {"int mk_other(void); /* what it does,\n * and how */\nint mk_one(int a);\n", false},
+        {"struct mk_thing {\n    int a; /* what it is */\n};\nint mk_one(int a);\n", false}};
+    char said[2048];
+    check_tree("src/libmechkit.map", "", said, sizeof said);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        scratch_text("src/libmechkit.map",
+                     "MECHKIT_0.1 {\nglobal:\n    mk_one;\nlocal:\n    *;\n};\n");
+        const int status = check_tree("include/mechkit/sim.h", rows[i].header, said, sizeof said);
+        ck_assert_msg(status == !rows[i].told && !strstr(said, "sim.h") == rows[i].told,
+                      "%s gave %d: %s", rows[i].header, status, said);
+    }
+    /* Who is not exported may stay without. */
+    scratch_text("src/libmechkit.map", "MECHKIT_0.1 {\nglobal:\n    mk_two;\n};\n");
+    ck_assert_int_eq(check_tree("include/mechkit/sim.h", "int mk_one(int a);\n", said, sizeof said),
+                     0);
+    remove(scratch("src/libmechkit.map"));
+}
+END_TEST
+
 START_TEST(what_is_allowed_passes)
 {
     char said[2048];
@@ -129,6 +191,8 @@ Suite *suite_floors(void)
     tcase_add_test(t, whatever_is_forbidden_is_found);
     tcase_add_test(t, what_is_allowed_passes);
     tcase_add_test(t, a_function_of_more_than_80_lines_is_found_and_one_of_80_is_not);
+    tcase_add_test(t, a_function_of_more_than_15_paths_is_found_and_one_of_15_is_not);
+    tcase_add_test(t, an_exported_function_without_a_comment_is_found);
     tcase_add_test(t, files_that_need_each_other_are_found_and_others_pass);
     suite_add_tcase(s, t);
     return s;
