@@ -29,7 +29,10 @@
     X(own_values)                                                                                  \
     X(slides)                                                                                      \
     X(model_file)                                                                                  \
+    X(script)                                                                                      \
     X(console)                                                                                     \
+    X(save)                                                                                        \
+    X(simulate_cli)                                                                                \
     X(options)                                                                                     \
     X(console_pty)                                                                                 \
     X(tui)                                                                                         \
@@ -76,6 +79,7 @@
     X(exchange)                                                                                    \
     X(export_model)                                                                                \
     X(import)                                                                                      \
+    X(plausible)                                                                                   \
     X(plot)                                                                                        \
     X(pack)                                                                                        \
     X(sweep)

@@ -1,294 +1,16 @@
-/* Conditions, command files, and the program as a user meets it: exit codes, messages, files. */
+/* The program as a user meets it: exit codes, messages, what a command file does. */
 #include "suites.h"
 
-#include <dirent.h>
-#include <fcntl.h>
 #include <math.h>
-#include <signal.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "console/commands/progress.h"
-#include "console/script/cmd.h"
-#include "console/script/cmdfile.h"
-#include "console/script/condition.h"
-#include "console/script/host.h"
-#include "mechkit/json.h"
 #include "mechkit/log.h"
+#include "mechkit/model.h"
 #include "support/files.h"
-#include "support/program.h"
-
-/* --- conditions -------------------------------------------------------------------------- */
-
-START_TEST(conditions_mean_what_they_say)
-{
-    struct mk_loop_snapshot s;
-    memset(&s, 0, sizeof s);
-    s.state = MK_LOOP_RUNNING;
-    s.sample.t = 5, s.sample.q[0] = -1.5, s.sample.q[1] = 0.25, s.sample.v[0] = 49.5;
-    s.sample.u = -2, s.sample.ref = 50;
-    s.balanced_since = 4.0, s.caught_t = 1.5;
-    const char *yes[] = {"running",
-                         "balanced",
-                         "no-fault",
-                         "q1 < -1",
-                         "|q1| >= 1.5",
-                         "u == -2",
-                         "q2 != 0",
-                         "|q1 - q2| > 1.7",
-                         "dq1 within 2% of 50",
-                         "dq1 within 1 of ref",
-                         "running and q2 > 0.2 and caught < 2",
-                         "t > 4.9",
-                         "-q1 > 1",
-                         "q1 + q2 < 0"};
-    const char *no[] = {"idle",
-                        "faulted",
-                        "unplugged",
-                        "q1 > 0",
-                        "dq1 within 0.5% of 50",
-                        "running and idle",
-                        "overruns > 0"};
-    for (size_t i = 0; i < sizeof yes / sizeof yes[0]; i++) {
-        ck_assert_int_eq(condition_check(yes[i], NULL), MK_OK);
-        ck_assert_msg(condition_holds(yes[i], &s), "%s", yes[i]);
-    }
-    for (size_t i = 0; i < sizeof no / sizeof no[0]; i++) {
-        ck_assert_int_eq(condition_check(no[i], NULL), MK_OK);
-        ck_assert_msg(!condition_holds(no[i], &s), "%s", no[i]);
-    }
-    s.sample.ref = s.balanced_since = (double)NAN;
-    ck_assert(!condition_holds("balanced", &s) && !condition_holds("ref < 1", &s) &&
-              !condition_holds("ref >= 1", &s));
-    s.fault = MK_FAULT_JUMP;
-    ck_assert(condition_holds("encoder-jump", &s) && condition_holds("faulted", &s));
-}
-END_TEST
-
-START_TEST(bad_conditions_are_refused_at_their_character)
-{
-    const char *bad[] = {"",        "q3 < 1",         "q1",           "q1 <",  "q1 < 1 or q2",
-                         "|q1 < 1", "q1 within 2 50", "balanced and", "1 = 1", "q1 << 1",
-                         "((((",    "q1 < 1 2"};
-    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        struct mk_error err = MK_ERROR_INIT;
-        ck_assert_msg(condition_check(bad[i], &err) == MK_ERR_PARSE, "%s", bad[i]);
-        ck_assert_int_gt(err.column, 0);
-    }
-    static const char alphabet[] = "q12du <>=|+-.%andwithof0 9e";
-    struct mk_loop_snapshot s;
-    memset(&s, 0, sizeof s);
-    srand(6);
-    for (int i = 0; i < 20000; i++) {
-        char text[40];
-        int n = rand() % 30;
-        for (int k = 0; k < n; k++)
-            text[k] = alphabet[(size_t)rand() % (sizeof alphabet - 1)];
-        text[n] = 0;
-        (void)condition_holds(text, &s);
-    }
-}
-END_TEST
-
-/* --- command files ----------------------------------------------------------------------- */
-
-struct complaints {
-    int count, line[16];
-    char first[600];
-};
-
-static void collect(void *user, const struct mk_error *err)
-{
-    struct complaints *c = user;
-    if (c->count == 0)
-        snprintf(c->first, sizeof c->first, "%s", err->message);
-    if (c->count < 16)
-        c->line[c->count] = err->line;
-    c->count++;
-}
-
-static struct cmdfile *parse(const char *text, struct complaints *c)
-{
-    static const struct cmd_known nothing;
-    struct cmdfile *file;
-    memset(c, 0, sizeof *c);
-    enum mk_status st =
-        cmdfile_read(scratch_text("s.cmd", text), &nothing, collect, c, &file, NULL);
-    ck_assert_int_eq(st == MK_OK, c->count == 0);
-    return file;
-}
-
-START_TEST(a_good_file_is_understood)
-{
-    struct complaints c;
-    struct cmdfile *file =
-        parse("# comment\n\n  setup pi-speed   # trailing\necho it's # not shown\n"
-              "repeat 3\n repeat 2\nwait 0.1\nend\nend\nsave \"a name.csv\"\n",
-              &c);
-    ck_assert_msg(c.count == 0, "%s", c.first);
-    ck_assert_uint_eq(cmdfile_command_count(file), 4);
-    cmdfile_free(file);
-}
-END_TEST
-
-START_TEST(every_mistake_is_reported_with_its_line)
-{
-    struct complaints c;
-    parse("setup nowhere\nfly\nwait\nwait -1\ngains one\nrepeat 0\nend\nexpect q9 > 1\nsave 'x\n"
-          "input 1+\nwait 1 2\n",
-          &c);
-    int want[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
-    ck_assert_int_eq(c.count, 11);
-    for (int i = 0; i < 11; i++)
-        ck_assert_int_eq(c.line[i], want[i]);
-    parse("repeat 2\nwait 1\n", &c);
-    ck_assert_int_eq(c.count, 1);
-    ck_assert_int_eq(c.line[0], 1);
-    parse("source nothing.cmd\n", &c);
-    ck_assert_int_eq(c.count, 1);
-}
-END_TEST
-
-/* Each line that brings a file in again would multiply what is read at every depth. */
-START_TEST(files_that_source_each_other_come_to_an_end)
-{
-    struct complaints c;
-    parse("source s.cmd\nwait 1\nsource s.cmd\n", &c);
-    ck_assert_int_eq(c.count, 2);
-    ck_assert_msg(strstr(c.first, "sources itself") != NULL, "%s", c.first);
-    ck_assert_int_eq(c.line[0], 1);
-    ck_assert_int_eq(c.line[1], 3);
-    scratch_text("other.cmd", "source s.cmd\n");
-    parse("source other.cmd\n", &c);
-    ck_assert_int_eq(c.count, 1);
-    ck_assert_msg(strstr(c.first, "sources itself") != NULL, "%s", c.first);
-    char name[32], text[64];
-    for (int i = 0; i < 12; i++) {
-        snprintf(name, sizeof name, "f%d.cmd", i);
-        snprintf(text, sizeof text, "source f%d.cmd\nsource f%d.cmd\n", i + 1, i + 1);
-        scratch_text(name, i < 11 ? text : "wait 1\n");
-    }
-    parse("source f0.cmd\n", &c);
-    ck_assert_int_eq(c.count, 1);
-    ck_assert_msg(strstr(c.first, "1000 files") != NULL, "%s", c.first);
-    scratch_text("f5.cmd", "wait 1\n");
-    struct cmdfile *file = parse("source f0.cmd\nsource f0.cmd\n", &c);
-    ck_assert_msg(c.count == 0, "%s", c.first);
-    ck_assert_uint_eq(cmdfile_command_count(file), 64);
-    cmdfile_free(file);
-    for (int i = 0; i < 18; i++) {
-        snprintf(name, sizeof name, "f%d.cmd", i);
-        snprintf(text, sizeof text, "source f%d.cmd\n", i + 1);
-        scratch_text(name, text);
-    }
-    parse("source f0.cmd\n", &c);
-    ck_assert_int_eq(c.count, 1);
-    ck_assert_msg(strstr(c.first, "too deeply") != NULL, "%s", c.first);
-}
-END_TEST
-
-/* They may never end, or never begin. */
-START_TEST(what_is_sourced_is_a_file)
-{
-    static const struct {
-        const char *name, *says;
-    } rows[] = {{"pipe", "it is a pipe"},
-                {"/dev/zero", "it is a device"},
-                {"/tmp", "it is a folder"},
-                {"-", "cannot read"}};
-    struct complaints c;
-    char text[64];
-    unlink(scratch("pipe"));
-    ck_assert_int_eq(mkfifo(scratch("pipe"), 0600), 0);
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
-        snprintf(text, sizeof text, "wait 1\nsource %s\n", rows[i].name);
-        parse(text, &c);
-        ck_assert_int_eq(c.count, 1);
-        ck_assert_int_eq(c.line[0], 2);
-        ck_assert_msg(strstr(c.first, rows[i].says) != NULL, "%s", c.first);
-    }
-    static const struct cmd_known nothing;
-    struct cmdfile *file;
-    memset(&c, 0, sizeof c);
-    ck_assert_int_eq(cmdfile_source(scratch("pipe"), &nothing, collect, &c, &file, NULL),
-                     MK_ERR_PARSE);
-    ck_assert_int_eq(cmdfile_source("-", &nothing, collect, &c, &file, NULL), MK_ERR_NOTFOUND);
-    ck_assert_int_eq(c.count, 2);
-    ck_assert_msg(strstr(c.first, "it is a pipe") != NULL, "%s", c.first);
-    ck_assert_int_eq(unlink(scratch("pipe")), 0);
-}
-END_TEST
-
-START_TEST(a_script_may_come_from_a_pipe_but_not_for_ever)
-{
-    char out[4096];
-    int code =
-        run_command(out, sizeof out, "echo 'setup pi-speed' | " MK_TEST_APP " run --check -");
-    ck_assert_msg(code == 0, "%d: %s", code, out);
-    code = run_command(out, sizeof out,
-                       "mkfifo %s && (echo 'setup pi-speed' >%s & " MK_TEST_APP " run --check %s)",
-                       scratch("script"), scratch("script"), scratch("script"));
-    ck_assert_msg(code == 0, "%d: %s", code, out);
-    code = run_command(out, sizeof out, "yes '' | " MK_TEST_APP " run --check -");
-    ck_assert_msg(code == 3 && strstr(out, "standard input:1000001: more than 1000000 lines"),
-                  "%d: %s", code, out);
-}
-END_TEST
-
-/* --- the program ------------------------------------------------------------------------- */
-
-struct outcome {
-    int code;
-    char out[8192], err[8192];
-};
-
-static void drain(int fd, char *text, size_t size)
-{
-    size_t used = 0;
-    ssize_t n;
-    while ((n = read(fd, text + used, size - used - 1)) > 0)
-        used += (size_t)n;
-    text[used] = '\0';
-    close(fd);
-}
-
-static pid_t spawn(const char *const *argv, const char *out, const char *err)
-{
-    pid_t child = fork();
-    if (child == 0) {
-        dup2(open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600), 1);
-        dup2(open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600), 2);
-        execv(MK_TEST_APP, (char *const *)(uintptr_t)argv);
-        _exit(99);
-    }
-    return child;
-}
-
-static struct outcome finish(pid_t child, const char *out, const char *err)
-{
-    struct outcome o;
-    int status;
-    waitpid(child, &status, 0);
-    o.code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-    drain(open(out, O_RDONLY), o.out, sizeof o.out);
-    drain(open(err, O_RDONLY), o.err, sizeof o.err);
-    return o;
-}
-
-#define MECHKIT(...) mechkit((const char *const[]){"mechkit", __VA_ARGS__, NULL})
-
-static struct outcome mechkit(const char *const *argv)
-{
-    char out[256], err[256];
-    snprintf(out, sizeof out, "%s", scratch("stdout"));
-    snprintf(err, sizeof err, "%s", scratch("stderr"));
-    return finish(spawn(argv, out, err), out, err);
-}
+#include "support/spawn.h"
 
 START_TEST(help_and_version_go_to_standard_output)
 {
@@ -441,24 +163,6 @@ START_TEST(what_only_the_run_can_tell_is_left_to_it)
 }
 END_TEST
 
-START_TEST(a_model_is_looked_for_beside_the_file_that_names_it)
-{
-    struct mk_model model;
-    struct complaints c;
-    mk_model_default(MK_PLANT_FURUTA, &model);
-    mkdir(scratch("sub"), 0700);
-    ck_assert_int_eq(mk_model_write(scratch("sub/m.ini"), &model, NULL, NULL), MK_OK);
-    scratch_text("sub/part.cmd", "model m.ini\nsetup furuta\n");
-    struct cmdfile *file = parse("source sub/part.cmd\ngains 1 2 3 4\n", &c);
-    ck_assert_msg(c.count == 0, "%s", c.first);
-    cmdfile_free(file);
-    parse("source sub/part.cmd\nmodel m.ini\ngains 1 2\n", &c);
-    ck_assert_int_eq(c.count, 2);
-    ck_assert_int_eq(c.line[0], 2);
-    ck_assert_int_eq(c.line[1], 3);
-}
-END_TEST
-
 START_TEST(a_link_that_friction_holds_off_its_rest_does_not_start_again)
 {
     struct mk_model model;
@@ -512,18 +216,6 @@ START_TEST(bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal)
     o = MECHKIT("run", scratch_text("steer.cmd", "\x1b[2J\x07\n"), "--fast");
     ck_assert_int_eq(o.code, 3);
     ck_assert_ptr_nonnull(strstr(o.err, "there is no command '?[2J?'"));
-}
-END_TEST
-
-START_TEST(a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves)
-{
-    const char *script = scratch_text("fine.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n");
-    const char *file = scratch_text("taken", "a file\n");
-    struct outcome o = MECHKIT("run", script, "--fast", "--out", file);
-    ck_assert_int_eq(o.code, 1); /* an output that cannot be made is no bad input */
-    ck_assert_ptr_nonnull(strstr(o.err, "taken: cannot write logs there: Not a directory"));
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", "/proc/nobody/runs").code, 1);
-    ck_assert_int_eq(MECHKIT("console", "--out", file).code, 1);
 }
 END_TEST
 
@@ -709,23 +401,6 @@ START_TEST(a_reference_for_a_setup_without_one_is_refused)
 }
 END_TEST
 
-START_TEST(the_same_seed_gives_byte_identical_logs)
-{
-    const char *script = scratch_text("d.cmd", "setup furuta\nstart\nwait 3\nhalt\nsave d.csv\n");
-    char a[256], b[256];
-    snprintf(a, sizeof a, "%s", scratch("a"));
-    snprintf(b, sizeof b, "%s", scratch("b"));
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", a).code, 0);
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", b).code, 0);
-    strcat(a, "/d.csv"), strcat(b, "/d.csv");
-    char *x = slurp_file(a), *y = slurp_file(b);
-    ck_assert(x && y && strlen(x) > 100000);
-    ck_assert_int_eq(strcmp(x, y), 0);
-    free(x);
-    free(y);
-}
-END_TEST
-
 /* Where "a pendubot" stood, the inertia wheel was "a inertia-wheel". */
 START_TEST(the_article_suits_every_rig)
 {
@@ -749,95 +424,6 @@ START_TEST(the_article_suits_every_rig)
     mk_model_default(MK_PLANT_INERTIA_WHEEL, &wheel);
     ck_assert_int_eq(mk_model_add_effect(&wheel, "base-tilt", 0, &err), MK_ERR_INVALID);
     ck_assert_msg(strstr(err.message, "makes no sense on the inertia-wheel"), "%s", err.message);
-}
-END_TEST
-
-START_TEST(saving_never_overwrites)
-{
-    const char *script = scratch_text("v.cmd", "setup pi-speed\nrepeat 3\nstart\nwait 0.1\nhalt\n"
-                                               "save v.csv\nsetup pi-speed\nend\n");
-    char out[256], path[300];
-    snprintf(out, sizeof out, "%s", scratch("v"));
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
-    const char *names[] = {"v.csv", "v-2.csv", "v-3.csv"};
-    for (int i = 0; i < 3; i++) {
-        snprintf(path, sizeof path, "%s/%s", out, names[i]);
-        ck_assert_msg(access(path, R_OK) == 0, "%s", path);
-    }
-}
-END_TEST
-
-START_TEST(saving_over_a_file_replaces_files_only)
-{
-    const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
-                                                  "save! over.csv\nsetup pi-speed\nstart\n"
-                                                  "wait 0.2\nhalt\nsave! over.csv\n");
-    char out[256], path[300], text[400], command[400];
-    snprintf(out, sizeof out, "%s", scratch("over"));
-    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
-    ck_assert_msg(o.code == 0, "%s", o.err);
-    snprintf(path, sizeof path, "%s/over.csv", out);
-    struct mk_log *log;
-    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
-    ck_assert_double_gt(mk_log_get(log, "t")[log->rows - 1], 0.15); /* the second run */
-    mk_log_free(log);
-    /* And nothing else is left: the name replaces that of the run. */
-    struct dirent **left;
-    int count = scandir(out, &left, NULL, NULL);
-    for (int i = 0; i < count; i++)
-        free(left[i]);
-    free(left);
-    ck_assert_int_eq(count, 3); /* with . and .. */
-    /* Another spelling of the run's own name is no other file. */
-    snprintf(command, sizeof command, "%s",
-             scratch_text("own.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
-                                     "save! ./run-001.csv\n"));
-    o = MECHKIT("run", command, "--fast", "--out", out);
-    ck_assert_msg(o.code == 0, "%s", o.err);
-    snprintf(path, sizeof path, "%s/run-001.csv", out);
-    ck_assert_int_eq(access(path, R_OK), 0);
-    ck_assert_int_eq(unlink(path), 0);
-    /* A pipe, a device, a folder is no log: it stays, and so does the run. */
-    snprintf(path, sizeof path, "%s/pipe", out);
-    ck_assert_int_eq(mkfifo(path, 0600), 0);
-    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave! %s\n", path);
-    snprintf(command, sizeof command, "%s", scratch_text("pipe.cmd", text));
-    o = MECHKIT("run", command, "--fast", "--out", out);
-    ck_assert_msg(o.code == 1 && strstr(o.err, "no regular file"), "%d %s", o.code, o.err);
-    struct stat info;
-    ck_assert(lstat(path, &info) == 0 && S_ISFIFO(info.st_mode));
-    snprintf(path, sizeof path, "%s/run-001.csv", out);
-    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
-    mk_log_free(log);
-}
-END_TEST
-
-START_TEST(programs_that_share_a_folder_lose_no_log)
-{
-    enum { PROGRAMS = 3, RUNS = 12 };
-    const char *script = scratch_text("shared.cmd", "setup pi-speed\nrepeat 12\nstart\nwait 0.05\n"
-                                                    "halt\nsetup pi-speed\nend\n");
-    char out[4096], folder[256];
-    snprintf(folder, sizeof folder, "%s", scratch("shared"));
-    /* A name that leads elsewhere is taken, too. */
-    int code = run_command(out, sizeof out,
-                           "mkdir -p %s && ln -s %s/elsewhere %s/run-002.csv; "
-                           "for i in 1 2 3; do %s run %s --fast --out %s & done; wait",
-                           folder, folder, folder, MK_TEST_APP, script, folder);
-    ck_assert_int_eq(code, 0);
-    int whole = 0;
-    for (int n = 1; n <= PROGRAMS * RUNS + 1; n++) {
-        char path[300];
-        struct mk_log *log;
-        snprintf(path, sizeof path, "%s/run-%03d.csv", folder, n);
-        if (mk_log_read(path, &log, NULL) != MK_OK)
-            continue;
-        const double *t = mk_log_get(log, "t");
-        whole += log->rows > 10 && t[0] < 1e-9 && t[log->rows - 1] > 0.045;
-        mk_log_free(log);
-    }
-    ck_assert_int_eq(whole, PROGRAMS * RUNS);
-    ck_assert_int_ne(access(strcat(folder, "/elsewhere"), F_OK), 0);
 }
 END_TEST
 
@@ -909,95 +495,6 @@ START_TEST(a_model_on_the_command_line_goes_before_the_file_s)
 }
 END_TEST
 
-START_TEST(simulate_writes_the_log_s_own_time_base)
-{
-    const char *script =
-        scratch_text("o.cmd", "model " MK_SOURCE_DIR "/models/pendubot.ini\n"
-                              "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 2\n"
-                              "halt\nsave o.csv\n");
-    char out[256], log[300], prediction[300], json[300];
-    snprintf(out, sizeof out, "%s", scratch("o"));
-    snprintf(log, sizeof log, "%s/o.csv", out);
-    snprintf(prediction, sizeof prediction, "%s/p.csv", out);
-    snprintf(json, sizeof json, "%s/p.json", out);
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
-    struct outcome o =
-        MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/pendubot.ini", "--input", log,
-                "--out", prediction, "--window", "0.5", "--json", json);
-    ck_assert_msg(o.code == 0, "%s", o.err);
-    struct mk_log *a, *b;
-    cJSON *figures;
-    ck_assert_int_eq(mk_log_read(log, &a, NULL), MK_OK);
-    ck_assert_int_eq(mk_log_read(prediction, &b, NULL), MK_OK);
-    ck_assert_uint_eq(a->rows, b->rows);
-    ck_assert_int_eq(memcmp(mk_log_get(a, "t"), mk_log_get(b, "t"), a->rows * sizeof(double)), 0);
-    const char *columns[] = {"q1", "q2", "dq1", "dq2", "window"};
-    for (int i = 0; i < 5; i++)
-        ck_assert_ptr_nonnull(mk_log_get(b, columns[i]));
-    ck_assert_int_eq(mk_json_read(json, &figures, NULL), MK_OK);
-    ck_assert_double_lt(cJSON_GetArrayItem(cJSON_GetObjectItem(figures, "nrmse"), 0)->valuedouble,
-                        0.1);
-    cJSON_Delete(figures);
-    mk_log_free(a);
-    mk_log_free(b);
-}
-END_TEST
-
-/* Whether an error is large is seen beside what no model can predict. */
-START_TEST(simulate_prints_figures_beside_the_noise_with_or_without_a_file)
-{
-    const char *script = scratch_text(
-        "no.cmd", "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 3\nhalt\nsave no.csv\n");
-    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
-    ck_assert_int_eq(
-        MECHKIT("run", script, "--fast", "--model", model, "--out", scratch("no")).code, 0);
-    struct outcome o = MECHKIT("simulate", "--model", model, "--input", scratch("no/no.csv"));
-    ck_assert_msg(o.code == 0, "%s", o.err);
-    const char *error = strstr(o.out, "q1: rms error "), *noise = strstr(o.out, "own noise ");
-    ck_assert_msg(error && noise, "%s", o.out);
-    double rms = strtod(error + 14, NULL), own = strtod(noise + 10, NULL);
-    /* The model is the rig: its error is the noise. */
-    ck_assert_msg(rms > 0.5 * own && rms < 2.0 * own, "%s", o.out);
-}
-END_TEST
-
-START_TEST(commands_that_are_missing_are_not_made_up)
-{
-    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
-    static char text[200000];
-    for (int step = 6; step <= 501;
-         step += 495) { /* every sixth command is missing, or 4 of 2000 */
-        char *at = text + sprintf(text, "t,q1,u\n");
-        for (int i = 0; i < 2000; i++)
-            at += i % step == step - 1 ? sprintf(at, "%.3f,%.4f,\n", i * 0.002, sin(i * 0.01))
-                                       : sprintf(at, "%.3f,%.4f,1\n", i * 0.002, sin(i * 0.01));
-        const char *log = scratch_text("missing.csv", text);
-        struct outcome o = MECHKIT("simulate", "--model", model, "--input", log, "--out",
-                                   scratch("missing_p.csv"));
-        ck_assert_msg(o.code == (step == 6 ? 3 : 0), "%d %s", o.code, o.err);
-        ck_assert_msg(strstr(o.err, step == 6 ? "missing in 333 of 2000 rows: at most 1 %"
-                                              : "missing in 3 of 2000 rows: held from before"),
-                      "%s", o.err);
-    }
-}
-END_TEST
-
-START_TEST(names_that_are_too_long_are_refused_and_not_cut)
-{
-    char text[2000], name[600];
-    memset(name, 'n', sizeof name);
-    name[599] = '\0';
-    snprintf(text, sizeof text, "setup pi-speed\nmodel %s\n", name);
-    struct outcome o = MECHKIT("run", "--check", scratch_text("long.cmd", text));
-    ck_assert_msg(o.code == 3 && strstr(o.err, ":2: model nnn") && strstr(o.err, "599 characters"),
-                  "%d %s", o.code, o.err);
-    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave %.500s\n", name);
-    o = MECHKIT("run", scratch_text("long.cmd", text), "--fast", "--out", scratch("long"));
-    ck_assert_msg(o.code == 1 && strstr(o.err, ":5: save: the name of the log and its folder"),
-                  "%d %s", o.code, o.err);
-}
-END_TEST
-
 START_TEST(faults_after_a_setup_say_when_they_begin)
 {
     struct outcome o =
@@ -1005,63 +502,6 @@ START_TEST(faults_after_a_setup_say_when_they_begin)
     ck_assert_msg(o.code == 0 && !strstr(o.out, "next setup"), "%s%s", o.out, o.err);
     o = MECHKIT("run", scratch_text("late.cmd", "setup pi-speed\nfaults at 5 drop\n"), "--fast");
     ck_assert_msg(o.code == 0 && strstr(o.out, "at the next setup"), "%s%s", o.out, o.err);
-}
-END_TEST
-
-START_TEST(a_log_can_be_filed_by_what_it_says)
-{
-    const char *text = "setup furuta\nstart\nwait 0.05\nhalt\nsave f.csv\n";
-    char script[256], out[256], path[300];
-    struct mk_log *log;
-    snprintf(script, sizeof script, "%s", scratch_text("file.cmd", text));
-    for (int fast = 0; fast < 2; fast++) {
-        snprintf(out, sizeof out, "%s", scratch(fast ? "filed-fast" : "filed"));
-        snprintf(path, sizeof path, "%s/f.csv", out);
-        setenv("SOURCE_DATE_EPOCH", "86400", 1);
-        struct outcome o = MECHKIT("run", script, "--model", MK_SOURCE_DIR "/models/furuta.ini",
-                                   "--out", out, fast ? "--fast" : "--quiet");
-        /* Without real time a run may trip; its log says where it comes from all the same. */
-        if (!fast && o.code != 0)
-            continue;
-        ck_assert_msg(o.code == 0, "%s", o.err);
-        ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
-        ck_assert_str_eq(mk_log_find_meta(log, "date"), "1970-01-02T00:00:00Z");
-        ck_assert_str_eq(mk_log_find_meta(log, "model"), MK_SOURCE_DIR "/models/furuta.ini");
-        ck_assert_int_eq(strncmp(mk_log_find_meta(log, "model_values"), "furuta p1=", 10), 0);
-        ck_assert_int_eq(mk_log_find_meta(log, "host") == NULL, fast);
-        mk_log_free(log);
-    }
-    unsetenv("SOURCE_DATE_EPOCH");
-    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
-    strcpy(strstr(path, "f.csv"), "f-2.csv");
-    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
-    ck_assert_ptr_null(mk_log_find_meta(log, "date")); /* byte for byte the same, whenever */
-    mk_log_free(log);
-}
-END_TEST
-
-START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
-{
-    const char *script = scratch_text("t.cmd", "setup pi-speed\nstart\nwait 60\n");
-    char dir[256], out[256], err[256], log[300];
-    snprintf(dir, sizeof dir, "%s", scratch("t"));
-    snprintf(out, sizeof out, "%s", scratch("t.out"));
-    snprintf(err, sizeof err, "%s", scratch("t.err"));
-    snprintf(log, sizeof log, "%s/run-001.csv", dir);
-    const char *const argv[] = {"mechkit", "run", script, "--out", dir, NULL};
-    pid_t child = spawn(argv, out, err);
-    struct stat info = {0};
-    for (int i = 0; i < 2000 && (stat(log, &info) != 0 || info.st_size < 20000); i++)
-        usleep(10000);
-    kill(child, SIGTERM);
-    struct outcome o = finish(child, out, err);
-    ck_assert_int_eq(o.code, 1);
-    ck_assert_ptr_nonnull(strstr(o.err, "motor is off"));
-    struct mk_log *read;
-    struct mk_error why = MK_ERROR_INIT;
-    ck_assert_msg(mk_log_read(log, &read, &why) == MK_OK, "%s", why.message);
-    ck_assert(!read->truncated && read->rows > 50);
-    mk_log_free(read);
 }
 END_TEST
 
@@ -1100,66 +540,20 @@ START_TEST(the_command_files_that_ship_do_what_they_promise)
 }
 END_TEST
 
-/* --- looking at the links -------------------------------------------------------------------- */
-
-static void finish_commands(struct host *h)
-{
-    const struct timespec pause = {.tv_nsec = 10000000};
-    while (!host_is_idle(h))
-        nanosleep(&pause, NULL);
-}
-
-START_TEST(a_slide_that_creeps_is_not_said_to_stand_still)
-{
-    static const char *const lines[] = {"model models/cart-pole.ini",
-                                        "faults from 60 to 1000 jump 1 by 4",
-                                        "log off",
-                                        "setup open-loop",
-                                        "start",
-                                        "wait 0.05",
-                                        "halt"};
-    const struct session_options options = {.seed = 1};
-    const struct timespec second = {.tv_sec = 1};
-    struct host_status status;
-    struct host *h;
-    ck_assert_int_eq(host_create(&options, &h, NULL), MK_OK);
-    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++)
-        ck_assert(host_post(h, lines[i]));
-    finish_commands(h);
-    /* A look every 20 ms, a tenth of a millimetre each. */
-    nanosleep(&second, NULL);
-    host_get_status(h, &status);
-    host_destroy(h);
-    ck_assert(status.looked);
-    ck_assert_double_gt(status.q[0], 1e-3);
-    ck_assert(!status.still);
-}
-END_TEST
-
 Suite *suite_console(void)
 {
     Suite *s = suite_create("console");
     TCase *t = tcase_create("program");
     tcase_set_timeout(t, 40);
-    tcase_add_test(t, a_slide_that_creeps_is_not_said_to_stand_still);
-    tcase_add_test(t, conditions_mean_what_they_say);
-    tcase_add_test(t, bad_conditions_are_refused_at_their_character);
-    tcase_add_test(t, a_good_file_is_understood);
-    tcase_add_test(t, every_mistake_is_reported_with_its_line);
-    tcase_add_test(t, files_that_source_each_other_come_to_an_end);
-    tcase_add_test(t, what_is_sourced_is_a_file);
-    tcase_add_test(t, a_script_may_come_from_a_pipe_but_not_for_ever);
     tcase_add_test(t, help_and_version_go_to_standard_output);
     tcase_add_test(t, help_manual_and_docs_agree_on_the_exit_codes);
     tcase_add_test(t, wrong_usage_is_2_and_a_bad_file_3);
     tcase_add_loop_test(t, what_is_known_without_a_board_is_told_before, 0,
                         (int)(sizeof known_before / sizeof known_before[0]));
     tcase_add_test(t, what_only_the_run_can_tell_is_left_to_it);
-    tcase_add_test(t, a_model_is_looked_for_beside_the_file_that_names_it);
     tcase_add_test(t, a_link_that_friction_holds_off_its_rest_does_not_start_again);
     tcase_add_test(t, a_setup_that_takes_no_signal_has_no_reference_in_its_log);
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
-    tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
     tcase_add_test(t, a_misspelt_name_is_met_with_the_one_that_was_meant);
@@ -1169,21 +563,11 @@ Suite *suite_console(void)
     tcase_add_test(t, another_program_s_file_is_sent_to_import);
     tcase_add_test(t, a_fault_is_told_with_its_value_its_limit_and_its_log);
     tcase_add_test(t, a_reference_for_a_setup_without_one_is_refused);
-    tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, the_article_suits_every_rig);
-    tcase_add_test(t, saving_over_a_file_replaces_files_only);
-    tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
-    tcase_add_test(t, saving_never_overwrites);
-    tcase_add_test(t, a_log_can_be_filed_by_what_it_says);
-    tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
-    tcase_add_test(t, commands_that_are_missing_are_not_made_up);
-    tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
     tcase_add_test(t, faults_after_a_setup_say_when_they_begin);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);
-    tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
-    tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
     tcase_add_test(t, a_swing_up_that_does_not_fit_is_told_with_file_and_line);
     tcase_add_loop_test(t, the_command_files_that_ship_do_what_they_promise, 0, 7);
     suite_add_tcase(s, t);

@@ -1,0 +1,223 @@
+/* The logs that runs leave: their folder, their names, and that none is lost. */
+#include "suites.h"
+
+#include <dirent.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "mechkit/log.h"
+#include "support/files.h"
+#include "support/program.h"
+#include "support/spawn.h"
+
+START_TEST(saving_never_overwrites)
+{
+    const char *script = scratch_text("v.cmd", "setup pi-speed\nrepeat 3\nstart\nwait 0.1\nhalt\n"
+                                               "save v.csv\nsetup pi-speed\nend\n");
+    char out[256], path[300];
+    snprintf(out, sizeof out, "%s", scratch("v"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    const char *names[] = {"v.csv", "v-2.csv", "v-3.csv"};
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s/%s", out, names[i]);
+        ck_assert_msg(access(path, R_OK) == 0, "%s", path);
+    }
+}
+END_TEST
+
+START_TEST(saving_over_a_file_replaces_files_only)
+{
+    const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                                  "save! over.csv\nsetup pi-speed\nstart\n"
+                                                  "wait 0.2\nhalt\nsave! over.csv\n");
+    char out[256], path[300], text[400], command[400];
+    snprintf(out, sizeof out, "%s", scratch("over"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/over.csv", out);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_double_gt(mk_log_get(log, "t")[log->rows - 1], 0.15); /* the second run */
+    mk_log_free(log);
+    /* And nothing else is left: the name replaces that of the run. */
+    struct dirent **left;
+    int count = scandir(out, &left, NULL, NULL);
+    for (int i = 0; i < count; i++)
+        free(left[i]);
+    free(left);
+    ck_assert_int_eq(count, 3); /* with . and .. */
+    /* Another spelling of the run's own name is no other file. */
+    snprintf(command, sizeof command, "%s",
+             scratch_text("own.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
+                                     "save! ./run-001.csv\n"));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(access(path, R_OK), 0);
+    ck_assert_int_eq(unlink(path), 0);
+    /* A pipe, a device, a folder is no log: it stays, and so does the run. */
+    snprintf(path, sizeof path, "%s/pipe", out);
+    ck_assert_int_eq(mkfifo(path, 0600), 0);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave! %s\n", path);
+    snprintf(command, sizeof command, "%s", scratch_text("pipe.cmd", text));
+    o = MECHKIT("run", command, "--fast", "--out", out);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "no regular file"), "%d %s", o.code, o.err);
+    struct stat info;
+    ck_assert(lstat(path, &info) == 0 && S_ISFIFO(info.st_mode));
+    snprintf(path, sizeof path, "%s/run-001.csv", out);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(programs_that_share_a_folder_lose_no_log)
+{
+    enum { PROGRAMS = 3, RUNS = 12 };
+    const char *script = scratch_text("shared.cmd", "setup pi-speed\nrepeat 12\nstart\nwait 0.05\n"
+                                                    "halt\nsetup pi-speed\nend\n");
+    char out[4096], folder[256];
+    snprintf(folder, sizeof folder, "%s", scratch("shared"));
+    /* A name that leads elsewhere is taken, too. */
+    int code = run_command(out, sizeof out,
+                           "mkdir -p %s && ln -s %s/elsewhere %s/run-002.csv; "
+                           "for i in 1 2 3; do %s run %s --fast --out %s & done; wait",
+                           folder, folder, folder, MK_TEST_APP, script, folder);
+    ck_assert_int_eq(code, 0);
+    int whole = 0;
+    for (int n = 1; n <= PROGRAMS * RUNS + 1; n++) {
+        char path[300];
+        struct mk_log *log;
+        snprintf(path, sizeof path, "%s/run-%03d.csv", folder, n);
+        if (mk_log_read(path, &log, NULL) != MK_OK)
+            continue;
+        const double *t = mk_log_get(log, "t");
+        whole += log->rows > 10 && t[0] < 1e-9 && t[log->rows - 1] > 0.045;
+        mk_log_free(log);
+    }
+    ck_assert_int_eq(whole, PROGRAMS * RUNS);
+    ck_assert_int_ne(access(strcat(folder, "/elsewhere"), F_OK), 0);
+}
+END_TEST
+
+START_TEST(a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves)
+{
+    const char *script = scratch_text("fine.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n");
+    const char *file = scratch_text("taken", "a file\n");
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", file);
+    ck_assert_int_eq(o.code, 1); /* an output that cannot be made is no bad input */
+    ck_assert_ptr_nonnull(strstr(o.err, "taken: cannot write logs there: Not a directory"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", "/proc/nobody/runs").code, 1);
+    ck_assert_int_eq(MECHKIT("console", "--out", file).code, 1);
+}
+END_TEST
+
+START_TEST(a_log_can_be_filed_by_what_it_says)
+{
+    const char *text = "setup furuta\nstart\nwait 0.05\nhalt\nsave f.csv\n";
+    char script[256], out[256], path[300];
+    struct mk_log *log;
+    snprintf(script, sizeof script, "%s", scratch_text("file.cmd", text));
+    for (int fast = 0; fast < 2; fast++) {
+        snprintf(out, sizeof out, "%s", scratch(fast ? "filed-fast" : "filed"));
+        snprintf(path, sizeof path, "%s/f.csv", out);
+        setenv("SOURCE_DATE_EPOCH", "86400", 1);
+        struct outcome o = MECHKIT("run", script, "--model", MK_SOURCE_DIR "/models/furuta.ini",
+                                   "--out", out, fast ? "--fast" : "--quiet");
+        /* Without real time a run may trip; its log says where it comes from all the same. */
+        if (!fast && o.code != 0)
+            continue;
+        ck_assert_msg(o.code == 0, "%s", o.err);
+        ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+        ck_assert_str_eq(mk_log_find_meta(log, "date"), "1970-01-02T00:00:00Z");
+        ck_assert_str_eq(mk_log_find_meta(log, "model"), MK_SOURCE_DIR "/models/furuta.ini");
+        ck_assert_int_eq(strncmp(mk_log_find_meta(log, "model_values"), "furuta p1=", 10), 0);
+        ck_assert_int_eq(mk_log_find_meta(log, "host") == NULL, fast);
+        mk_log_free(log);
+    }
+    unsetenv("SOURCE_DATE_EPOCH");
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    strcpy(strstr(path, "f.csv"), "f-2.csv");
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_ptr_null(mk_log_find_meta(log, "date")); /* byte for byte the same, whenever */
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(names_that_are_too_long_are_refused_and_not_cut)
+{
+    char text[2000], name[600];
+    memset(name, 'n', sizeof name);
+    name[599] = '\0';
+    snprintf(text, sizeof text, "setup pi-speed\nmodel %s\n", name);
+    struct outcome o = MECHKIT("run", "--check", scratch_text("long.cmd", text));
+    ck_assert_msg(o.code == 3 && strstr(o.err, ":2: model nnn") && strstr(o.err, "599 characters"),
+                  "%d %s", o.code, o.err);
+    snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave %.500s\n", name);
+    o = MECHKIT("run", scratch_text("long.cmd", text), "--fast", "--out", scratch("long"));
+    ck_assert_msg(o.code == 1 && strstr(o.err, ":5: save: the name of the log and its folder"),
+                  "%d %s", o.code, o.err);
+}
+END_TEST
+
+START_TEST(the_same_seed_gives_byte_identical_logs)
+{
+    const char *script = scratch_text("d.cmd", "setup furuta\nstart\nwait 3\nhalt\nsave d.csv\n");
+    char a[256], b[256];
+    snprintf(a, sizeof a, "%s", scratch("a"));
+    snprintf(b, sizeof b, "%s", scratch("b"));
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", a).code, 0);
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--seed", "7", "--out", b).code, 0);
+    strcat(a, "/d.csv"), strcat(b, "/d.csv");
+    char *x = slurp_file(a), *y = slurp_file(b);
+    ck_assert(x && y && strlen(x) > 100000);
+    ck_assert_int_eq(strcmp(x, y), 0);
+    free(x);
+    free(y);
+}
+END_TEST
+
+START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
+{
+    const char *script = scratch_text("t.cmd", "setup pi-speed\nstart\nwait 60\n");
+    char dir[256], out[256], err[256], log[300];
+    snprintf(dir, sizeof dir, "%s", scratch("t"));
+    snprintf(out, sizeof out, "%s", scratch("t.out"));
+    snprintf(err, sizeof err, "%s", scratch("t.err"));
+    snprintf(log, sizeof log, "%s/run-001.csv", dir);
+    const char *const argv[] = {"mechkit", "run", script, "--out", dir, NULL};
+    pid_t child = spawn(argv, out, err);
+    struct stat info = {0};
+    for (int i = 0; i < 2000 && (stat(log, &info) != 0 || info.st_size < 20000); i++)
+        usleep(10000);
+    kill(child, SIGTERM);
+    struct outcome o = finish(child, out, err);
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_ptr_nonnull(strstr(o.err, "motor is off"));
+    struct mk_log *read;
+    struct mk_error why = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(log, &read, &why) == MK_OK, "%s", why.message);
+    ck_assert(!read->truncated && read->rows > 50);
+    mk_log_free(read);
+}
+END_TEST
+
+Suite *suite_save(void)
+{
+    Suite *s = suite_create("save");
+    TCase *t = tcase_create("logs of runs");
+    tcase_set_timeout(t, 40);
+    tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
+    tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
+    tcase_add_test(t, a_log_can_be_filed_by_what_it_says);
+    tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
+    tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
+    tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
+    suite_add_tcase(s, t);
+    return s;
+}

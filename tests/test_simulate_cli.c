@@ -1,0 +1,97 @@
+/* mechkit simulate: predictions of logs and what is said of them. */
+#include "suites.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "mechkit/json.h"
+#include "mechkit/log.h"
+#include "support/files.h"
+#include "support/spawn.h"
+
+START_TEST(simulate_writes_the_log_s_own_time_base)
+{
+    const char *script =
+        scratch_text("o.cmd", "model " MK_SOURCE_DIR "/models/pendubot.ini\n"
+                              "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 2\n"
+                              "halt\nsave o.csv\n");
+    char out[256], log[300], prediction[300], json[300];
+    snprintf(out, sizeof out, "%s", scratch("o"));
+    snprintf(log, sizeof log, "%s/o.csv", out);
+    snprintf(prediction, sizeof prediction, "%s/p.csv", out);
+    snprintf(json, sizeof json, "%s/p.json", out);
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--out", out).code, 0);
+    struct outcome o =
+        MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/pendubot.ini", "--input", log,
+                "--out", prediction, "--window", "0.5", "--json", json);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    struct mk_log *a, *b;
+    cJSON *figures;
+    ck_assert_int_eq(mk_log_read(log, &a, NULL), MK_OK);
+    ck_assert_int_eq(mk_log_read(prediction, &b, NULL), MK_OK);
+    ck_assert_uint_eq(a->rows, b->rows);
+    ck_assert_int_eq(memcmp(mk_log_get(a, "t"), mk_log_get(b, "t"), a->rows * sizeof(double)), 0);
+    const char *columns[] = {"q1", "q2", "dq1", "dq2", "window"};
+    for (int i = 0; i < 5; i++)
+        ck_assert_ptr_nonnull(mk_log_get(b, columns[i]));
+    ck_assert_int_eq(mk_json_read(json, &figures, NULL), MK_OK);
+    ck_assert_double_lt(cJSON_GetArrayItem(cJSON_GetObjectItem(figures, "nrmse"), 0)->valuedouble,
+                        0.1);
+    cJSON_Delete(figures);
+    mk_log_free(a);
+    mk_log_free(b);
+}
+END_TEST
+
+/* Whether an error is large is seen beside what no model can predict. */
+START_TEST(simulate_prints_figures_beside_the_noise_with_or_without_a_file)
+{
+    const char *script = scratch_text(
+        "no.cmd", "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 3\nhalt\nsave no.csv\n");
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    ck_assert_int_eq(
+        MECHKIT("run", script, "--fast", "--model", model, "--out", scratch("no")).code, 0);
+    struct outcome o = MECHKIT("simulate", "--model", model, "--input", scratch("no/no.csv"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    const char *error = strstr(o.out, "q1: rms error "), *noise = strstr(o.out, "own noise ");
+    ck_assert_msg(error && noise, "%s", o.out);
+    double rms = strtod(error + 14, NULL), own = strtod(noise + 10, NULL);
+    /* The model is the rig: its error is the noise. */
+    ck_assert_msg(rms > 0.5 * own && rms < 2.0 * own, "%s", o.out);
+}
+END_TEST
+
+START_TEST(commands_that_are_missing_are_not_made_up)
+{
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    static char text[200000];
+    for (int step = 6; step <= 501;
+         step += 495) { /* every sixth command is missing, or 4 of 2000 */
+        char *at = text + sprintf(text, "t,q1,u\n");
+        for (int i = 0; i < 2000; i++)
+            at += i % step == step - 1 ? sprintf(at, "%.3f,%.4f,\n", i * 0.002, sin(i * 0.01))
+                                       : sprintf(at, "%.3f,%.4f,1\n", i * 0.002, sin(i * 0.01));
+        const char *log = scratch_text("missing.csv", text);
+        struct outcome o = MECHKIT("simulate", "--model", model, "--input", log, "--out",
+                                   scratch("missing_p.csv"));
+        ck_assert_msg(o.code == (step == 6 ? 3 : 0), "%d %s", o.code, o.err);
+        ck_assert_msg(strstr(o.err, step == 6 ? "missing in 333 of 2000 rows: at most 1 %"
+                                              : "missing in 3 of 2000 rows: held from before"),
+                      "%s", o.err);
+    }
+}
+END_TEST
+
+Suite *suite_simulate_cli(void)
+{
+    Suite *s = suite_create("simulate_cli");
+    TCase *t = tcase_create("simulate");
+    tcase_set_timeout(t, 40);
+    tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
+    tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
+    tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    suite_add_tcase(s, t);
+    return s;
+}
