@@ -25,104 +25,17 @@
 //
 // Every interval has a lane of its own: it goes at its own pace, with its own steps, and when it
 // arrives the next one takes its place. What comes out does not depend on who travels beside it.
+//
+// sim/shoot_lanes.hpp has the lanes, shoot_switches.hpp the steps that end at a switch, and
+// shoot_readings.hpp what is compared on the way.
 #include "model/rhs.hpp"
-#include "model/simd.hpp"
-#include "model/sparse_dual.hpp"
 #include "sim/shoot.hpp"
+#include "sim/shoot_lanes.hpp"
 
 namespace mk
 {
 inline namespace MK_KERNEL_NS
 {
-
-constexpr int W = MK_WIDTH;
-#if MK_WIDTH > 1
-using Base = Pack<W>;
-inline double get(const Base &x, int lane)
-{
-    return x[lane];
-}
-inline void put(Base &x, int lane, double value)
-{
-    x.set(lane, value);
-}
-inline bool all_below(const Base &x, double limit)
-{
-    bool all = true;
-    for (int i = 0; i < W; i++)
-        all = all && x[i] < limit;
-    return all;
-}
-#else
-using Base = double;
-inline double get(double x, int)
-{
-    return x;
-}
-inline void put(double &x, int, double value)
-{
-    x = value;
-}
-inline bool all_below(double x, double limit)
-{
-    return x < limit;
-}
-#endif
-
-#if MK_DERIVATIVES
-using Scalar = SparseDual<Base>;
-constexpr int MOST_COLUMNS = Scalar::MOST;
-inline const Base &base_of(const Scalar &x)
-{
-    return x.v;
-}
-#else
-using Scalar = Base;
-constexpr int MOST_COLUMNS = 0;
-inline const Base &base_of(const Scalar &x)
-{
-    return x;
-}
-#endif
-
-// A state x, or its slope f, of all lanes, and what it depends on: derivative of number i by column
-// c in d[i * columns + c].
-struct Point {
-    Base v[MK_MAX_STATES];
-    Base d[MK_MAX_STATES * MOST_COLUMNS + 1];
-};
-// Derivatives of one number.
-struct Row {
-    Base d[MOST_COLUMNS + 1];
-};
-
-// A time that never comes, s.
-constexpr double NONE = 1e300;
-// How far past a switch a step ends, s, so that the next one starts under the new law.
-constexpr double PAST = 1e-8;
-// Switches within one planned step that are looked for; further ones are stepped over.
-constexpr int MOST_PARTS = 6;
-
-// One stretch on its way.
-struct Lane {
-    ShootTask *task;          // NULL: the lane is idle
-    long command;             // row in force
-    long next[MK_MAX_JOINTS]; // first reading not yet taken
-    size_t rows;              // readings taken
-    double now;
-    bool edge; // a new command has just taken over
-
-    // Until the command's next edge, in up to three runs of equal steps.
-    double stop[3];
-    long least[3]; // steps of a run
-    int run, runs;
-    // The run.
-    double from, to, h;
-    long step, steps;
-    // The step that is being taken: where it shall end, and how often a law has switched in it.
-    double target;
-    int switched;
-};
 
 template <class Law>
 class Shooter
@@ -750,164 +663,12 @@ class Shooter
         arrive(end);
     }
 
-    // Where a law switches inside a step (contact), the step ends just past the switch, and another
-    // goes on. In lanes that switch:
-    //
-    // 1. find_switch() looks ahead without derivatives and shortens h to tau - now + PAST.
-    //
-    // 2. A law may jump at its switch, and all stages of a step must see one law. So the
-    // Runge-Kutta step goes up to `hop` before its end, and a straight line under the old law
-    // covers the rest:
-    //     y <- y + hop f(y) ,   hop = 2 PAST + h / 1000 ,   the columns likewise.
-    //
-    // 3. move_instants() adds what the instant depends on.
-    void step_to_switch(Base &end)
-    {
-        Base h = end - now, hop = Base(0.0), bare_y[MK_MAX_STATES];
-        bool switching[W], any = false;
-        int which[W];
-        bare_runge_kutta(h, bare_y);
-        if (find_switch(h, bare_y, which)) {
-            for (int i = 0; i < W; i++) {
-                switching[i] = which[i] >= 0;
-                any = any || switching[i];
-                if (!switching[i])
-                    continue;
-                put(end, i, get(now, i) + get(h, i));
-                put(hop, i, 2.0 * PAST + 1e-3 * get(h, i));
-            }
-            count_steps(switching);
-        }
-        // A law may jump at its switch: up to there all of the step is under the old one.
-        runge_kutta(h - hop);
-        if (!any && !on_switch)
-            return;
-        derivative(end - hop, y, stage);
-        for (int s = 0; s < ns; s++)
-            y.v[s] += hop * stage.v[s];
-        for (int d = 0; d < ns * columns; d++)
-            y.d[d] += hop * stage.d[d];
-        move_instants(end, any ? which : nullptr, stage.v);
-    }
-    // The length h of this step depends on the columns: it begins at a switch (dtau/dc in `passed`,
-    // 0 where it began at none) and ends at a switch or at a time that stands still. y was computed
-    // with h held, so
-    //     dy/dc <- dy/dc + f(y) dh/dc ,
-    //     dh/dc = -passed                          to a fixed end ,
-    //     dh/dc = -(dg/dc) / (dg/dt)               to a switch g = 0 ,   passed <- passed + dh/dc .
-    // The next step, under the new law, subtracts `passed` again times its own slope: together
-    // (f_before - f_after) dtau/dc. `slopes` are f(y) under the old law.
-    void move_instants(const Base &end, const int *which, const Base *slopes)
-    {
-        Base instant[MOST_COLUMNS + 1];
-        for (int d = 0; d < columns; d++)
-            instant[d] = -passed.d[d]; // the end stands still
-        if (which)
-            instants(end, which, slopes, instant);
-        for (int s = 0; s < ns; s++)
-            for (int d = 0; d < columns; d++)
-                y.d[s * columns + d] += instant[d] * slopes[s];
-        on_switch = false;
-        for (int i = 0; i < W; i++) {
-            bool switching = which && which[i] >= 0;
-            lane[i].switched = switching ? lane[i].switched + 1 : 0;
-            on_switch = on_switch || switching;
-            for (int d = 0; d < columns; d++)
-                put(passed.d[d], i, switching ? get(passed.d[d], i) + get(instant[d], i) : 0.0);
-        }
-    }
-    // dh/dc by the implicit function theorem: g(y(h, c), c) = 0 for all c, so that
-    //     dg/dc + (dg/dt) dh/dc = 0 ,   dg/dt = sum_s (dg/dx_s) f_s ,
-    // with dg/dc the total derivative at a fixed h (chain). g does not depend on time by itself. A
-    // grazing contact, dg/dt = 0, keeps the value for a fixed end.
-    void instants(const Base &end, const int *which, const Base *slopes, Base *instant)
-    {
-        Scalar g[MK_MAX_EVENTS];
-        look_at(y.v);
-        mk::events(c, in_log(end), seen, g);
-        for (int e = 0; e < c.event_count; e++) {
-            bool wanted = false;
-            for (int i = 0; i < W; i++)
-                wanted = wanted || which[i] == e;
-            if (!wanted)
-                continue;
-            Base rate = Base(0.0);
-            Row row;
-#if MK_DERIVATIVES
-            Scalar::each(g[e].mask & ((1u << ns) - 1u),
-                         [&](int s) { rate += g[e].d[s] * slopes[s]; });
-#else
-            (void)slopes;
-#endif
-            chain(g[e], y, row.d);
-            for (int d = 0; d < columns; d++)
-                for (int i = 0; i < W; i++)
-                    if (which[i] == e && get(rate, i) != 0.0)
-                        put(instant[d], i, -get(row.d[d], i) / get(rate, i));
-        }
-    }
-    // Which law switches in which lane (-1: none) on the way over h to y; shortens h there to what
-    // it takes to get just past it. False: nowhere. A switch is a change of sign of g_e between
-    // both ends; of several the one that a straight line puts first. Two changes within one step
-    // are not seen.
-    bool find_switch(Base &h, const Base *y_end, int *which) const
-    {
-        Base ga[MK_MAX_EVENTS], gb[MK_MAX_EVENTS];
-        bool any = false;
-        mk::events(bare, in_log(now), x.v, ga);
-        mk::events(bare, in_log(now + h), y_end, gb);
-        for (int i = 0; i < W; i++) {
-            which[i] = -1;
-            double share = 1.0;
-            if (!lane[i].task || lane[i].switched >= MOST_PARTS || get(h, i) < 10.0 * PAST)
-                continue;
-            for (int e = 0; e < c.event_count; e++) {
-                // Share of h at which a straight line through both ends is 0.
-                double va = get(ga[e], i), vb = get(gb[e], i);
-                if ((va > 0.0) != (vb > 0.0) && va / (va - vb) <= share) {
-                    share = va / (va - vb);
-                    which[i] = e;
-                }
-            }
-            any = any || which[i] >= 0;
-        }
-        if (!any)
-            return false;
-        Base a = pick(ga, which), b = pick(gb, which);
-        // Root of g along the trajectory: from the straight line, three steps of the chord method,
-        // whose slope stays that of the line,
-        //     tau <- tau - g(x(tau)) / rate ,
-        // each with a Runge-Kutta step from x of its own. Kept within (0, h).
-        Base rate = (b - a) / h, guess = h * (a / (a - b));
-        for (int round = 0; round < 3; round++) {
-            Base at[MK_MAX_STATES], g[MK_MAX_EVENTS];
-            bare_runge_kutta(guess, at);
-            mk::events(bare, in_log(now + guess), at, g);
-            guess -= pick(g, which) / rate;
-            guess = if_positive(guess, guess, 1e-3 * h);
-            guess = if_positive(h - guess, guess, 0.999 * h);
-        }
-        any = false;
-        for (int i = 0; i < W; i++) {
-            double length = get(guess, i) + PAST;
-            if (!(which[i] >= 0 && length < get(h, i))) {
-                which[i] = -1;
-                continue;
-            }
-            put(h, i, length);
-            any = true;
-        }
-        return any;
-    }
-    // By lane, one of the switching functions.
-    static Base pick(const Base *g, const int *which)
-    {
-        Base r = g[0];
-        for (int i = 0; i < W; i++)
-            if (which[i] > 0)
-                put(r, i, get(g[which[i]], i));
-        return r;
-    }
+    // Parts of a step that end where a law switches (sim/shoot_switches.hpp).
+    void step_to_switch(Base &end);
+    void move_instants(const Base &end, const int *which, const Base *slopes);
+    void instants(const Base &end, const int *which, const Base *slopes, Base *instant);
+    bool find_switch(Base &h, const Base *y_end, int *which) const;
+    static Base pick(const Base *g, const int *which);
 
     // Takes what was read on the way and moves to y.
     void arrive(const Base &end)
@@ -949,7 +710,7 @@ class Shooter
             to.d[i] = from.d[i];
     }
 
-    // --- readings ---
+    // --- readings (sim/shoot_readings.hpp) ---
 
     // Of the lanes whose next reading of a joint is before `end`: its row and time.
     struct Readings {
@@ -957,167 +718,32 @@ class Shooter
         Base t;
         bool any;
     };
-    Readings readings(int j, const Base &end, double slack)
-    {
-        Readings r;
-        r.t = now;
-        r.any = false;
-        for (int i = 0; i < W; i++) {
-            Lane &l = lane[i];
-            r.row[i] = -1;
-            if (!l.task || !pending(l, j, get(end, i) + slack))
-                continue;
-            r.row[i] = l.next[j]++;
-            put(r.t, i, time_of(l, j, r.row[i]));
-            r.any = true;
-        }
-        return r;
-    }
-    // A reading at t of a sensor that is late shows the state at t - age.
-    double time_of(const Lane &l, int j, long row) const
-    {
-        return l.task->data->t[row] - age[j];
-    }
-    bool pending(const Lane &l, int j, double end) const
-    {
-        const size_t rows = l.task->end_row ? l.task->end_row : l.task->data->rows;
-        return l.next[j] < (long)rows && time_of(l, j, l.next[j]) < end;
-    }
-    bool readings_before(const Base &end) const
-    {
-        for (int i = 0; i < W; i++)
-            for (int j = 0; j < c.joints && lane[i].task; j++)
-                if (pending(lane[i], j, get(end, i) - 1e-9))
-                    return true;
-        return false;
-    }
-    // Readings that fall on the start of a step need no interpolation. Times are compared to within
-    // 1e-9 s.
-    void take_at_start()
-    {
-        for (int j = 0; j < c.joints; j++)
-            for (Readings r; (r = readings(j, now, 1e-9)).any;)
-                compare_before(j, r);
-    }
-    // A reading of a late sensor whose state lies before the begin, by dt <= 0. Angles q and speeds
-    // v are those of the begin, extrapolated with its accelerations a, other states with their
-    // slopes:
-    //     q(dt) = q + dt v + dt^2 a / 2 ,   v(dt) = v + dt a ,
-    // and so are their derivatives.
-    void compare_before(int j, const Readings &r)
-    {
-        const Base dt = r.t - now, half = 0.5 * dt * dt;
-        bool any = false;
-        for (int i = 0; i < W; i++)
-            any = any || get(dt, i) < -1e-9;
-        if (!any) {
-            compare(j, r, x, f0.v);
-            return;
-        }
-        Base rate[MK_MAX_STATES];
-        for (int i = 0; i < ns; i++) {
-            const bool angle = i < c.joints;
-            const int a = c.joints + i; // of the acceleration that goes with an angle
-            rate[i] = angle ? f0.v[i] + dt * f0.v[a] : f0.v[i];
-            y.v[i] = x.v[i] + dt * f0.v[i] + (angle ? half * f0.v[a] : Base(0.0));
-            for (int d = 0; d < columns; d++)
-                y.d[i * columns + d] = x.d[i * columns + d] + dt * f0.d[i * columns + d] +
-                                       (angle ? half * f0.d[a * columns + d] : Base(0.0));
-        }
-        compare(j, r, y, rate);
-    }
-    void take_readings(const Base &end)
-    {
-        for (int j = 0; j < c.joints; j++)
-            for (Readings r; (r = readings(j, end, -1e-9)).any;)
-                compare_within(j, r, end);
-    }
-    // Of lanes that have arrived.
-    void take_up_to_end(int j)
-    {
-        Base end = Base(-NONE);
-        for (int i = 0; i < W; i++)
-            if (arrived(lane[i]) && lane[i].task->last && lane[i].task->finite)
-                put(end, i, lane[i].task->end);
-        for (Readings r; (r = readings(j, end, 1e-9)).any;)
-            compare(j, r, x, f0.v);
-    }
-    void compare(int j, const Readings &r, const Point &at, const Base *rate)
-    {
-        compare_rows(j, r, at.v, rate, [&](int i) { return at.d + i * columns; });
-    }
-    // A reading between both ends of a step: cubic Hermite interpolation. With s = (t - now)/h,
-    //     x(t) = h00 x + h10 f0 + h01 y + h11 f1 ,
-    //     h00 = (1 + 2 s)(1 - s)^2 ,   h10 = h s (1 - s)^2 ,
-    //     h01 = s^2 (3 - 2 s) ,        h11 = -h s^2 (1 - s) ,
-    // and g00 .. g11 are their derivatives by t, for the slope of the state (g01 = -g00). Its error
-    // is of fourth order, as that of the method. A reading depends on few of the states: no others
-    // have their derivatives interpolated. An idle lane has h = 0; 1 is put in its place.
-    void compare_within(int j, const Readings &r, const Base &end)
-    {
-        Base h = end - now, inverse = 1.0 / if_positive(h, h, Base(1.0));
-        Base s = (r.t - now) * inverse, left = 1.0 - s;
-        Base h00 = (1.0 + 2.0 * s) * left * left, h10 = h * s * left * left,
-             h01 = s * s * (3.0 - 2.0 * s), h11 = -h * s * s * left;
-        Base g00 = -6.0 * s * left * inverse, g10 = left * (1.0 - 3.0 * s),
-             g11 = s * (3.0 * s - 2.0);
-        Base rate[MK_MAX_STATES];
-        for (int i = 0; i < ns; i++) {
-            between.v[i] = h00 * x.v[i] + h10 * f0.v[i] + h01 * y.v[i] + h11 * f1.v[i];
-            rate[i] = g00 * x.v[i] + g10 * f0.v[i] - g00 * y.v[i] + g11 * f1.v[i];
-        }
-        compare_rows(j, r, between.v, rate, [&](int i) {
-            for (int d = i * columns; d < (i + 1) * columns; d++)
-                between.d[d] = h00 * x.d[d] + h10 * f0.d[d] + h01 * y.d[d] + h11 * f1.d[d];
-            return between.d + i * columns;
-        });
-    }
-    // Readings beside what the model reads in a state, whose derivatives are row_of(its number).
+    Readings readings(int j, const Base &end, double slack);
+    double time_of(const Lane &l, int j, long row) const;
+    bool pending(const Lane &l, int j, double end) const;
+    bool readings_before(const Base &end) const;
+    void take_at_start();
+    void compare_before(int j, const Readings &r);
+    void take_readings(const Base &end);
+    void take_up_to_end(int j);
+    void compare(int j, const Readings &r, const Point &at, const Base *rate);
+    void compare_within(int j, const Readings &r, const Base &end);
     template <class RowOf>
-    // Residuals and their rows of J: with h_j what the model reads at joint j,
-    //     r = w (y - h_j) ,   J = w dh_j/dc .
-    // Readings without weight (missing ones) give no row. row_of(s) gives dx_s/dc.
-    void compare_rows(int j, const Readings &r, const Base *at, const Base *rate, RowOf &&row_of)
-    {
-        Scalar reading[MK_MAX_JOINTS];
-        Row row;
-        look_at(at);
-        measure(c, in_log(r.t), seen, reading);
-        chain_rows(
-            reading[j], [&](int i) { return ages_move ? aged(i, j, row_of(i), rate) : row_of(i); },
-            row.d);
-        for (int i = 0; i < W; i++) {
-            if (r.row[i] < 0)
-                continue;
-            Lane &l = lane[i];
-            ShootTask &task = *l.task;
-            // A weight of 0 is a missing reading.
-            double w = task.data->w[j][r.row[i]];
-            if (!(w > 0.0) || l.rows >= task.row_capacity)
-                continue;
-            task.residual[l.rows] = w * (task.data->q[j][r.row[i]] - get(base_of(reading[j]), i));
-            store(row.d, i, w, task.jac + (long)l.rows * task.columns);
-            if (task.joint_of)
-                task.joint_of[l.rows] = j;
-            l.rows++;
-        }
-    }
-    // dx_s/dc at the time t - age, if the age is fitted: later readings would show the state as it
-    // was before, so d x_s(t - age)/dc = X_sc - f_s d(age)/dc.
-    const Base *aged(int i, int j, const Base *young, const Base *rate)
-    {
-        for (int d = 0; d < columns; d++)
-            older.d[i * columns + d] = young[d] - age_slope[j][d] * rate[i];
-        return older.d + i * columns;
-    }
-    // Into a row of all columns: the states', then this pass's parameters. A kernel has room for
-    // MOST_COLUMNS columns; further parameters take another pass (first_free).
-    void store(const Base *d, int i, double w, double *row) const
-    {
-        for (int s = 0; s < columns; s++)
-            row[s < ns ? s : first + s] = w * get(d[s], i);
-    }
+    void compare_rows(int j, const Readings &r, const Base *at, const Base *rate, RowOf &&row_of);
+    const Base *aged(int i, int j, const Base *young, const Base *rate);
+    void store(const Base *d, int i, double w, double *row) const;
 };
+
+} // namespace MK_KERNEL_NS
+} // namespace mk
+
+#include "sim/shoot_readings.hpp"
+#include "sim/shoot_switches.hpp"
+
+namespace mk
+{
+inline namespace MK_KERNEL_NS
+{
 
 static int run(ShootTask *tasks, int count, int first_free)
 {
