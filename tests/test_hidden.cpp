@@ -2,6 +2,7 @@
 // catalogue on each rig, and explain on logs in which that simulator has hidden one.
 #include "suites.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -329,6 +330,40 @@ START_TEST(laws_that_all_but_cancel_are_no_causes)
 }
 END_TEST
 
+START_TEST(five_effects_at_once_are_all_named)
+{
+    // Each of them makes the next one seen: the search goes on as long as one does.
+    truth::Wish wish;
+    wish.kind = "several", wish.seed = 48073;
+    truth::Case c = truth::make_case(wish);
+    ck_assert_uint_eq(c.rig.effects.size(), 5);
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 5);
+    for (const truth::Effect &hidden : c.rig.effects)
+        ck_assert_msg(std::any_of(e.cause, e.cause + e.cause_count,
+                                  [&](const mk_cause &cause) {
+                                      return cause.effect->name == hidden.name &&
+                                             cause.joint == hidden.joint;
+                                  }),
+                      "%s is not named", hidden.name.c_str());
+}
+END_TEST
+
+START_TEST(
+    a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first)
+{
+    truth::Wish wish;
+    wish.kind = "several", wish.seed = 55136;
+    truth::Case c = truth::make_case(wish);
+    mk_explanation e = explained(c);
+    ck_assert_int_ge(e.cause_count, 3);
+    ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
+    for (int i = 0; i < e.cause_count; i++)
+        ck_assert(!e.cause[i].piece);
+}
+END_TEST
+
 START_TEST(a_shake_is_found_at_the_joint_and_the_frequency_where_it_is)
 {
     // No grid of frequencies has this one, and what it leaves in the other equation is like it.
@@ -465,6 +500,10 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     tcase_add_test(t, an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named);
     tcase_add_test(t, a_motor_that_is_weaker_while_it_turns_is_unknown_with_its_formula);
+    tcase_add_test(t, five_effects_at_once_are_all_named);
+    tcase_add_test(
+        t,
+        a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);

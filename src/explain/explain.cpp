@@ -421,6 +421,8 @@ class Explainer
                 by_predictions = !speaks_for_itself() && take_predictions(prediction, refit);
             }
         }
+        if (!by_predictions && !followed())
+            by_predictions = ask_what_carries_over(refit);
         data.second_half = !own_parameters(causes->best.point.model).empty();
         if (by_predictions)
             return;
@@ -434,6 +436,23 @@ class Explainer
     {
         return correction.joint > 0 || causes->follows(causes->best) ||
                CauseSearch::likelihood_counts(causes->best);
+    }
+    bool followed() const
+    {
+        return correction.joint > 0 || causes->rounds.empty() || causes->follows(causes->best);
+    }
+    // Likelihood has found most of what is missing, and something stays that has no name: which of
+    // it is sure all the same, data say that are left out.
+    bool ask_what_carries_over(const Hypothesis &refit)
+    {
+        if (!folds->enough() || mk_model_hides_joint(&causes->best.point.model))
+            return false;
+        clock.enter("predictions");
+        std::unique_ptr<PredictionSearch> found = predictions_of(refit.point.model);
+        if (!causes->hand_over(*found))
+            return false;
+        found->decide();
+        return !found->causes.empty() && take_predictions(found, refit);
     }
     // Where what improves predictions brings the model near to its data, likelihood says the rest.
     bool go_on_from(const PredictionSearch &found, const Hypothesis &refit)

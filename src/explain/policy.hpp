@@ -26,6 +26,9 @@ constexpr double INSEPARABLE = 5.0;
 // A term of the library must be ahead of the catalogue by so much: the library is large, and names
 // nothing.
 constexpr double BETTER_THAN_CATALOGUE = 10.0;
+// And by this share of its gain where even with it the model is far from its data. Looked at on
+// made-up rigs.
+constexpr double BETTER_THAN_CATALOGUE_FAR = 0.1;
 // Share of ACCEPT_FIRST or ACCEPT_FURTHER that a trial of a few iterations must show already.
 constexpr double SHOWN_BY_TRIAL = 0.3;
 // A reading: a first cause that gains less, of a model that says nothing within a shooting
@@ -124,8 +127,10 @@ constexpr double STEP_COUNTS = 3.0, STEP_SIGNIFICANT = 7.0, STEP_OUTSTANDING = 2
 
 // s of data to search in, if not said otherwise.
 constexpr double MOST_DATA = 30.0;
-// Causes looked for from the refitted model, from where most of them were found otherwise, and by
-// predictions.
+// Share of the process noise before it that a cause leaves where it leads on to others.
+constexpr double NEARER = 0.5;
+// Causes looked for from the refitted model, from where most of them were found otherwise or the
+// latest leads on, and by predictions.
 constexpr size_t MOST_CAUSES = 3, MOST_FURTHER_CAUSES = 8, MOST_PREDICTING = 8;
 // Runners-up that are kept of each cause.
 constexpr size_t RIVALS = 2;

@@ -184,7 +184,8 @@ std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &start
     std::vector<Attempt> attempts;
     for (size_t i = 0; i < starts.size(); i++)
         for (From from : {From::refit, From::given, From::intervals})
-            if (from != From::intervals || i == starts.size() / 2) {
+            if (from == From::refit ||
+                (afresh && (from == From::given || i == starts.size() / 2))) {
                 attempts.emplace_back();
                 attempts.back().start = starts[i];
                 attempts.back().from = from;
@@ -224,7 +225,8 @@ std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &start
         const double furthest = std::accumulate(
             attempts.begin(), attempts.end(), 0.0,
             [](double most, const Attempt &a) { return std::max(most, a.parted ? a.reach : 0.0); });
-        if (told && left == 0 && !whole && !again && furthest > 0.0 && furthest < TELLING) {
+        if (afresh && told && left == 0 && !whole && !again && furthest > 0.0 &&
+            furthest < TELLING) {
             again = true;
             attempts.insert(attempts.end(), fresh.begin(), fresh.end());
             std::for_each(fresh.begin(), fresh.end(), [&](const Attempt &a) { work -= a.work; });

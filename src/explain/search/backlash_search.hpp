@@ -37,6 +37,9 @@ class BacklashSearch
     std::vector<BacklashFit> run(const std::vector<Candidate> &starts, int threads,
                                  const std::function<bool(double)> &go_on);
     double work = 0.0; // in passes over the data
+    // Nothing else explains the data yet: values far from the fit are begun from as well, and once
+    // more where all starts have come to nothing.
+    bool afresh = true;
 
   private:
     enum class From { refit, given, intervals };

@@ -39,15 +39,13 @@ namespace mk
 namespace
 {
 
-// The first of a ranking, catalogue before library unless the library is clearly better.
-size_t pick(const std::vector<Hypothesis> &ranked)
+// The first of a ranking of extensions, catalogue before library unless the library is ahead by
+// `enough` (log likelihood).
+size_t pick(const std::vector<Hypothesis> &ranked, double enough)
 {
     for (size_t i = 0; i < ranked.size(); i++)
         if (!is_library(ranked[i].added.effect))
-            return ranked[i].penalised_nlml <
-                           ranked[0].penalised_nlml + policy::BETTER_THAN_CATALOGUE
-                       ? i
-                       : 0;
+            return ranked[i].penalised_nlml < ranked[0].penalised_nlml + enough ? i : 0;
     return 0;
 }
 
@@ -110,11 +108,21 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     return true;
 }
 
+// Up to `most` causes; and more where the latest one has brought the model much nearer to its data,
+// or likelihood is the right judge of the next.
+bool CauseSearch::may_add(size_t most, bool nearer) const
+{
+    const bool few = rounds.size() < most;
+    const bool leads_on = nearer || likelihood_counts(best);
+    return (few || (leads_on && rounds.size() < policy::MOST_FURTHER_CAUSES)) &&
+           !search.cancelled && search.work_done() < policy::MOST_WORK;
+}
+
 void CauseSearch::add_causes()
 {
-    bool freed = false;
+    bool freed = false, nearer = rounds.empty();
     const size_t most = rounds.empty() ? policy::MOST_CAUSES : policy::MOST_FURTHER_CAUSES;
-    while (rounds.size() < most && !search.cancelled && search.work_done() < policy::MOST_WORK) {
+    while (may_add(most, nearer)) {
         if (search.complete(best))
             return;
         // Nameless terms that already follow the data will not become a name.
@@ -166,6 +174,7 @@ void CauseSearch::add_causes()
             first = round.ranked;
         before = best;
         best = round.ranked[0];
+        nearer = best.process_noise < policy::NEARER * before.process_noise;
         forget_lacks();
         rounds.push_back(std::move(round));
         if (idle_without_last()) {
@@ -230,6 +239,17 @@ bool CauseSearch::take_over(const PredictionSearch &other)
         carried.push_back(carrier.carried);
     }
     return true;
+}
+
+bool CauseSearch::hand_over(PredictionSearch &other) const
+{
+    std::vector<std::vector<Candidate>> ranked;
+    for (const Round &round : rounds) {
+        ranked.emplace_back();
+        for (size_t i = 0; i < round.ranked.size() && i <= policy::RIVALS; i++)
+            ranked.back().push_back(round.ranked[i].added);
+    }
+    return other.take(best.point.model, best.point.model.effect + model.effect_count, ranked);
 }
 
 bool CauseSearch::likelihood_counts(const Hypothesis &h)
@@ -436,7 +456,13 @@ bool CauseSearch::choose(std::vector<Hypothesis> &ranked, double needed)
     if (near)
         drop_terms(ranked); // a trifle without a name
     while (!ranked.empty()) {
-        size_t chosen = pick(ranked);
+        // A term that leaves the model far from its data has bent to what else is missing.
+        const double gain = best.penalised_nlml - ranked[0].penalised_nlml;
+        const double enough =
+            follows(ranked[0])
+                ? policy::BETTER_THAN_CATALOGUE
+                : std::max(policy::BETTER_THAN_CATALOGUE, policy::BETTER_THAN_CATALOGUE_FAR * gain);
+        size_t chosen = pick(ranked, enough);
         // A nameless term on top of named causes that already follow the data names nothing.
         bool idle = !rounds.empty() && follows(best) && is_library(ranked[chosen].added.effect);
         if (idle || ranked[chosen].penalised_nlml > best.penalised_nlml - needed)
@@ -455,6 +481,8 @@ bool CauseSearch::consider_backlash(std::vector<Hypothesis> &ranked, double need
 {
     ExtendOptions how;
     how.kind = Kind::backlash;
+    // Beside causes that were found, and one more, it is asked from where the fit is.
+    how.afresh = rounds.empty() || ranked.empty();
     const double leader = ranked.empty() ? HUGE_VAL : ranked[0].penalised_nlml;
     how.acceptance = leader;
     std::vector<Hypothesis> backlashes = search.extend(best, how);
@@ -654,7 +682,10 @@ void CauseSearch::reconsider()
         }
         if (!led)
             continue;
-        bool better = ranked[0].penalised_nlml < best.penalised_nlml - 1e-6;
+        // What takes a cause's place must be what its name says, not a law bent into another one.
+        const bool better = ranked[0].penalised_nlml < best.penalised_nlml - 1e-6 &&
+                            Search::plausible(ranked[0].point.model, ranked[0].added,
+                                              search.candidates_of(removed(i)));
         if (better) {
             // The new one sits last in the model; rounds follow the model's order.
             best = ranked[0];

@@ -51,6 +51,8 @@ class CauseSearch
     // What improves predictions in place of what likelihood finds: the causes of that search, and
     // what it says of them.
     bool take_over(const PredictionSearch &other);
+    // Gives it the causes of `best`, to be asked of data that are left out.
+    bool hand_over(PredictionSearch &other) const;
     // Goes on from there by likelihood. False where all those causes together do not bring the
     // model so near to its data that likelihood counts.
     bool go_on(const PredictionSearch &found);
@@ -96,6 +98,7 @@ class CauseSearch
     void warm_start(Hypothesis &rival);
     bool stands_alone(const Round &round) const;
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> ranked) const;
+    bool may_add(size_t most, bool nearer) const;
     void add_causes();
     void try_runners_up();
     void reconsider();

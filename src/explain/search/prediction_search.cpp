@@ -18,7 +18,6 @@
 #include "base/parallel.hpp"
 #include "explain/evidence/resamples.hpp"
 #include "explain/policy.hpp"
-#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -156,23 +155,34 @@ bool PredictionSearch::start()
 
 bool PredictionSearch::take(const PredictionSearch &found)
 {
-    if (!start())
+    std::vector<std::vector<Candidate>> ranked;
+    for (size_t i = 0; i < found.causes.size(); i++)
+        ranked.push_back(found.contenders(i));
+    const mk_model &theirs = found.best.point.model;
+    if (!take(theirs, theirs.effect + found.own_effects, ranked))
         return false;
     most_tried = found.most_tried;
     suspects = found.suspects;
-    if (found.causes.empty())
+    hopeless = found.hopeless;
+    return true;
+}
+
+bool PredictionSearch::take(const mk_model &values, const mk_effect_use *effects,
+                            const std::vector<std::vector<Candidate>> &ranked)
+{
+    if (!start())
+        return false;
+    if (ranked.empty())
         return true;
     mk_model m = base;
-    const mk_model &theirs = found.best.point.model;
-    std::copy_n(theirs.parameter, MK_MAX_PARAMETERS, m.parameter);
-    for (size_t i = 0; i < found.causes.size(); i++) {
+    std::copy_n(values.parameter, MK_MAX_PARAMETERS, m.parameter);
+    for (size_t i = 0; i < ranked.size(); i++) {
         if (m.effect_count == MK_MAX_EFFECTS)
             return false;
-        m.effect[m.effect_count++] = theirs.effect[found.own_effects + i];
-        causes.push_back({found.causes[i].cause, {}, {}, {}});
+        m.effect[m.effect_count++] = effects[i];
+        causes.push_back({ranked[i][0], {}, {}, {}});
+        runners_up.emplace_back(ranked[i].begin() + 1, ranked[i].end());
     }
-    runners_up = found.runners_up;
-    hopeless = found.hopeless;
     best.point = runs.start(m);
     return converge(best);
 }
@@ -319,44 +329,6 @@ bool PredictionSearch::was_hopeless(const Candidate &cause) const
                        [&](const Candidate &c) { return same_values(c, cause); });
 }
 
-// Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
-// where the search for it starts. A law whose shape has is another one: a cable that never yields a
-// spring, a friction that changes over hours a constant. A shape that scales with torque as the
-// size does counts by the size: bristles that bend by half a turn before they slide are a cable,
-// however strong.
-bool PredictionSearch::plausible(const mk_model &model, const Candidate &cause) const
-{
-    // FAR: factor beyond all starts of a cause. AWAY: rad.
-    constexpr double FAR = 3.0, AWAY = 12.0;
-    const mk_effect_use &use = model.effect[model.effect_count - 1];
-    Hypothesis h;
-    h.added = cause;
-    h.point.model = model;
-    if (Search::discredited(h))
-        return false;
-    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
-    const bool size_scales = scales_with_torque(model, first + cause.size);
-    for (int k = 0; k < cause.effect->parameter_count; k++) {
-        const mk_parameter_info &info = cause.effect->parameter[k];
-        const bool by_size = size_scales && scales_with_torque(model, first + k);
-        const auto shape_of = [&](const double *value) {
-            return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
-        };
-        double low = HUGE_VAL, high = 0.0;
-        for (const Candidate &c : all)
-            if (same_cause(c, cause))
-                low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
-        const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
-        const double now = shape_of(use.value);
-        if (shape && low > 0.0 && low < HUGE_VAL && (now < low / FAR || now > high * FAR))
-            return false;
-        // Turns of the joint: a spring that rests that far away is a constant torque.
-        if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
-            return false;
-    }
-    return true;
-}
-
 constexpr double FAINT = 0.3; // standard errors that a cause must show to be fitted in full
 
 // The best start of every cause that might carry over, the best first by that order.
@@ -433,7 +405,7 @@ bool PredictionSearch::add_one()
             !fit_added(model, f.cause, FULL_ITERATIONS, f))
             return;
         f.carried = compare(f, best);
-        f.fine = plausible(f.point.model, f.cause);
+        f.fine = Search::plausible(f.point.model, f.cause, all);
         const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
         std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
     });
@@ -507,7 +479,7 @@ bool PredictionSearch::exchange(size_t count)
             if (there || !with_candidate(without(i), others[k], model) ||
                 !fit(best.point, model, FULL_ITERATIONS, 1, fits[k]))
                 return;
-            fits[k].fine = plausible(fits[k].point.model, others[k]);
+            fits[k].fine = Search::plausible(fits[k].point.model, others[k], all);
         });
         size_t chosen = fits.size();
         // A runner-up takes the place of a cause where L is less by policy::BETTER_IN_PLACE.
@@ -693,7 +665,7 @@ void PredictionSearch::face_rivals()
             });
             if (!there && less.fine && with_candidate(less.point.model, rival, m) &&
                 fit(less.point, m, FULL_ITERATIONS, threads, faced) &&
-                plausible(faced.point.model, rival))
+                Search::plausible(faced.point.model, rival, all))
                 causes[i].rivals.push_back(std::move(faced));
         }
     }

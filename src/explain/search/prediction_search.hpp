@@ -51,6 +51,10 @@ class PredictionSearch
     bool add_one();
     // Takes over causes that were found beside another base, or on other data, and fits them.
     bool take(const PredictionSearch &found);
+    // The same for causes of another kind of search: base parameters of a model, the causes'
+    // effects, and for each the cause and its runners-up.
+    bool take(const mk_model &values, const mk_effect_use *effects,
+              const std::vector<std::vector<Candidate>> &ranked);
     // The same as run() from there.
     bool go_on();
     // Minus log likelihood of independent errors, with all causes and a penalty for their
@@ -102,7 +106,6 @@ class PredictionSearch
     void screen_group(const std::vector<Candidate> &group, std::vector<Asked> &out) const;
     void screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out);
     std::vector<Asked> screen();
-    bool plausible(const mk_model &model, const Candidate &cause) const;
     double penalised_nlml(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
     bool converge(RunFit &at) const;

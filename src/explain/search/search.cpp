@@ -23,6 +23,7 @@
 
 #include "base/parallel.hpp"
 #include "explain/evidence/innovations.hpp"
+#include "ident/scale.hpp"
 
 namespace mk
 {
@@ -249,7 +250,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         trials.back().candidate = all[i];
     }
     try_all(start, loose, trials);
-    try_backlash(start, loose, backlashes, how.acceptance, trials);
+    try_backlash(start, loose, backlashes, how, trials);
     return compete(base.penalised_nlml, how.acceptance,
                    how.small ? small : std::max(base.process_noise, 0.1),
                    worth_a_full_fit(trials, how));
@@ -383,6 +384,45 @@ bool Search::discredited(const Hypothesis &h)
     bool off = size.min == 0.0 && value < 1e-7 * unit;
     bool at_end = (size.min != 0.0 && value <= size.min) || value >= size.max;
     return off || at_end || std::fabs(value) > h.added.most;
+}
+
+// Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
+// where the search for it starts. A law whose shape has is another one: a cable that never yields a
+// spring, a friction that changes over hours a constant. A shape that scales with torque as the
+// size does counts by the size: bristles that bend by half a turn before they slide are a cable,
+// however strong.
+bool Search::plausible(const mk_model &model, const Candidate &cause,
+                       const std::vector<Candidate> &starts)
+{
+    // FAR: factor beyond all starts of a cause. AWAY: rad.
+    constexpr double FAR = 3.0, AWAY = 12.0;
+    const mk_effect_use &use = model.effect[model.effect_count - 1];
+    Hypothesis h;
+    h.added = cause;
+    h.point.model = model;
+    if (discredited(h))
+        return false;
+    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
+    const bool size_scales = scales_with_torque(model, first + cause.size);
+    for (int k = 0; k < cause.effect->parameter_count; k++) {
+        const mk_parameter_info &info = cause.effect->parameter[k];
+        const bool by_size = size_scales && scales_with_torque(model, first + k);
+        const auto shape_of = [&](const double *value) {
+            return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
+        };
+        double low = HUGE_VAL, high = 0.0;
+        for (const Candidate &c : starts)
+            if (same_cause(c, cause))
+                low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
+        const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
+        const double now = shape_of(use.value);
+        if (shape && low > 0.0 && low < HUGE_VAL && (now < low / FAR || now > high * FAR))
+            return false;
+        // Turns of the joint: a spring that rests that far away is a constant torque.
+        if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
+            return false;
+    }
+    return true;
 }
 
 // Standard error of a parameter over its value, from the covariance of the fit (Cramer-Rao). 0

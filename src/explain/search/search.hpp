@@ -39,6 +39,7 @@ struct ExtendOptions {
     Kind kind = Kind::all_but_backlash;
     const std::vector<Candidate> *only = nullptr; // no others than these
     bool thorough = true;                         // else without those that are slow to fit
+    bool afresh = true; // backlash: from values far from the fit, too (BacklashSearch::afresh)
     // The base follows its data: what it lacks is small, and shows in a few iterations from there.
     // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
     bool small = false;
@@ -82,6 +83,9 @@ class Search
     bool meets_readings(const Hypothesis &h) const;
     // Whether a fit has switched the added effect off, or made it larger than it can be.
     static bool discredited(const Hypothesis &h);
+    // Whether a fit has left a cause, the model's last effect, what it is; `starts`: of all causes.
+    static bool plausible(const mk_model &model, const Candidate &cause,
+                          const std::vector<Candidate> &starts);
     // Standard error of a parameter of the model's effect number `effect`, over its value;
     // infinite where the data say nothing of it, 0 where it is not fitted.
     static double relative_error(const Hypothesis &h, int effect, int parameter);
@@ -133,7 +137,7 @@ class Search
                  Trial &trial);
     void thin_out(std::vector<Trial> &trials);
     void try_backlash(const Hypothesis &start, const FitOptions &loose,
-                      const std::vector<Candidate> &backlashes, double acceptance,
+                      const std::vector<Candidate> &backlashes, const ExtendOptions &how,
                       std::vector<Trial> &trials);
     std::vector<Candidate> candidates_for(const Hypothesis &base, const ExtendOptions &how) const;
     Hypothesis at_minimum(const Hypothesis &base, const FitOptions &loose);

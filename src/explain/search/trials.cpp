@@ -273,12 +273,13 @@ void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vect
 // Backlash is fitted over longer and longer beginnings of the logs (backlash_search.hpp) and
 // compares by nlml.
 void Search::try_backlash(const Hypothesis &start, const FitOptions &loose,
-                          const std::vector<Candidate> &backlashes, double acceptance,
+                          const std::vector<Candidate> &backlashes, const ExtendOptions &how,
                           std::vector<Trial> &trials)
 {
     if (backlashes.empty() || cancelled)
         return;
-    BacklashSearch search(logs, loose, start.point, std::min(start.quadratic.nlml, acceptance));
+    BacklashSearch search(logs, loose, start.point, std::min(start.quadratic.nlml, how.acceptance));
+    search.afresh = how.afresh;
     for (BacklashFit &fit : search.run(backlashes, options.threads, [&](double done) {
              return tick(0.3 + 0.4 * done, "trying play");
          })) {
