@@ -12,6 +12,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define LINKS_MAX 40 /* one to the next, as the kernel follows them */
+
 int mk_write_all(int fd, const char *data, size_t size, size_t *written)
 {
     size_t done = 0;
@@ -135,13 +137,54 @@ static int open_temporary(struct mk_out_file *file, mode_t mode)
     return EEXIST;
 }
 
+/* Where a link points to, seen from the link's own folder; NULL with errno where it is none. */
+static char *follow_link(const char *link)
+{
+    char to[PATH_MAX];
+    const ssize_t n = readlink(link, to, sizeof to);
+    if (n < 0 || n == (ssize_t)sizeof to) {
+        errno = n < 0 ? errno : ENAMETOOLONG;
+        return NULL;
+    }
+    const char *slash = strrchr(link, '/');
+    const size_t folder = to[0] != '/' && slash ? (size_t)(slash + 1 - link) : 0;
+    char *target = malloc(folder + (size_t)n + 1);
+    if (target) {
+        memcpy(target, link, folder);
+        memcpy(target + folder, to, (size_t)n);
+        target[folder + (size_t)n] = '\0';
+    }
+    return target;
+}
+
+/* The name that a new file gets: where the path is a link to a file that is not there yet, the
+ * link stays and that file is made, as open() would. 0 or errno. */
+static int name_new(struct mk_out_file *file)
+{
+    file->target = strdup(file->path);
+    for (int links = 0; file->target; links++) {
+        char *next = follow_link(file->target);
+        if (!next)
+            return errno == EINVAL || errno == ENOENT ? 0 : errno;
+        free(file->target);
+        file->target = next;
+        if (links == LINKS_MAX)
+            return ELOOP;
+    }
+    return ENOMEM;
+}
+
 static int open_target(struct mk_out_file *file)
 {
     struct stat info;
     bool exists = stat(file->path, &info) == 0;
     if (exists && S_ISDIR(info.st_mode))
         return EISDIR;
-    file->target = exists ? realpath(file->path, NULL) : strdup(file->path);
+    const int unnamed = exists ? 0 : name_new(file);
+    if (unnamed)
+        return unnamed;
+    if (exists)
+        file->target = realpath(file->path, NULL);
     if (!file->target)
         return errno;
     if (exists && !S_ISREG(info.st_mode)) {
