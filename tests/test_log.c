@@ -607,6 +607,37 @@ START_TEST(writing_replaces_files_alone_and_follows_links)
 }
 END_TEST
 
+/* The link is the user's: what it points to comes to be where it says, and the link stays. */
+START_TEST(a_link_to_a_file_that_is_not_there_yet_stays_a_link)
+{
+    struct mk_log *log = random_log(30);
+    struct mk_error err = MK_ERROR_INIT;
+    struct stat info;
+    char outer[300], inner[300];
+    snprintf(outer, sizeof outer, "%s", scratch("outer.csv"));
+    snprintf(inner, sizeof inner, "%s", scratch("inner.csv"));
+    ck_assert(symlink("inner.csv", outer) == 0 && symlink(scratch("made.csv"), inner) == 0);
+    ck_assert_msg(mk_log_write(outer, log, &err) == MK_OK, "%s", err.message);
+    ck_assert(lstat(outer, &info) == 0 && S_ISLNK(info.st_mode));
+    ck_assert(lstat(inner, &info) == 0 && S_ISLNK(info.st_mode));
+    ck_assert(lstat(scratch("made.csv"), &info) == 0 && S_ISREG(info.st_mode));
+    ck_assert(unlink(inner) == 0 && symlink("outer.csv", inner) == 0);
+    ck_assert_int_eq(mk_log_write(outer, log, &err), MK_ERR_IO);
+    ck_assert(lstat(outer, &info) == 0 && S_ISLNK(info.st_mode));
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(an_empty_mark_of_left_out_rows_leaves_nothing_out)
+{
+    struct mk_log *log = read_text("t,q1,left_out,u\n0,1,,1\n1,2,1,1\n2,3,nan,\n3,3,0,1\n");
+    const double *mark = mk_log_get(log, "left_out");
+    ck_assert(mark[0] == 0.0 && mark[1] == 1.0 && mark[2] == 0.0 && mark[3] == 0.0);
+    ck_assert(isnan(mk_log_get(log, "u")[2]));
+    mk_log_free(log);
+}
+END_TEST
+
 Suite *suite_log(void)
 {
     Suite *s = suite_create("log");
@@ -638,6 +669,8 @@ Suite *suite_log(void)
     tcase_add_test(t, a_full_disk_keeps_the_old_file);
     tcase_add_test(t, what_a_killed_program_left_is_removed_the_next_time);
     tcase_add_test(t, writing_replaces_files_alone_and_follows_links);
+    tcase_add_test(t, a_link_to_a_file_that_is_not_there_yet_stays_a_link);
+    tcase_add_test(t, an_empty_mark_of_left_out_rows_leaves_nothing_out);
     suite_add_tcase(s, t);
     return s;
 }

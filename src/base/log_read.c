@@ -413,6 +413,17 @@ static enum mk_status take_line(struct reader *r, struct mk_span line)
 
 /* --- the whole ------------------------------------------------------------------------ */
 
+/* Rows are left out where somebody marked them: an empty mark is none. */
+static void clear_empty_marks(struct mk_log *log)
+{
+    for (size_t i = 0; i < log->column_count; i++) {
+        struct mk_log_column *c = &log->columns[i];
+        for (size_t k = 0; strcmp(c->name, "left_out") == 0 && k < log->rows; k++)
+            if (isnan(c->data[k]))
+                c->data[k] = 0.0;
+    }
+}
+
 static enum mk_status end_log(struct reader *r)
 {
     const char *missing = NULL;
@@ -424,6 +435,7 @@ static enum mk_status end_log(struct reader *r)
         missing = "the log has no rows";
     if (missing)
         return mk_error_at(r->source.err, MK_ERR_PARSE, r->source.path, 0, 0, "%s", missing);
+    clear_empty_marks(r->log);
     return resize(r->log, r->log->rows) ? MK_OK : no_memory(r);
 }
 
