@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ctrl/fault_line.h"
 #include "mechkit/safety.h"
 #include "support/files.h"
 
@@ -42,6 +43,16 @@ START_TEST(every_fault_has_a_name_and_a_text)
             ck_assert_str_ne(mk_fault_name((enum mk_fault)f), mk_fault_name((enum mk_fault)g));
     }
     ck_assert_str_eq(mk_fault_name(MK_FAULT_COUNT), "?");
+}
+END_TEST
+
+START_TEST(a_fault_of_no_joint_names_none)
+{
+    char line[MK_FAULT_LINE];
+    mk_fault_line(MK_FAULT_LINK, 0, 1.25, line);
+    ck_assert_str_eq(line, "link at 1.25 s");
+    mk_fault_line(MK_FAULT_JUMP, 2, 1.25, line);
+    ck_assert_str_eq(line, "encoder-jump, joint 2, at 1.25 s");
 }
 END_TEST
 
@@ -358,6 +369,7 @@ Suite *suite_safety(void)
     TCase *t = tcase_create("limits");
     tcase_add_checked_fixture(t, setup, NULL);
     tcase_add_test(t, every_fault_has_a_name_and_a_text);
+    tcase_add_test(t, a_fault_of_no_joint_names_none);
     tcase_add_test(t, a_healthy_motion_trips_nothing);
     tcase_add_test(t, the_first_fault_stays_until_cleared);
     tcase_add_test(t, travel_beyond_either_limit_trips);

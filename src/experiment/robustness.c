@@ -244,8 +244,7 @@ static void judge(const struct watch *w, const struct mk_loop_snapshot *last, st
         w->balancing && w->since_s <= w->catch_s && last->sample.t - w->since_s >= w->hold_s;
     if (last->fault != MK_FAULT_NONE) {
         t->end = TRIAL_FAULT;
-        snprintf(t->fault, sizeof t->fault, "%s, joint %d, at %.2f s", mk_fault_name(last->fault),
-                 last->fault_joint, last->fault_t);
+        mk_fault_line(last->fault, last->fault_joint, last->fault_t, t->fault);
     } else if (w->tracks) {
         t->end = TRIAL_HELD;
     } else if (!held) {

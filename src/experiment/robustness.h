@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ctrl/fault_line.h"
 #include "mechkit/ctrl.h"
 #include "mechkit/model.h"
 
@@ -46,7 +47,7 @@ struct trial {
                            wheel's pendulum the same as its tilt */
     double effort;      /* rms of the command; of a setup that tracks over all of the run */
     double track_radps; /* rms error of such a setup's speed; NAN: it balances */
-    char fault[64];     /* "": none */
+    char fault[MK_FAULT_LINE]; /* "": none */
 };
 
 /* A run on a rig that need not be what the controller believes. */

@@ -501,12 +501,8 @@ static enum mk_status finish(struct under_way *u, struct rig_run *run, enum mk_s
     }
     run->ran_s = last.ticks ? last.sample.t : 0.0;
     run->fault = last.fault;
-    if (last.fault && last.fault_joint > 0)
-        snprintf(run->fault_text, sizeof run->fault_text, "%s, joint %d, at %.2f s",
-                 mk_fault_name(last.fault), last.fault_joint, last.fault_t);
-    else if (last.fault)
-        snprintf(run->fault_text, sizeof run->fault_text, "%s at %.2f s", mk_fault_name(last.fault),
-                 last.fault_t);
+    if (last.fault)
+        mk_fault_line(last.fault, last.fault_joint, last.fault_t, run->fault_text);
     mk_loop_destroy(u->loop);
     mk_ctrl_destroy(u->ctrl);
     mk_signal_destroy(u->signal);

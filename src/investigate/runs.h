@@ -3,6 +3,7 @@
 #ifndef MECHKIT_INVESTIGATE_RUNS_H
 #define MECHKIT_INVESTIGATE_RUNS_H
 
+#include "ctrl/fault_line.h"
 #include "investigate/plan.h"
 #include "mechkit/board.h"
 #include "mechkit/loop.h"
@@ -52,7 +53,7 @@ struct rig_run {
     const char *log;     /* path; an empty file there is written over */
     double ran_s;        /* out: of the run's own time */
     enum mk_fault fault; /* out: what ended it */
-    char fault_text[160];
+    char fault_text[MK_FAULT_LINE];
 };
 
 /* An input from rest. MK_OK also where a fault ended it (run->fault), unless there is no log of it.
