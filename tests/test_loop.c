@@ -503,6 +503,49 @@ START_TEST(another_signal_takes_effect_in_one_sample_and_is_logged)
 }
 END_TEST
 
+/* Another bias for every sample, up to the 300th. */
+static bool change_the_bias(const struct mk_loop_snapshot *s, void *user)
+{
+    (void)user;
+    if (s->ticks <= 300)
+        bench_set_law(1e-3 * (double)s->ticks, 1, 1e18);
+    return false;
+}
+
+/* More of them between two writes than the log keeps: those it has are right, and of the others it
+ * says that they were. */
+START_TEST(every_change_of_parameters_is_noted_at_its_time_however_many_there_are)
+{
+    bench_build(NULL);
+    bench_set_law(0, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(mk_loop_wait(bench.loop, 0.7, change_the_bias, NULL, NULL, NULL),
+                     MK_ERR_TIMEOUT);
+    bench_set_law(4, 1, 1e18);
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    struct mk_log *log = bench_read_log();
+    int tick = 0, known = 0;
+    for (size_t m = 0; m < log->meta_count; m++) {
+        char expected[48];
+        const char *value = log->meta[m].value;
+        if (strcmp(log->meta[m].key, "changed") != 0)
+            continue;
+        tick = tick == 300 ? 350 : tick + 1;
+        snprintf(expected, sizeof expected, "at %.6f s: ", 0.002 * tick);
+        ck_assert_msg(strncmp(value, expected, strlen(expected)) == 0, "%d: %s", tick, value);
+        if (strstr(value, "not known"))
+            continue;
+        known++;
+        const char *bias = strstr(value, "bias=");
+        ck_assert_msg(bias && atof(bias + 5) == (tick == 350 ? 4.0 : 1e-3 * tick), "%s", value);
+    }
+    ck_assert_int_eq(tick, 350);
+    ck_assert_int_ge(known, 257);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(parameters_and_signal_changed_at_once_are_both_taken)
 {
     struct mk_signal *signal;
@@ -839,6 +882,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, angles_go_on_across_the_wrap_of_the_counter);
     tcase_add_test(t, new_parameters_take_effect_together_in_one_sample);
     tcase_add_test(t, another_signal_takes_effect_in_one_sample_and_is_logged);
+    tcase_add_test(t, every_change_of_parameters_is_noted_at_its_time_however_many_there_are);
     tcase_add_test(t, parameters_and_signal_changed_at_once_are_both_taken);
     tcase_add_test(t, parameters_out_of_range_change_nothing);
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);

@@ -63,8 +63,9 @@ struct mk_loop_mail { /* what the controller is to go by */
     double value[MK_CTRL_MAX_PARAMS];
     const struct mk_signal *signal; /* lives until the run has been halted */
 };
-struct mk_loop_change { /* what took effect at `t`; the flags of its sample say which of it */
+struct mk_loop_change { /* what took effect at `t`; of the flags those that say which of it */
     double t;
+    uint32_t flags;
     struct mk_loop_mail now;
 };
 
@@ -72,6 +73,8 @@ struct mk_loop_writer {
     struct mk_log_writer *log; /* NULL: the run is not logged, samples are thrown away */
     struct mk_ring *samples;
     struct mk_ring *changes;
+    struct mk_loop_change next; /* the first of the changes whose row has not come yet, */
+    bool next_waits;            /* if there is one */
     const struct mk_ctrl_ops *setup;
     int joints;
     bool fault_noted;

@@ -171,9 +171,9 @@ void mk_loop_take_mail(struct mk_loop *loop, struct mk_sample *s)
     ctrl->ref = change.now.signal;
     if (ctrl->ops->changed && (s->flags & MK_FLAG_PARAMS))
         ctrl->ops->changed(ctrl);
-    if (loop->writer.log && (s->flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL))) {
+    change.flags = s->flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL);
+    if (loop->writer.log && change.flags)
         (void)mk_ring_push(loop->writer.changes, &change); /* the row's flag remains */
-    }
 }
 
 /* Exchanges that the board may have counted since the last good one and nobody saw. */

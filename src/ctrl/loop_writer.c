@@ -224,24 +224,39 @@ static void note_fault(struct mk_loop_writer *w, enum mk_fault fault, double t, 
     w->fault_noted = true;
 }
 
-static void note_change(struct mk_loop_writer *w, uint32_t flags)
+static void note_change(struct mk_loop_writer *w, const struct mk_loop_change *change)
 {
-    struct mk_loop_change change;
     char text[1200];
-    if (!mk_ring_pop(w->changes, &change))
-        return;
-    int n = snprintf(text, sizeof text, "at %.6f s: ", change.t);
+    int n = snprintf(text, sizeof text, "at %.6f s: ", change->t);
     char *rest = text + n;
     size_t room = sizeof text - (size_t)n;
-    if (flags & MK_FLAG_PARAMS) {
-        parameter_text(rest, room, w->setup, change.now.value);
+    if (change->flags & MK_FLAG_PARAMS) {
+        parameter_text(rest, room, w->setup, change->now.value);
         note(w, "changed", text);
     }
-    if (flags & MK_FLAG_SIGNAL) {
-        const struct mk_signal *signal = change.now.signal;
+    if (change->flags & MK_FLAG_SIGNAL) {
+        const struct mk_signal *signal = change->now.signal;
         snprintf(rest, room, "reference %s", signal ? mk_signal_text(signal) : "none");
         note(w, "changed", text);
     }
+}
+
+/* What changed up to this sample. Of more changes than the ring holds between two writes the last
+ * ones have no values here: their rows say at least that there was one. */
+static void note_changes(struct mk_loop_writer *w, const struct mk_sample *s)
+{
+    char text[64];
+    bool told = !(s->flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL));
+    while (w->next_waits || mk_ring_pop(w->changes, &w->next)) {
+        w->next_waits = w->next.t > s->t;
+        if (w->next_waits)
+            break;
+        told = told || w->next.t == s->t;
+        note_change(w, &w->next);
+    }
+    snprintf(text, sizeof text, "at %.6f s: to what is not known", s->t);
+    if (!told)
+        note(w, "changed", text);
 }
 
 void mk_loop_writer_drain(struct mk_loop_writer *w)
@@ -250,8 +265,7 @@ void mk_loop_writer_drain(struct mk_loop_writer *w)
     if (!w->log)
         return;
     while (mk_ring_pop(w->samples, &record)) {
-        if (record.sample.flags & (MK_FLAG_PARAMS | MK_FLAG_SIGNAL))
-            note_change(w, record.sample.flags);
+        note_changes(w, &record.sample);
         note_fault(w, record.fault, record.sample.t, record.fault_joint);
         write_row(w, &record.sample);
     }
@@ -273,6 +287,7 @@ enum mk_status mk_loop_writer_open(struct mk_loop *loop, const char *path,
         ;
     while (mk_ring_pop(w->changes, &change))
         ;
+    w->next_waits = false;
     w->log = NULL;
     w->setup = loop->ctrl->ops;
     w->joints = loop->plant->joints;
