@@ -3,11 +3,16 @@
 #include "suites.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "driver/standalone.h"
 #include "driver/wire.h"
+#include "mechkit/log.h"
 #include "mechkit/rig.h"
+#include "support/files.h"
+#include "support/program.h"
 
 static struct mk_model model;
 static struct mk_clock clock_;
@@ -247,6 +252,27 @@ START_TEST(only_what_is_there_can_be_chosen)
 }
 END_TEST
 
+/* --- from the command line --- */
+
+START_TEST(the_recorded_arrays_last_for_the_whole_run_or_it_is_refused_before_it_begins)
+{
+    char said[4096];
+    const char *out = scratch("standalone.csv");
+    struct mk_log *log;
+    ck_assert_int_eq(
+        run_mechkit(said, sizeof said, "standalone pi-speed --fast --seconds 30 --out %s", out), 0);
+    ck_assert_int_eq(mk_log_read(out, &log, NULL), MK_OK);
+    ck_assert_double_ge(mk_log_get(log, "t")[log->rows - 1], 29.9);
+    mk_log_free(log);
+    ck_assert_int_eq(remove(out), 0);
+    ck_assert_int_eq(run_mechkit(said, sizeof said,
+                                 "standalone pi-speed --fast --seconds 2089 --out %s 2>&1", out),
+                     2);
+    ck_assert_msg(strstr(said, "the board's arrays last for 2088 s at 500 Hz") != NULL, "%s", said);
+    ck_assert_int_ne(access(out, F_OK), 0);
+}
+END_TEST
+
 Suite *suite_standalone(void)
 {
     Suite *s = suite_create("standalone");
@@ -262,5 +288,9 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);
+    TCase *commands = tcase_create("commands");
+    tcase_add_test(commands,
+                   the_recorded_arrays_last_for_the_whole_run_or_it_is_refused_before_it_begins);
+    suite_add_tcase(s, commands);
     return s;
 }

@@ -32,6 +32,8 @@ static const struct setup {
 };
 #define SETUPS (sizeof setups / sizeof setups[0])
 
+#define EVERY_MOST 255 /* samples a record: one byte of the protocol */
+
 struct options {
     const struct setup *setup;
     const char *board, *device, *model, *gains, *out;
@@ -63,7 +65,7 @@ static const struct option_row option_rows[] = {
     {"rate", OPTION_NUMBER(rate_hz), "HZ", "samples per second; default 500", MK_LOOP_RATE_MIN_HZ,
      MK_LOOP_RATE_MAX_HZ},
     {"every", OPTION_COUNT(every), "N", "samples a record; default: so that the arrays last", 1,
-     255},
+     EVERY_MOST},
     {"out", OPTION_TEXT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
     {"fast", OPTION_FLAG(fast), NULL,
      "in simulated time: the virtual board, or one that says it is simulated"},
@@ -120,12 +122,23 @@ static enum mk_status send_gains(struct mk_wire *w, const char *list, int count,
     return n > 0 ? mk_wire_gains(w, 0, value, n, err) : MK_OK;
 }
 
-/* So that the arrays last for the whole run. */
+/* So that the arrays last for the whole run, where nobody says otherwise. */
 static unsigned record_every(const struct options *o)
 {
-    double every =
-        o->every > 0 ? o->every : ceil(o->seconds * o->rate_hz / (MK_STANDALONE_RECORDS - 1));
-    return (unsigned)fmin(every, 255.0);
+    double lasting = ceil(o->seconds * o->rate_hz / (MK_STANDALONE_RECORDS - 1));
+    return o->every > 0 ? (unsigned)o->every : (unsigned)lasting;
+}
+
+/* A log that ends before its run would be found out an hour too late. */
+static int check_length(const struct options *o)
+{
+    const double most_s = (double)EVERY_MOST * (MK_STANDALONE_RECORDS - 1) / o->rate_hz;
+    if (record_every(o) <= EVERY_MOST)
+        return EXIT_OK;
+    return report_usage("standalone",
+                        "the board's arrays last for %.0f s at %g Hz, not for %g s: fewer "
+                        "--seconds or a lower --rate; --every %d records the first %.0f s of them",
+                        floor(most_s), o->rate_hz, o->seconds, EVERY_MOST, floor(most_s));
 }
 
 static enum mk_status prepare(struct mk_board *board, struct mk_wire *w, const struct options *o,
@@ -304,6 +317,9 @@ static int run(int argc, char **argv)
     if (code != EXIT_OK)
         return code;
     o.rate_hz = 1e6 / round(1e6 / o.rate_hz); /* the board's clock makes whole microseconds */
+    code = check_length(&o);
+    if (code != EXIT_OK)
+        return code;
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
         return report_usage("standalone", "there is no board '%s'", o.board);
