@@ -48,6 +48,7 @@
     X(robustness)                                                                                  \
     X(loop)                                                                                        \
     X(loop_faults)                                                                                 \
+    X(loop_thread)                                                                                 \
     X(frame)                                                                                       \
     X(device)                                                                                      \
     X(board)                                                                                       \

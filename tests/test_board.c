@@ -444,6 +444,38 @@ START_TEST(an_unplugged_board_stays_gone_but_its_watchdog_works)
 }
 END_TEST
 
+/* The time of older samples is gone; to answer them would let the board wait for more and more. */
+START_TEST(a_host_that_is_slower_than_the_stream_answers_the_newest_sample)
+{
+    struct mk_board_sample s;
+    open_virtual(NULL);
+    ck_assert_int_eq(board->ops->set_watchdog(board, 100, NULL), MK_OK);
+    ck_assert_int_eq(board->ops->stream(board, 2000, NULL), MK_OK);
+    for (int k = 0; k < 50; k++) {
+        pass_ms(k ? 8 : 2);
+        ck_assert_int_eq(mk_board_exchange(board, 0.1 * k, &s), MK_OK);
+        ck_assert_uint_eq(s.status & (MK_BOARD_ST_WATCHDOG | MK_BOARD_ST_FAULT), 0);
+        if (k > 1)
+            ck_assert_double_eq_tol(s.u_applied, 0.1 * (k - 1), 1e-6);
+    }
+}
+END_TEST
+
+START_TEST(a_stream_that_the_watchdog_ended_says_so)
+{
+    struct mk_board_sample s = {.status = 0};
+    open_virtual(NULL);
+    ck_assert_int_eq(board->ops->set_watchdog(board, 20, NULL), MK_OK);
+    ck_assert_int_eq(board->ops->stream(board, 2000, NULL), MK_OK);
+    ck_assert_int_eq(trade_status(1.0), MK_OK);
+    pass_ms(500);
+    for (int k = 0; k < 3 && !(s.status & MK_BOARD_ST_WATCHDOG); k++)
+        ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+    ck_assert_uint_ne(s.status & MK_BOARD_ST_WATCHDOG, 0);
+    ck_assert_double_eq(s.u_applied, 0.0);
+}
+END_TEST
+
 START_TEST(the_script_starts_with_the_run)
 {
     config.fault_script = "at 1 drop";
@@ -527,6 +559,8 @@ Suite *suite_board(void)
     tcase_add_test(t, a_weak_amplifier_shows_in_status_and_plant);
     tcase_add_test(t, an_alarm_is_a_fault_that_the_board_keeps_until_the_next_run);
     tcase_add_test(t, an_unplugged_board_stays_gone_but_its_watchdog_works);
+    tcase_add_test(t, a_host_that_is_slower_than_the_stream_answers_the_newest_sample);
+    tcase_add_test(t, a_stream_that_the_watchdog_ended_says_so);
     tcase_add_test(t, the_script_starts_with_the_run);
     tcase_add_test(t, a_bad_script_does_not_open);
     tcase_add_test(t, only_the_virtual_board_has_a_rig);

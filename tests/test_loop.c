@@ -298,6 +298,10 @@ START_TEST(the_log_says_what_made_it)
     ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "board"), "virtual"));
     ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "program"), MK_VERSION));
     ck_assert_str_eq(mk_log_find_meta(log, "realtime"), "simulated time");
+    ck_assert_str_eq(mk_log_find_meta(log, "velocity"), "tracking");
+    ck_assert_str_eq(mk_log_find_meta(log, "phases"), "0 idle, 1 swing-up, 2 balance, 3 track");
+    ck_assert_ptr_null(mk_log_find_meta(log, "reference"));
+    ck_assert_ptr_null(mk_log_find_meta(log, "clock"));
     ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "summary"), "50 samples, 0 late"));
     static const char *const columns[] = {"t",    "q1",  "q2",    "u",    "dq1",     "dq2",  "enc1",
                                           "enc2", "ref", "phase", "tick", "late_us", "flags"};
@@ -495,6 +499,7 @@ START_TEST(another_signal_takes_effect_in_one_sample_and_is_logged)
         ck_assert_int_eq((int)flags[k] & (MK_FLAG_SIGNAL | MK_FLAG_PARAMS),
                          k == 50 ? MK_FLAG_SIGNAL : 0);
     }
+    ck_assert_str_eq(mk_log_find_meta(log, "reference"), "1");
     ck_assert_str_eq(mk_log_find_meta(log, "changed"), "at 0.100000 s: reference 3*step(0)");
     mk_log_free(log);
     bench_drop_loop();

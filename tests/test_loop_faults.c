@@ -4,6 +4,7 @@
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -13,6 +14,7 @@
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
 #include "support/bench.h"
+#include "support/files.h"
 
 /* Starts, drives, expects `fault`; the motor is off in the row that shows it and in the plant. */
 static void expect_fault(enum mk_fault fault)
@@ -676,6 +678,24 @@ START_TEST(after_a_fault_the_log_shows_what_the_rig_did)
 }
 END_TEST
 
+/* Who reads the log of a program that was killed later finds the fault where it happened. */
+START_TEST(a_fault_is_noted_before_the_row_that_shows_it)
+{
+    bench_build("at 100 jump 2 by 500");
+    bench_set_law(3, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    char *text = slurp_file(bench.path);
+    const char *note = strstr(text, "\n# fault: encoder-jump"), *row = strstr(text, "\n0.2,");
+    ck_assert(note && row && note < row);
+    ck_assert_ptr_null(strstr(note + 1, "\n# fault:"));
+    const char *before = strstr(text, "\n0.198,");
+    ck_assert(before && before < note);
+    free(text);
+}
+END_TEST
+
 START_TEST(a_log_that_falls_behind_says_so_when_it_has_caught_up)
 {
     /* The writer looks every 20 ms. */
@@ -769,6 +789,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
     tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);
     tcase_add_test(t, after_a_fault_the_log_shows_what_the_rig_did);
+    tcase_add_test(t, a_fault_is_noted_before_the_row_that_shows_it);
     tcase_add_test(t, a_log_that_falls_behind_says_so_when_it_has_caught_up);
     tcase_add_test(t, a_full_disk_stops_the_motor_and_is_reported);
     suite_add_tcase(s, t);

@@ -271,6 +271,22 @@ START_TEST(a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder)
 }
 END_TEST
 
+/* An estimate of speed lags: at the speed it still tells, friction may well hold the motor's
+ * balance, but a joint that stands still has none. */
+START_TEST(a_joint_whose_reading_stands_still_is_judged_as_one_at_rest)
+{
+    watch(MK_PLANT_INERTIA_WHEEL);
+    const double u = 5.0, friction = model.parameter[1], coulomb = model.parameter[2];
+    const double q[MK_MAX_JOINTS] = {0.0, 0.0}, v[MK_MAX_JOINTS] = {(u - coulomb) / friction, 0.0};
+    enum mk_fault fault = MK_FAULT_NONE;
+    int joint = 0, n = 0;
+    for (; fault == MK_FAULT_NONE && n < 100; n++)
+        fault = mk_residual_step(&residual, DT * n, DT, q, v, u, &joint);
+    ck_assert_int_eq(fault, MK_FAULT_STUCK);
+    ck_assert_int_lt(n, 30);
+}
+END_TEST
+
 START_TEST(a_link_that_rebounds_from_a_stop_has_not_jumped)
 {
     int joint = 0;
@@ -315,6 +331,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, links_at_rest_under_a_weak_command_are_left_alone);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
+    tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
     suite_add_tcase(s, t);
     return s;

@@ -212,6 +212,27 @@ START_TEST(motion_against_the_command_after_a_good_start_is_no_runaway)
 }
 END_TEST
 
+/* Commands of one sample, and weak ones, turn nothing: what moves the joint is something else. */
+START_TEST(a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway)
+{
+    static const struct {
+        double u;
+        int samples;
+        enum mk_fault fault;
+    } rows[] = {{-0.5, 20, MK_FAULT_NONE}, {-5.0, 1, MK_FAULT_NONE}, {-5.0, 3, MK_FAULT_RUNAWAY}};
+    for (int i = 0; i < 3; i++) {
+        use_plant(MK_PLANT_INERTIA_WHEEL);
+        double q = 0.0, v = 50.0;
+        for (int k = 0; k < 20; k++)
+            ck_assert_int_eq(mk_safety_check(&safety, k * DT, DT, &q, &v,
+                                             20 - k <= rows[i].samples ? rows[i].u : 0.0),
+                             MK_FAULT_NONE);
+        q = 0.1;
+        ck_assert_int_eq(mk_safety_check(&safety, 20 * DT, DT, &q, &v, rows[i].u), rows[i].fault);
+    }
+}
+END_TEST
+
 START_TEST(a_wheel_that_already_spins_may_be_braked)
 {
     use_plant(MK_PLANT_INERTIA_WHEEL);
@@ -383,6 +404,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_silent_encoder_under_a_weak_command_is_a_resting_link);
     tcase_add_test(t, a_motor_wired_backwards_runs_away);
     tcase_add_test(t, motion_against_the_command_after_a_good_start_is_no_runaway);
+    tcase_add_test(t, a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway);
     tcase_add_test(t, a_wheel_that_already_spins_may_be_braked);
     tcase_add_test(t, late_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);

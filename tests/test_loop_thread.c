@@ -1,0 +1,251 @@
+/* What the real-time thread asks of the operating system, and that a run says what it was given. */
+#include "suites.h"
+
+#include <ctype.h>
+#include <dirent.h>
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "mechkit/loop.h"
+#include "support/bench.h"
+
+static struct mk_loop_stats stats(void)
+{
+    struct mk_loop_stats s;
+    mk_loop_get_stats(bench.loop, &s);
+    return s;
+}
+
+/* The line of a file under /proc/self that begins with `key`: what is behind it; "" when none. */
+static const char *proc_line(const char *file, const char *key)
+{
+    static char line[256];
+    char path[300];
+    snprintf(path, sizeof path, "/proc/self/%s", file);
+    FILE *f = fopen(path, "r");
+    bool found = false;
+    while (f && !found && fgets(line, sizeof line, f))
+        found = strncmp(line, key, strlen(key)) == 0;
+    if (f)
+        fclose(f);
+    line[strcspn(line, "\n")] = '\0';
+    return found ? line + strlen(key) : "";
+}
+
+static long locked_kb(void)
+{
+    return strtol(proc_line("status", "VmLck:"), NULL, 10);
+}
+
+/* The thread of this process that has this name; 0 when there is none. */
+static pid_t thread_named(const char *name)
+{
+    DIR *all = opendir("/proc/self/task");
+    pid_t found = 0;
+    for (struct dirent *one; all && !found && (one = readdir(all)) != NULL;) {
+        char file[280];
+        snprintf(file, sizeof file, "task/%s/comm", one->d_name);
+        if (isdigit((unsigned char)one->d_name[0]) && strcmp(proc_line(file, ""), name) == 0)
+            found = (pid_t)atoi(one->d_name);
+    }
+    if (all)
+        closedir(all);
+    return found;
+}
+
+static bool is_open(const char *path)
+{
+    DIR *all = opendir("/proc/self/fd");
+    bool found = false;
+    for (struct dirent *one; all && !found && (one = readdir(all)) != NULL;) {
+        char to[300] = "", link[300];
+        snprintf(link, sizeof link, "/proc/self/fd/%s", one->d_name);
+        found = readlink(link, to, sizeof to - 1) > 0 && strcmp(to, path) == 0;
+    }
+    if (all)
+        closedir(all);
+    return found;
+}
+
+static void run_a_moment(void)
+{
+    bench_build(NULL);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+}
+
+START_TEST(a_run_says_what_it_was_given_for_real_time)
+{
+    bench_use_real_time(500);
+    run_a_moment();
+    const pid_t thread = thread_named("mechkit-loop");
+    ck_assert_int_gt(thread, 0);
+    const int policy = sched_getscheduler(thread);
+    struct mk_loop_stats s = stats();
+    ck_assert_int_eq(s.realtime, policy == SCHED_FIFO);
+    ck_assert_int_eq(s.memory_locked, locked_kb() > 0);
+    ck_assert_int_eq(strstr(s.note, "no real-time priority") == NULL, s.realtime);
+    ck_assert_int_eq(strstr(s.note, "memory not locked") == NULL, s.memory_locked);
+    ck_assert_int_eq(s.note[0] == '\0', s.realtime && s.memory_locked);
+    struct sched_param param;
+    ck_assert_int_eq(sched_getparam(thread, &param), 0);
+    ck_assert_int_eq(param.sched_priority, s.realtime ? bench.config.priority : 0);
+}
+END_TEST
+
+/* What a tick takes is told, and it is no more than a run lasts. */
+START_TEST(a_run_says_how_long_its_ticks_take)
+{
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_double_gt(stats().busy_mean_us, 0.0);
+    ck_assert_double_ge(stats().busy_max_us, stats().busy_mean_us);
+    ck_assert_double_lt(stats().busy_max_us, 60e6);
+}
+END_TEST
+
+START_TEST(a_loop_that_asks_for_no_priority_has_none_and_misses_none)
+{
+    bench_use_real_time(500);
+    bench.config.priority = 0;
+    run_a_moment();
+    ck_assert_int_eq(sched_getscheduler(thread_named("mechkit-loop")), SCHED_OTHER);
+    ck_assert(!stats().realtime);
+    ck_assert_ptr_null(strstr(stats().note, "priority"));
+}
+END_TEST
+
+/* What the loop takes of the machine it gives back: processors may sleep deeply again after a run,
+ * memory may be swapped once the loop is gone. */
+START_TEST(what_was_taken_for_real_time_is_given_back)
+{
+    static const char latency[] = "/dev/cpu_dma_latency";
+    bool may = access(latency, W_OK) == 0;
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_int_eq(is_open(latency), may);
+    for (int again = 0; again < 2; again++) {
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        ck_assert(!is_open(latency));
+        ck_assert_int_eq(thread_named("mechkit-loop"), 0);
+        ck_assert_int_eq(thread_named("mechkit-log"), 0);
+        bench_start();
+        ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+        ck_assert_int_eq(is_open(latency), may);
+    }
+    bench_drop_loop();
+    ck_assert(!is_open(latency));
+    ck_assert_int_eq(locked_kb(), 0);
+}
+END_TEST
+
+/* A handler that ran there would hold up a tick, or the log. */
+START_TEST(signals_are_for_the_host_thread_alone)
+{
+    static const char *const threads[] = {"mechkit-loop", "mechkit-log"};
+    char before[64];
+    snprintf(before, sizeof before, "%s", proc_line("status", "SigBlk:"));
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_str_eq(proc_line("status", "SigBlk:"), before);
+    for (int i = 0; i < 2; i++) {
+        char file[64];
+        const pid_t thread = thread_named(threads[i]);
+        ck_assert_int_gt(thread, 0);
+        snprintf(file, sizeof file, "task/%d/status", (int)thread);
+        const unsigned long long blocked = strtoull(proc_line(file, "SigBlk:"), NULL, 16);
+        for (int signal = 1; signal < 32; signal++)
+            ck_assert(signal == 9 || signal == 19 || (blocked >> (signal - 1) & 1));
+    }
+}
+END_TEST
+
+/* Late timers are coalesced with others by default. */
+START_TEST(the_timers_of_the_loop_are_not_put_off)
+{
+    bench_use_real_time(500);
+    bench.config.priority = 0;
+    run_a_moment();
+    char file[64];
+    snprintf(file, sizeof file, "%d/timerslack_ns", (int)thread_named("mechkit-loop"));
+    char path[100];
+    snprintf(path, sizeof path, "/proc/%s", file);
+    FILE *f = fopen(path, "r");
+    long slack = -1;
+    if (f && fscanf(f, "%ld", &slack) == 1)
+        ck_assert_int_le(slack, 1);
+    if (f)
+        fclose(f);
+}
+END_TEST
+
+/* In a process of its own: privileges do not come back. */
+static int run_without_privileges(void)
+{
+    const struct rlimit none = {0, 0};
+    bench_use_real_time(500);
+    bench_build(NULL);
+    if (setrlimit(RLIMIT_RTPRIO, &none) != 0 || setrlimit(RLIMIT_MEMLOCK, &none) != 0 ||
+        (geteuid() == 0 && setresuid(65534, 65534, 65534) != 0))
+        return 1;
+    if (mk_loop_start(bench.loop, NULL, NULL, 0, NULL) != MK_OK || bench_wait_for(0.05) != MK_OK)
+        return 2;
+    struct mk_loop_stats s = stats();
+    if (s.realtime || s.memory_locked || locked_kb() != 0)
+        return 3;
+    if (strncmp(s.note, "no real-time priority (ulimit -r 80); memory not locked (", 56) != 0)
+        return 4;
+    if (!strstr(s.note, ": join plugdev, log in again; docs/boards.md, Real time"))
+        return 5;
+    return mk_loop_halt(bench.loop, NULL) == MK_OK ? 0 : 6;
+}
+
+START_TEST(without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do)
+{
+    pid_t pid = fork();
+    ck_assert_int_ge(pid, 0);
+    if (pid == 0)
+        _exit(run_without_privileges());
+    int status;
+    ck_assert_int_eq(waitpid(pid, &status, 0), pid);
+    ck_assert_msg(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %x", status);
+}
+END_TEST
+
+/* The thread is there before the log is: it must go again, and the next start must be possible. */
+START_TEST(a_start_whose_log_cannot_be_made_leaves_no_thread_behind)
+{
+    bench_use_real_time(500);
+    bench_build(NULL);
+    ck_assert_int_ne(mk_loop_start(bench.loop, "/no/such/folder/log.csv", NULL, 0, NULL), MK_OK);
+    ck_assert_int_eq(thread_named("mechkit-loop"), 0);
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+    ck_assert_int_gt(bench_look().ticks, 10);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+}
+END_TEST
+
+Suite *suite_loop_thread(void)
+{
+    Suite *s = suite_create("loop_thread");
+    TCase *t = tcase_create("real time");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 30);
+    tcase_add_test(t, a_run_says_what_it_was_given_for_real_time);
+    tcase_add_test(t, a_run_says_how_long_its_ticks_take);
+    tcase_add_test(t, a_loop_that_asks_for_no_priority_has_none_and_misses_none);
+    tcase_add_test(t, what_was_taken_for_real_time_is_given_back);
+    tcase_add_test(t, signals_are_for_the_host_thread_alone);
+    tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
+    tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
+    tcase_add_test(t, a_start_whose_log_cannot_be_made_leaves_no_thread_behind);
+    suite_add_tcase(s, t);
+    return s;
+}
