@@ -500,6 +500,67 @@ START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
 }
 END_TEST
 
+/* A rig whose operator gives up in the fifth exchange that drives the motor. */
+static struct {
+    struct mk_board_ops ops;
+    const struct mk_board_ops *own;
+    bool drives;
+    int driven;
+    volatile int cancel;
+} watched;
+
+static enum mk_status watched_exchange(struct mk_board *board, double u,
+                                       struct mk_board_sample *out)
+{
+    watched.drives = u != 0.0;
+    watched.driven += watched.drives;
+    watched.cancel = watched.driven >= 5;
+    return watched.own->exchange(board, u, out);
+}
+
+static enum mk_status watched_safe_state(struct mk_board *board)
+{
+    watched.drives = false;
+    return watched.own->safe_state(board);
+}
+
+static void watch_rig(void)
+{
+    memset(&watched, 0, sizeof watched);
+    watched.own = rig.board->ops;
+    watched.ops = *watched.own;
+    watched.ops.exchange = watched_exchange;
+    watched.ops.safe_state = watched_safe_state;
+    rig.board->ops = &watched.ops;
+    rig.cancel = &watched.cancel;
+}
+
+START_TEST(whatever_is_cancelled_while_the_motor_drives_ends_with_the_motor_off)
+{
+    enum { CALMING, LEADING, EXPERIMENT };
+    struct rig_nudge n;
+    open_rig("cart-pole");
+    struct rig_run run = {.nominal = &rig_model, .log = scratch("cancelled.csv")};
+    if (_i == CALMING) {
+        ck_assert(rig_nudge(rig.board, &rig_model, NULL, &n));
+    } else {
+        ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    }
+    rig_let_calm(&rig);
+    if (_i == LEADING) {
+        ck_assert_int_eq(rig_experiment(&rig, &run, "6*pulse(0,0.3)", 1.0, NULL), MK_OK);
+    }
+    watch_rig();
+    enum mk_status st =
+        _i == EXPERIMENT ? rig_experiment(&rig, &run, "6*sin(1)", 1.0, NULL) : rig_rest(&rig, NULL);
+    ck_assert_int_eq(st, MK_ERR_INTR);
+    ck_assert_int_eq(watched.driven, 5);
+    ck_assert(!watched.drives);
+    rig.board->ops = watched.own;
+    rig_close(&rig);
+}
+END_TEST
+
 START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
 {
     struct plan p;
@@ -574,6 +635,8 @@ Suite *suite_investigate(void)
     tcase_add_loop_test(parts, a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor, 1, 5);
     tcase_add_loop_test(parts, a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known, 0,
                         2);
+    tcase_add_loop_test(parts, whatever_is_cancelled_while_the_motor_drives_ends_with_the_motor_off,
+                        0, 3);
     tcase_add_test(parts, a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits);
     suite_add_tcase(s, parts);
     return s;

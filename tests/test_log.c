@@ -251,6 +251,22 @@ START_TEST(unknown_text_survives_to_the_letter)
 }
 END_TEST
 
+START_TEST(text_of_any_length_survives_in_every_column)
+{
+    const size_t length = 300000;
+    char *text = malloc(2 * length + 100), *at = text;
+    at += sprintf(text, "# mechkit-log: 1\nt,who,why\n0,");
+    memset(at, 'x', length);
+    at[length] = ',';
+    memset(at + length + 1, 'y', length);
+    strcpy(at + 2 * length + 1, "\n");
+    char *back = round_trip(text);
+    ck_assert(strcmp(back, text) == 0);
+    free(back);
+    free(text);
+}
+END_TEST
+
 START_TEST(a_pipe_is_read_like_a_file)
 {
     int ends[2];
@@ -563,13 +579,15 @@ END_TEST
 
 START_TEST(what_a_killed_program_left_is_removed_the_next_time)
 {
-    char left[300], alive[300];
+    char left[300], alive[300], other[300];
     pid_t gone = fork();
     if (gone == 0)
         _exit(0);
     waitpid(gone, NULL, 0);
     snprintf(left, sizeof left, "out.csv.%ld-0.tmp", (long)gone);
     snprintf(alive, sizeof alive, "out.csv.%ld-7.tmp", (long)getppid());
+    snprintf(other, sizeof other, "old.csv.%ld-0.tmp", (long)gone);
+    scratch_text(other, "half of another log");
     scratch_text(left, "half a log");
     scratch_text(alive, "another program is at it");
     scratch_text("out.csv.mine.tmp", "not ours");
@@ -580,6 +598,7 @@ START_TEST(what_a_killed_program_left_is_removed_the_next_time)
     mk_log_free(log);
     ck_assert_int_ne(access(scratch(left), F_OK), 0);
     ck_assert_int_eq(access(scratch(alive), F_OK), 0);
+    ck_assert_int_eq(access(scratch(other), F_OK), 0);
     ck_assert_int_eq(access(scratch("out.csv.mine.tmp"), F_OK), 0);
     ck_assert_int_eq(access(scratch("out.csv.12-tmp"), F_OK), 0);
 }
@@ -655,6 +674,7 @@ Suite *suite_log(void)
     tcase_add_test(t, an_unknown_column_of_large_numbers_stays_one_of_numbers);
     tcase_add_test(t, names_that_are_quotes_and_blanks_survive_a_round_trip);
     tcase_add_test(t, unknown_text_survives_to_the_letter);
+    tcase_add_test(t, text_of_any_length_survives_in_every_column);
     tcase_add_test(t, a_pipe_is_read_like_a_file);
     tcase_add_test(t, metadata_can_be_set_and_found);
     tcase_add_test(t, a_log_that_could_not_be_read_back_is_not_written);

@@ -1,12 +1,14 @@
 /* Logs written while a run goes on: whatever ends it, whole lines are there. */
 #include "suites.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -318,6 +320,55 @@ START_TEST(a_temporary_file_never_takes_one_that_is_there)
 }
 END_TEST
 
+START_TEST(a_file_that_does_not_get_its_name_is_told_and_leaves_nothing)
+{
+    struct mk_out_file file;
+    struct mk_error err = MK_ERROR_INIT;
+    char path[300], temporary[340];
+    snprintf(path, sizeof path, "%s", scratch("becomes-a-folder"));
+    ck_assert_int_eq(mk_out_file_open(&file, path, NULL), MK_OK);
+    snprintf(temporary, sizeof temporary, "%s", file.temporary);
+    ck_assert_int_eq(mkdir(path, 0777), 0);
+    ck_assert_int_eq(mk_out_file_write(&file, "all of it", 9, NULL), MK_OK);
+    ck_assert_int_eq(mk_out_file_commit(&file, &err), MK_ERR_IO);
+    ck_assert_str_eq(err.file, path);
+    ck_assert_int_ne(access(temporary, F_OK), 0);
+    ck_assert_int_eq(rmdir(path), 0);
+}
+END_TEST
+
+/* As many as this process has open. */
+static int open_files(void)
+{
+    DIR *all = opendir("/proc/self/fd");
+    int n = 0;
+    while (all && readdir(all))
+        n++;
+    if (all)
+        closedir(all);
+    return n;
+}
+
+START_TEST(what_cannot_be_begun_leaves_no_file_open)
+{
+    static const char *const columns[] = {"t", "q1"};
+    struct mk_log_writer *w;
+    struct mk_out_file file;
+    const int before = open_files();
+    ck_assert_int_eq(mk_log_writer_open("/dev/full", true, NULL, 0, columns, 2, &w, NULL),
+                     MK_ERR_NOSPACE);
+    ck_assert_int_eq(open_files(), before);
+    ck_assert_int_eq(mk_copy_new("/dev/null", "/dev/full"), EEXIST);
+    ck_assert_int_eq(mk_out_file_save("/dev/full", "all of it", 9, NULL), MK_ERR_NOSPACE);
+    ck_assert_int_eq(open_files(), before);
+    ck_assert_int_eq(mk_out_file_open(&file, scratch("abandoned"), NULL), MK_OK);
+    ck_assert_int_eq(open_files(), before + 1);
+    mk_out_file_abandon(&file);
+    ck_assert_int_eq(open_files(), before);
+    ck_assert_int_ne(access(scratch("abandoned"), F_OK), 0);
+}
+END_TEST
+
 Suite *suite_log_writer(void)
 {
     Suite *s = suite_create("log_writer");
@@ -326,6 +377,8 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, rows_written_during_a_run_are_a_log);
     tcase_add_test(t, kill_9_leaves_whole_lines);
     tcase_add_test(t, a_full_disk_is_reported_and_leaves_whole_lines);
+    tcase_add_test(t, a_file_that_does_not_get_its_name_is_told_and_leaves_nothing);
+    tcase_add_test(t, what_cannot_be_begun_leaves_no_file_open);
     tcase_add_test(t, a_full_device_is_reported_once_and_for_all);
     tcase_add_test(t, what_is_flushed_is_in_the_file_to_the_letter);
     tcase_add_test(t, an_old_log_is_overwritten_only_when_asked);

@@ -172,6 +172,18 @@ START_TEST(a_silent_encoder_under_a_hard_command_is_stuck)
 }
 END_TEST
 
+/* In times that binary fractions hold to the bit. */
+START_TEST(a_silent_encoder_is_found_at_the_time_that_the_limit_says)
+{
+    const double dt = 1.0 / 512.0;
+    safety.limits.stuck_s = 64 * dt;
+    double q[] = {-M_PI_2, 0}, v[] = {0, 0};
+    for (int k = 0; k < 64; k++)
+        ck_assert_int_eq(mk_safety_check(&safety, k * dt, dt, q, v, 9), MK_FAULT_NONE);
+    ck_assert_int_eq(mk_safety_check(&safety, 64 * dt, dt, q, v, 9), MK_FAULT_STUCK);
+}
+END_TEST
+
 START_TEST(a_silent_encoder_under_a_weak_command_is_a_resting_link)
 {
     for (int k = 0; k < 5000; k++)
@@ -401,6 +413,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_jump_trips_and_names_its_joint);
     tcase_add_test(t, after_lost_samples_a_joint_may_have_moved_further);
     tcase_add_test(t, a_silent_encoder_under_a_hard_command_is_stuck);
+    tcase_add_test(t, a_silent_encoder_is_found_at_the_time_that_the_limit_says);
     tcase_add_test(t, a_silent_encoder_under_a_weak_command_is_a_resting_link);
     tcase_add_test(t, a_motor_wired_backwards_runs_away);
     tcase_add_test(t, motion_against_the_command_after_a_good_start_is_no_runaway);
