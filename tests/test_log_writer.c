@@ -247,14 +247,57 @@ START_TEST(a_locale_with_a_decimal_comma_does_not_matter)
 }
 END_TEST
 
-/* fsync(2) of everything under test: whether it is called can be seen nowhere else. */
+/* fsync(2) of everything under test: whether it is called can be seen nowhere else. The next calls
+ * fail with these errors, in turn. */
 static int synced;
+static const int *sync_failure;
 
 int fsync(int fd)
 {
     synced++;
+    if (sync_failure && *sync_failure) {
+        errno = *sync_failure++;
+        return -1;
+    }
     return (int)syscall(SYS_fsync, fd);
 }
+
+/* The whole of it is said where the disk is lost between the last write and the end. */
+START_TEST(a_disk_that_fails_at_the_end_is_told)
+{
+    static const int broken[] = {EIO, 0}, interrupted[] = {EINTR, EINTR, 0}, none[] = {EINVAL, 0};
+    struct mk_error err = MK_ERROR_INIT;
+    const char *path = scratch("broken.csv"), *text = scratch("broken.txt");
+    struct mk_log_writer *w = open_writer(path);
+    sync_failure = broken;
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_ERR_IO);
+    ck_assert_str_eq(err.file, path);
+    sync_failure = broken;
+    ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_ERR_IO);
+    ck_assert_int_ne(access(text, F_OK), 0);
+    sync_failure = interrupted; /* by a signal: once more */
+    synced = 0;
+    ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_OK);
+    ck_assert_int_eq(synced, 3);
+    sync_failure = none; /* a pipe has nothing to bring to a disk */
+    ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_OK);
+    sync_failure = NULL;
+}
+END_TEST
+
+/* A run of many notes and few rows takes no more memory than another. */
+START_TEST(notes_go_to_the_file_as_they_come)
+{
+    const char *path = scratch("notes.csv");
+    struct mk_log_writer *w = open_writer(path);
+    struct stat info;
+    for (int i = 0; i < 10000; i++)
+        ck_assert_int_eq(mk_log_writer_note(w, "event", "something happened"), MK_OK);
+    ck_assert_int_eq(stat(path, &info), 0);
+    ck_assert_int_gt(info.st_size, 200000);
+    ck_assert_int_eq(mk_log_writer_close(w, NULL), MK_OK);
+}
+END_TEST
 
 START_TEST(a_file_is_on_the_disk_before_it_gets_its_name)
 {
@@ -379,6 +422,8 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_full_disk_is_reported_and_leaves_whole_lines);
     tcase_add_test(t, a_file_that_does_not_get_its_name_is_told_and_leaves_nothing);
     tcase_add_test(t, what_cannot_be_begun_leaves_no_file_open);
+    tcase_add_test(t, a_disk_that_fails_at_the_end_is_told);
+    tcase_add_test(t, notes_go_to_the_file_as_they_come);
     tcase_add_test(t, a_full_device_is_reported_once_and_for_all);
     tcase_add_test(t, what_is_flushed_is_in_the_file_to_the_letter);
     tcase_add_test(t, an_old_log_is_overwritten_only_when_asked);

@@ -846,6 +846,38 @@ START_TEST(a_run_begins_with_figures_of_its_own)
 }
 END_TEST
 
+/* As many values do not exceed it, and it is not above them by more than the width of a bin. */
+START_TEST(a_percentile_is_within_a_bin_of_the_value_that_it_stands_for)
+{
+    static struct mk_histogram h;
+    mk_histogram_clear(&h);
+    ck_assert_double_eq(mk_histogram_percentile_us(&h, 0.5), 0.0);
+    ck_assert_double_eq(mk_histogram_mean_us(&h), 0.0);
+    double sum = 0.0;
+    for (int i = 1; i <= 1000; i++) {
+        int64_t ns = (int64_t)i * i * i; /* 1 ns .. 1 s */
+        mk_histogram_add(&h, ns);
+        sum += (double)ns * 1e-3;
+    }
+    for (int i = 10; i <= 1000; i += 10) {
+        double exact = 1e-3 * (double)i * i * i, told = mk_histogram_percentile_us(&h, i / 1000.0);
+        ck_assert_double_ge(told, exact * (1.0 - 1e-12));
+        ck_assert_double_le(told, exact * (1.0 + 1.0 / (1 << MK_HISTOGRAM_SUB_BITS)));
+    }
+    ck_assert_double_eq(mk_histogram_percentile_us(&h, 1.0), 1e6);
+    ck_assert_double_eq(mk_histogram_max_us(&h), 1e6);
+    ck_assert_double_eq_tol(mk_histogram_mean_us(&h), sum / 1000.0, 1e-6);
+    /* What is longer than any bin, and what is before its time. */
+    mk_histogram_clear(&h);
+    mk_histogram_add(&h, -5);
+    ck_assert_double_eq(mk_histogram_percentile_us(&h, 1.0), 0.0);
+    mk_histogram_add(&h, INT64_MAX);
+    ck_assert_double_eq(mk_histogram_percentile_us(&h, 0.5), 0.0);
+    ck_assert_double_eq_tol(mk_histogram_max_us(&h), 1e-3 * (double)INT64_MAX, 1.0);
+    ck_assert_double_gt(mk_histogram_percentile_us(&h, 1.0), 1e6);
+}
+END_TEST
+
 START_TEST(a_histogram_that_is_cleared_has_forgotten_everything)
 {
     static struct mk_histogram h;
@@ -897,6 +929,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
     tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
     tcase_add_test(t, a_run_begins_with_figures_of_its_own);
+    tcase_add_test(t, a_percentile_is_within_a_bin_of_the_value_that_it_stands_for);
     tcase_add_test(t, a_histogram_that_is_cleared_has_forgotten_everything);
     suite_add_tcase(s, t);
 

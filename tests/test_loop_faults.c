@@ -601,6 +601,41 @@ START_TEST(swinging_links_do_not_start)
 }
 END_TEST
 
+/* The virtual board with one link that creeps, by counts a sample. */
+static struct {
+    int joint, counts, exchanges;
+} creep;
+
+static enum mk_status creeping_exchange(struct mk_board *board, double u,
+                                        struct mk_board_sample *out)
+{
+    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    out->count[creep.joint] += creep.counts * creep.exchanges++;
+    return st;
+}
+
+START_TEST(a_link_that_moves_either_way_is_named_and_not_started)
+{
+    char expected[64];
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build(NULL);
+    struct mk_board_ops ops = *bench.board->ops;
+    const struct mk_board_ops *sound = bench.board->ops;
+    ops.exchange = creeping_exchange;
+    bench.board->ops = &ops;
+    creep.joint = _i / 2;
+    creep.counts = _i % 2 ? 1 : -1;
+    creep.exchanges = 0;
+    enum mk_status st = mk_loop_start(bench.loop, NULL, NULL, 0, &err);
+    bench.board->ops = sound;
+    ck_assert_int_eq(st, MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
+    ck_assert_int_eq(bench_look().fault_joint, creep.joint + 1);
+    snprintf(expected, sizeof expected, "joint %d moves", creep.joint + 1);
+    ck_assert_msg(strstr(err.message, expected) != NULL, "%s", err.message);
+}
+END_TEST
+
 START_TEST(a_link_held_away_from_rest_does_not_start_again)
 {
     struct mk_error err = MK_ERROR_INIT;
@@ -785,6 +820,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_start_that_the_machine_is_too_slow_for_is_given_up);
     tcase_add_test(t, a_link_that_is_broken_at_the_start_says_how);
     tcase_add_test(t, swinging_links_do_not_start);
+    tcase_add_loop_test(t, a_link_that_moves_either_way_is_named_and_not_started, 0, 4);
     tcase_add_test(t, a_link_held_away_from_rest_does_not_start_again);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
     tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);

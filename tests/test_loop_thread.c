@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "mechkit/loop.h"
@@ -106,6 +107,46 @@ START_TEST(a_run_says_how_long_its_ticks_take)
     ck_assert_double_gt(stats().busy_mean_us, 0.0);
     ck_assert_double_ge(stats().busy_max_us, stats().busy_mean_us);
     ck_assert_double_lt(stats().busy_max_us, 60e6);
+}
+END_TEST
+
+/* The board, and whoever draws the picture, share the processor with the host thread. */
+START_TEST(a_host_that_waits_for_a_run_sleeps)
+{
+    struct rusage before, after;
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_int_eq(getrusage(RUSAGE_THREAD, &before), 0);
+    ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    ck_assert_int_eq(bench_wait_for(0.3), MK_OK); /* and when nothing runs */
+    ck_assert_int_eq(getrusage(RUSAGE_THREAD, &after), 0);
+    const double busy_s = (double)(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
+                          1e-6 * (double)(after.ru_utime.tv_usec - before.ru_utime.tv_usec) +
+                          (double)(after.ru_stime.tv_sec - before.ru_stime.tv_sec) +
+                          1e-6 * (double)(after.ru_stime.tv_usec - before.ru_stime.tv_usec);
+    ck_assert_double_lt(busy_s, 0.15);
+}
+END_TEST
+
+/* A board that does not answer for a second holds up its own thread alone. */
+START_TEST(a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time)
+{
+    const double value[PARAM_COUNT] = {1, 1, 1e18};
+    struct mk_error err = MK_ERROR_INIT;
+    struct timespec begin, end;
+    bench_use_real_time(500);
+    bench_build("at 50 delay 1000ms");
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.09), MK_OK);
+    usleep(100000);
+    ck_assert_int_eq(mk_loop_set_params(bench.loop, value, PARAM_COUNT, &err), MK_OK);
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    ck_assert_int_eq(mk_loop_set_params(bench.loop, value, PARAM_COUNT, &err), MK_ERR_BUSY);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, NULL, &err), MK_ERR_BUSY);
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    ck_assert_double_lt(
+        (double)(end.tv_sec - begin.tv_sec) + 1e-9 * (double)(end.tv_nsec - begin.tv_nsec), 0.5);
 }
 END_TEST
 
@@ -240,6 +281,8 @@ Suite *suite_loop_thread(void)
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_run_says_what_it_was_given_for_real_time);
     tcase_add_test(t, a_run_says_how_long_its_ticks_take);
+    tcase_add_test(t, a_host_that_waits_for_a_run_sleeps);
+    tcase_add_test(t, a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time);
     tcase_add_test(t, a_loop_that_asks_for_no_priority_has_none_and_misses_none);
     tcase_add_test(t, what_was_taken_for_real_time_is_given_back);
     tcase_add_test(t, signals_are_for_the_host_thread_alone);
