@@ -847,6 +847,22 @@ START_TEST(a_run_begins_with_figures_of_its_own)
 END_TEST
 
 /* As many values do not exceed it, and it is not above them by more than the width of a bin. */
+START_TEST(a_reader_gets_the_newest_snapshot_whatever_the_memory_held_before)
+{
+    static struct mk_publish p;
+    static struct mk_loop_snapshot put;
+    memset(&p, 0xff, sizeof p);
+    mk_publish_init(&p);
+    ck_assert_uint_eq(mk_publish_get(&p)->ticks, 0);
+    for (put.ticks = 1; put.ticks < 20; put.ticks++) {
+        mk_publish_put(&p, &put);
+        if (put.ticks % 3 == 0)
+            for (int again = 0; again < 2; again++)
+                ck_assert_uint_eq(mk_publish_get(&p)->ticks, put.ticks);
+    }
+}
+END_TEST
+
 START_TEST(a_percentile_is_within_a_bin_of_the_value_that_it_stands_for)
 {
     static struct mk_histogram h;
@@ -873,6 +889,8 @@ START_TEST(a_percentile_is_within_a_bin_of_the_value_that_it_stands_for)
     ck_assert_double_eq(mk_histogram_percentile_us(&h, 1.0), 0.0);
     mk_histogram_add(&h, INT64_MAX);
     ck_assert_double_eq(mk_histogram_percentile_us(&h, 0.5), 0.0);
+    mk_histogram_add(&h, INT64_C(1) << 40); /* the first that is too long */
+    ck_assert_double_gt(mk_histogram_percentile_us(&h, 0.6), 1e6);
     ck_assert_double_eq_tol(mk_histogram_max_us(&h), 1e-3 * (double)INT64_MAX, 1.0);
     ck_assert_double_gt(mk_histogram_percentile_us(&h, 1.0), 1e6);
 }
@@ -929,6 +947,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
     tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
     tcase_add_test(t, a_run_begins_with_figures_of_its_own);
+    tcase_add_test(t, a_reader_gets_the_newest_snapshot_whatever_the_memory_held_before);
     tcase_add_test(t, a_percentile_is_within_a_bin_of_the_value_that_it_stands_for);
     tcase_add_test(t, a_histogram_that_is_cleared_has_forgotten_everything);
     suite_add_tcase(s, t);

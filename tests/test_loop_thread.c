@@ -14,6 +14,7 @@
 
 #include "mechkit/loop.h"
 #include "support/bench.h"
+#include "support/files.h"
 
 static struct mk_loop_stats stats(void)
 {
@@ -273,6 +274,40 @@ START_TEST(a_start_whose_log_cannot_be_made_leaves_no_thread_behind)
 }
 END_TEST
 
+static enum mk_status refused_watchdog(struct mk_board *board, unsigned ms, struct mk_error *err)
+{
+    (void)board;
+    (void)ms;
+    return mk_error_set(err, MK_ERR_IO, "no watchdog today");
+}
+
+/* In simulated and in real time. */
+START_TEST(a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    if (_i)
+        bench_use_real_time(500);
+    bench_build(NULL);
+    struct mk_board_ops ops = *bench.board->ops;
+    const struct mk_board_ops *sound = bench.board->ops;
+    ops.set_watchdog = refused_watchdog;
+    bench.board->ops = &ops;
+    enum mk_status st = mk_loop_start(bench.loop, bench.path, NULL, 0, &err);
+    bench.board->ops = sound;
+    ck_assert_int_eq(st, MK_ERR_IO);
+    ck_assert_str_eq(err.message, "no watchdog today");
+    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    ck_assert_int_eq(thread_named("mechkit-loop") + thread_named("mechkit-log"), 0);
+    ck_assert(!is_open(bench.path));
+    char *text = slurp_file(bench.path);
+    ck_assert_ptr_nonnull(strstr(text, "\n# summary: 0 samples"));
+    free(text);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+}
+END_TEST
+
 Suite *suite_loop_thread(void)
 {
     Suite *s = suite_create("loop_thread");
@@ -289,6 +324,7 @@ Suite *suite_loop_thread(void)
     tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
     tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
     tcase_add_test(t, a_start_whose_log_cannot_be_made_leaves_no_thread_behind);
+    tcase_add_loop_test(t, a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread, 0, 2);
     suite_add_tcase(s, t);
     return s;
 }
