@@ -3,8 +3,11 @@
 
 #include <pthread.h>
 #include <signal.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/time.h>
 
+#include "driver/step_clock.h"
 #include "mechkit/clock.h"
 
 START_TEST(simulated_time_jumps_and_never_runs_back)
@@ -98,6 +101,41 @@ START_TEST(another_thread_may_watch_simulated_time)
 }
 END_TEST
 
+/* Whoever looks at it sees one time go on, held or not. */
+START_TEST(a_clock_that_is_held_stands_is_stepped_and_goes_on_from_there)
+{
+    const int64_t second = 1000000000;
+    struct mk_clock machine;
+    struct mk_step_clock c;
+    memset(&c, 0xff, sizeof c);
+    mk_step_clock_init(&c);
+    mk_clock_init_monotonic(&machine);
+    int64_t begin = mk_clock_now_ns(&c.clock);
+    ck_assert_int_lt(llabs(mk_clock_now_ns(&machine) - begin), second);
+    mk_step_clock_hold(&c, true);
+    int64_t held = mk_clock_now_ns(&c.clock);
+    ck_assert(held >= begin && held < begin + second);
+    mk_clock_sleep_until(&machine, mk_clock_now_ns(&machine) + second / 100);
+    ck_assert(mk_clock_now_ns(&c.clock) == held);
+    mk_clock_sleep_until(&c.clock, held + 100 * second);
+    ck_assert(mk_clock_now_ns(&c.clock) == held + 100 * second);
+    mk_clock_sleep_until(&c.clock, held); /* never back */
+    ck_assert(mk_clock_now_ns(&c.clock) == held + 100 * second);
+
+    mk_step_clock_hold(&c, false);
+    int64_t now = mk_clock_now_ns(&c.clock), then = mk_clock_now_ns(&machine);
+    ck_assert(now >= held + 100 * second && now < held + 101 * second);
+    mk_clock_sleep_until(&c.clock, now + second / 50);
+    ck_assert(mk_clock_now_ns(&c.clock) >= now + second / 50);
+    int64_t slept = mk_clock_now_ns(&machine) - then;
+    ck_assert(slept >= second / 50 && slept < 2 * second);
+    /* And held once more. */
+    mk_step_clock_hold(&c, true);
+    ck_assert(mk_clock_now_ns(&c.clock) >= now + second / 50);
+    ck_assert(mk_clock_now_ns(&c.clock) < held + 103 * second);
+}
+END_TEST
+
 Suite *suite_clock(void)
 {
     Suite *s = suite_create("clock");
@@ -108,6 +146,7 @@ Suite *suite_clock(void)
     tcase_add_test(t, a_deadline_that_has_passed_does_not_wait);
     tcase_add_test(t, a_signal_does_not_cut_the_sleep_short);
     tcase_add_test(t, another_thread_may_watch_simulated_time);
+    tcase_add_test(t, a_clock_that_is_held_stands_is_stepped_and_goes_on_from_there);
     suite_add_tcase(s, t);
     return s;
 }
