@@ -3,6 +3,7 @@
 
 #include <ctype.h>
 #include <dirent.h>
+#include <errno.h>
 #include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -260,6 +261,18 @@ START_TEST(without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_d
 END_TEST
 
 /* The thread is there before the log is: it must go again, and the next start must be possible. */
+/* A call that a signal had cut short some time before. */
+START_TEST(what_was_interrupted_before_holds_up_no_start)
+{
+    bench_use_real_time(500);
+    bench_build(NULL);
+    errno = EINTR;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+}
+END_TEST
+
 START_TEST(a_start_whose_log_cannot_be_made_leaves_no_thread_behind)
 {
     bench_use_real_time(500);
@@ -323,6 +336,7 @@ Suite *suite_loop_thread(void)
     tcase_add_test(t, signals_are_for_the_host_thread_alone);
     tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
     tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
+    tcase_add_test(t, what_was_interrupted_before_holds_up_no_start);
     tcase_add_test(t, a_start_whose_log_cannot_be_made_leaves_no_thread_behind);
     tcase_add_loop_test(t, a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread, 0, 2);
     suite_add_tcase(s, t);

@@ -145,8 +145,6 @@ enum mk_status mk_loop_thread_create(struct mk_loop *loop, struct mk_error *err)
 {
     sem_init(&loop->host.ready, 0, 0);
     sem_init(&loop->host.go, 0, 0);
-    loop->host.abandoned = false;
-    loop->host.prologue = MK_OK;
     loop->host.realtime = false;
     int rc = EPERM;
     if (loop->config.priority > 0)

@@ -254,9 +254,10 @@ static void note_changes(struct mk_loop_writer *w, const struct mk_sample *s)
         told = told || w->next.t == s->t;
         note_change(w, &w->next);
     }
+    if (told)
+        return;
     snprintf(text, sizeof text, "at %.6f s: to what is not known", s->t);
-    if (!told)
-        note(w, "changed", text);
+    note(w, "changed", text);
 }
 
 void mk_loop_writer_drain(struct mk_loop_writer *w)
