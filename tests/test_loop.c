@@ -276,9 +276,11 @@ END_TEST
 START_TEST(the_log_says_what_made_it)
 {
     char key[] = "operator", value[] = "Ada", rig[] = "rig", kind[] = "my own words";
+    char board[200];
     const struct mk_log_meta meta[] = {{key, value}, {rig, kind}};
     bench_build(NULL);
     bench_set_law(0.5, 2, 1e18);
+    snprintf(bench.loop->identity.serial, sizeof bench.loop->identity.serial, "A17");
     ck_assert_int_eq(mk_loop_start(bench.loop, bench.path, meta, 2, NULL), MK_OK);
     bench_wait_for(0.1);
     ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
@@ -295,7 +297,10 @@ START_TEST(the_log_says_what_made_it)
     ck_assert_str_eq(mk_log_find_meta(log, "gains"), "0.5 2");
     ck_assert_ptr_nonnull(
         strstr(mk_log_find_meta(log, "parameters"), "bias=0.5 scale=2 break_at="));
-    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "board"), "virtual"));
+    snprintf(board, sizeof board, "%s, %s, serial A17", bench.loop->identity.name,
+             bench.loop->identity.firmware);
+    ck_assert_str_eq(mk_log_find_meta(log, "board"), board);
+    ck_assert_ptr_nonnull(strstr(board, "virtual"));
     ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "program"), MK_VERSION));
     ck_assert_str_eq(mk_log_find_meta(log, "realtime"), "simulated time");
     ck_assert_str_eq(mk_log_find_meta(log, "velocity"), "tracking");

@@ -731,6 +731,26 @@ START_TEST(a_fault_is_noted_before_the_row_that_shows_it)
 }
 END_TEST
 
+START_TEST(every_run_that_a_fault_ends_has_it_in_its_log)
+{
+    bench_build(NULL);
+    for (int run = 0; run < 3; run++) {
+        bench_start();
+        ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
+        if (run != 1)
+            mk_loop_estop(bench.loop);
+        ck_assert_int_eq(bench_wait_for(0.1), run != 1 ? MK_ERR_FAULT : MK_OK);
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        mk_loop_acknowledge(bench.loop);
+        struct mk_log *log = bench_read_log();
+        const char *noted = mk_log_find_meta(log, "fault");
+        ck_assert_int_eq(noted != NULL, run != 1);
+        ck_assert(!noted || strncmp(noted, "e-stop at 0.1", 13) == 0);
+        mk_log_free(log);
+    }
+}
+END_TEST
+
 START_TEST(a_log_that_falls_behind_says_so_when_it_has_caught_up)
 {
     /* The writer looks every 20 ms. */
@@ -826,6 +846,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);
     tcase_add_test(t, after_a_fault_the_log_shows_what_the_rig_did);
     tcase_add_test(t, a_fault_is_noted_before_the_row_that_shows_it);
+    tcase_add_test(t, every_run_that_a_fault_ends_has_it_in_its_log);
     tcase_add_test(t, a_log_that_falls_behind_says_so_when_it_has_caught_up);
     tcase_add_test(t, a_full_disk_stops_the_motor_and_is_reported);
     suite_add_tcase(s, t);
