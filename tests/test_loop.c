@@ -385,6 +385,20 @@ START_TEST(after_skipped_samples_speeds_are_those_of_a_run_without)
 }
 END_TEST
 
+/* Who looks into the log between two waits finds what was waited for. */
+START_TEST(after_a_wait_in_simulated_time_its_rows_are_in_the_file)
+{
+    bench_build(NULL);
+    bench_start();
+    for (int k = 1; k <= 3; k++) {
+        bench_wait_for(0.1);
+        struct mk_log *log = bench_read_log();
+        ck_assert_uint_eq(log->rows, 50 * k);
+        mk_log_free(log);
+    }
+}
+END_TEST
+
 START_TEST(a_rig_of_one_joint_has_no_columns_of_a_second)
 {
     bench_use_plant(MK_PLANT_PENDULUM);
@@ -888,6 +902,13 @@ START_TEST(a_percentile_is_within_a_bin_of_the_value_that_it_stands_for)
     ck_assert_double_eq(mk_histogram_percentile_us(&h, 1.0), 1e6);
     ck_assert_double_eq(mk_histogram_max_us(&h), 1e6);
     ck_assert_double_eq_tol(mk_histogram_mean_us(&h), sum / 1000.0, 1e-6);
+    /* Short times have bins of their own. */
+    for (int ns = 1; ns < 2 << MK_HISTOGRAM_SUB_BITS; ns++) {
+        mk_histogram_clear(&h);
+        mk_histogram_add(&h, ns);
+        mk_histogram_add(&h, 1000000);
+        ck_assert_double_eq_tol(mk_histogram_percentile_us(&h, 0.5), 1e-3 * ns, 1e-9);
+    }
     /* What is longer than any bin, and what is before its time. */
     mk_histogram_clear(&h);
     mk_histogram_add(&h, -5);
@@ -933,6 +954,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);
     tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);
     tcase_add_test(t, the_log_says_what_made_it);
+    tcase_add_test(t, after_a_wait_in_simulated_time_its_rows_are_in_the_file);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
     tcase_add_test(t, default_limits_hold_at_any_rate_of_the_loop);
