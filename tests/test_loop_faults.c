@@ -457,6 +457,19 @@ START_TEST(a_fault_of_the_board_stops_the_motor)
 }
 END_TEST
 
+START_TEST(a_halt_turns_the_motor_off_without_help_of_the_watchdog)
+{
+    bench.config.watchdog_ms = 0;
+    bench_build(NULL);
+    bench_set_law(2, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
+    ck_assert_double_eq(bench_look().sample.u, 2.0);
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_assert_motor_is_off();
+}
+END_TEST
+
 START_TEST(the_stop_button_stops_the_motor)
 {
     bench_build(NULL);
@@ -834,6 +847,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, an_unplugged_board_ends_the_run);
     tcase_add_test(t, the_watchdog_stops_the_motor_when_the_loop_stalls);
     tcase_add_test(t, a_fault_of_the_board_stops_the_motor);
+    tcase_add_test(t, a_halt_turns_the_motor_off_without_help_of_the_watchdog);
     tcase_add_test(t, the_stop_button_stops_the_motor);
     tcase_add_test(t, a_stop_that_no_sample_sees_any_more_is_noted_in_the_log);
     tcase_add_test(t, a_stop_pressed_before_the_start_prevents_it);
