@@ -247,6 +247,17 @@ START_TEST(links_at_rest_under_a_weak_command_are_left_alone)
 }
 END_TEST
 
+/* A base that is tilted, or a zero that is off, pulls at links that rest all the same. */
+START_TEST(links_that_rest_where_the_model_has_them_pulled_a_little_are_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2 + 0.01, 0.01, 0.3, &joint), 2000);
+    watch(MK_PLANT_PENDUBOT);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2 - 0.01, -0.01, 0.3, &joint), 2000);
+}
+END_TEST
+
 START_TEST(lost_samples_do_not_clear_what_is_known_of_a_dead_encoder)
 {
     int joint = 0, n = 0;
@@ -329,6 +340,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, a_link_that_nothing_holds_up_cannot_rest_while_the_motor_drives);
     tcase_add_test(t, a_rig_that_is_held_by_hand_with_the_motor_off_is_left_alone);
     tcase_add_test(t, links_at_rest_under_a_weak_command_are_left_alone);
+    tcase_add_test(t, links_that_rest_where_the_model_has_them_pulled_a_little_are_left_alone);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
