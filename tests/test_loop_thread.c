@@ -122,21 +122,19 @@ START_TEST(a_run_says_how_long_its_ticks_take)
 END_TEST
 
 /* The board, and whoever draws the picture, share the processor with the host thread. */
-START_TEST(a_host_that_waits_for_a_run_sleeps)
+START_TEST(a_host_that_waits_sleeps_whether_something_runs_or_not)
 {
-    struct rusage before, after;
     bench_use_real_time(500);
     run_a_moment();
-    ck_assert_int_eq(getrusage(RUSAGE_THREAD, &before), 0);
-    ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    ck_assert_int_eq(bench_wait_for(0.3), MK_OK); /* and when nothing runs */
-    ck_assert_int_eq(getrusage(RUSAGE_THREAD, &after), 0);
-    const double busy_s = (double)(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
-                          1e-6 * (double)(after.ru_utime.tv_usec - before.ru_utime.tv_usec) +
-                          (double)(after.ru_stime.tv_sec - before.ru_stime.tv_sec) +
-                          1e-6 * (double)(after.ru_stime.tv_usec - before.ru_stime.tv_usec);
-    ck_assert_double_lt(busy_s, 0.15);
+    for (int runs = 1; runs >= 0; runs--) {
+        struct rusage before, after;
+        ck_assert_int_eq(getrusage(RUSAGE_THREAD, &before), 0);
+        ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
+        ck_assert_int_eq(getrusage(RUSAGE_THREAD, &after), 0);
+        /* It gives the processor up of itself, again and again. */
+        ck_assert_int_ge(after.ru_nvcsw - before.ru_nvcsw, 10);
+        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    }
 }
 END_TEST
 
@@ -338,7 +336,7 @@ Suite *suite_loop_thread(void)
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_run_says_what_it_was_given_for_real_time);
     tcase_add_test(t, a_run_says_how_long_its_ticks_take);
-    tcase_add_test(t, a_host_that_waits_for_a_run_sleeps);
+    tcase_add_test(t, a_host_that_waits_sleeps_whether_something_runs_or_not);
     tcase_add_test(t, a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time);
     tcase_add_test(t, a_loop_that_asks_for_no_priority_has_none_and_misses_none);
     tcase_add_test(t, what_was_taken_for_real_time_is_given_back);
