@@ -3,10 +3,7 @@
 #include "mechkit/safety.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
-
-#include "ctrl/fault_line.h"
 
 #define TURN_RAD (2.0 * 3.14159265358979323846)
 
@@ -44,14 +41,6 @@ const char *mk_fault_text(enum mk_fault fault)
         break;
     }
     return "unknown fault";
-}
-
-void mk_fault_line(enum mk_fault fault, int joint, double t, char out[MK_FAULT_LINE])
-{
-    char where[24] = "";
-    if (joint > 0)
-        snprintf(where, sizeof where, ", joint %d,", joint);
-    snprintf(out, MK_FAULT_LINE, "%s%s at %.2f s", mk_fault_name(fault), where, t);
 }
 
 void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety_limits *out)
