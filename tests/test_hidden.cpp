@@ -350,6 +350,25 @@ START_TEST(five_effects_at_once_are_all_named)
 }
 END_TEST
 
+START_TEST(causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for)
+{
+    truth::Wish wish;
+    wish.kind = "several", wish.seed = 52109;
+    truth::Case c = truth::make_case(wish);
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "partial");
+    ck_assert_int_gt(e.tried, 0);
+    ck_assert_int_ge(e.cause_count - e.piece_count, 3);
+    for (int i = 0; i < e.cause_count; i++)
+        ck_assert_msg(e.cause[i].piece || std::any_of(c.rig.effects.begin(), c.rig.effects.end(),
+                                                      [&](const truth::Effect &hidden) {
+                                                          return e.cause[i].effect->name ==
+                                                                 hidden.name;
+                                                      }),
+                      "%s is not there", e.cause[i].effect->name);
+}
+END_TEST
+
 START_TEST(
     a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first)
 {
@@ -501,6 +520,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named);
     tcase_add_test(t, a_motor_that_is_weaker_while_it_turns_is_unknown_with_its_formula);
     tcase_add_test(t, five_effects_at_once_are_all_named);
+    tcase_add_test(
+        t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);
     tcase_add_test(
         t,
         a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first);

@@ -249,7 +249,8 @@ bool CauseSearch::hand_over(PredictionSearch &other) const
         for (size_t i = 0; i < round.ranked.size() && i <= policy::RIVALS; i++)
             ranked.back().push_back(round.ranked[i].added);
     }
-    return other.take(best.point.model, best.point.model.effect + model.effect_count, ranked);
+    return other.take(best.point.model, best.point.model.effect + model.effect_count, ranked,
+                      most_tried);
 }
 
 bool CauseSearch::likelihood_counts(const Hypothesis &h)

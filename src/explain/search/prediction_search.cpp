@@ -159,19 +159,19 @@ bool PredictionSearch::take(const PredictionSearch &found)
     for (size_t i = 0; i < found.causes.size(); i++)
         ranked.push_back(found.contenders(i));
     const mk_model &theirs = found.best.point.model;
-    if (!take(theirs, theirs.effect + found.own_effects, ranked))
+    if (!take(theirs, theirs.effect + found.own_effects, ranked, found.most_tried))
         return false;
-    most_tried = found.most_tried;
     suspects = found.suspects;
     hopeless = found.hopeless;
     return true;
 }
 
 bool PredictionSearch::take(const mk_model &values, const mk_effect_use *effects,
-                            const std::vector<std::vector<Candidate>> &ranked)
+                            const std::vector<std::vector<Candidate>> &ranked, int tried)
 {
     if (!start())
         return false;
+    most_tried = tried;
     if (ranked.empty())
         return true;
     mk_model m = base;

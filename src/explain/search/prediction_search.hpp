@@ -52,9 +52,9 @@ class PredictionSearch
     // Takes over causes that were found beside another base, or on other data, and fits them.
     bool take(const PredictionSearch &found);
     // The same for causes of another kind of search: base parameters of a model, the causes'
-    // effects, and for each the cause and its runners-up.
+    // effects, for each the cause and its runners-up, and how many candidates were tried.
     bool take(const mk_model &values, const mk_effect_use *effects,
-              const std::vector<std::vector<Candidate>> &ranked);
+              const std::vector<std::vector<Candidate>> &ranked, int tried);
     // The same as run() from there.
     bool go_on();
     // Minus log likelihood of independent errors, with all causes and a penalty for their
