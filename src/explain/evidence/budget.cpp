@@ -197,8 +197,7 @@ class Shares
         constexpr int ITERATIONS = 8;
         const int threads = last.search().settings().threads;
         const TrainingRuns &over = training_runs(given_column);
-        const bool same = mk_model_state_count(&m) == mk_model_state_count(&over.extended.model);
-        RunPoint point = same ? over.runs->adopt(over.extended, m, threads) : over.runs->start(m);
+        RunPoint point = over.runs->adopt(over.extended, m, threads);
         RunQuadraticModel quadratic;
         return over.runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, quadratic)
                    ? point.model
