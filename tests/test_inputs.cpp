@@ -233,6 +233,9 @@ START_TEST(identify_compares_where_nobody_says_which_column_it_is)
     const Identified said("", files);
     ck_assert_str_eq(said.taken.c_str(), "commanded");
     ck_assert(!said.compared && said.fitted.effect_count == 0);
+    // Nobody may take it for one that was looked at for how late it acts.
+    ck_assert_msg(strstr(said.out, "as if it acted at once"), "%s", said.out);
+    ck_assert_msg(!strstr(told.out, "as if it acted at once"), "%s", told.out);
 }
 END_TEST
 

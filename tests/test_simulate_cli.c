@@ -84,6 +84,44 @@ START_TEST(commands_that_are_missing_are_not_made_up)
 }
 END_TEST
 
+/* The log of a run as a motor with its wires turned round would have recorded it. */
+static const char *with_flipped_command(const char *path)
+{
+    static const char *const columns[] = {"t", "q1", "q2", "u"};
+    struct mk_log *log, *turned;
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    ck_assert_int_eq(mk_log_create(log->rows, &turned), MK_OK);
+    for (int c = 0; c < 4; c++) {
+        const double *from = mk_log_get(log, columns[c]);
+        double *to = mk_log_add_column(turned, columns[c]);
+        for (size_t k = 0; k < log->rows; k++)
+            to[k] = c == 3 ? -from[k] : from[k];
+    }
+    const char *flipped = scratch("flipped.csv");
+    ck_assert_int_eq(mk_log_write(flipped, turned, NULL), MK_OK);
+    mk_log_free(turned);
+    mk_log_free(log);
+    return flipped;
+}
+
+/* A prediction is told as it is, and why it is useless where that is certain. */
+START_TEST(simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command)
+{
+    const char *script = scratch_text(
+        "f.cmd", "setup open-loop\ninput 1.5*sin(6*t)\nstart\nwait 6\nhalt\nsave f.csv\n");
+    const char *model = MK_SOURCE_DIR "/models/pendubot.ini";
+    ck_assert_int_eq(MECHKIT("run", script, "--fast", "--model", model, "--out", scratch("f")).code,
+                     0);
+    char log[300];
+    snprintf(log, sizeof log, "%s", scratch("f/f.csv"));
+    struct outcome o = MECHKIT("simulate", "--model", model, "--input", log);
+    ck_assert_msg(o.code == 0 && !strstr(o.err, "sign = -1"), "%s", o.err);
+    o = MECHKIT("simulate", "--model", model, "--input", with_flipped_command(log));
+    ck_assert_msg(o.code == 0 && strstr(o.out, "q1: rms error "), "%s", o.out);
+    ck_assert_msg(strstr(o.err, "[u] sign = -1") && !strstr(o.err, "--force"), "%s", o.err);
+}
+END_TEST
+
 Suite *suite_simulate_cli(void)
 {
     Suite *s = suite_create("simulate_cli");
@@ -92,6 +130,7 @@ Suite *suite_simulate_cli(void)
     tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
     tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
     suite_add_tcase(s, t);
     return s;
 }

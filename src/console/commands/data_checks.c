@@ -31,10 +31,15 @@ void data_checks_print(FILE *out, const struct mk_data_check *check)
         print_finding(out, "  ", &check->finding[i]);
 }
 
-int data_checks_say(const struct mk_data_check *check, bool force)
+void data_checks_warn(const struct mk_data_check *check)
 {
     for (int i = 0; i < check->count; i++)
         print_finding(stderr, "mechkit: ", &check->finding[i]);
+}
+
+int data_checks_say(const struct mk_data_check *check, bool force)
+{
+    data_checks_warn(check);
     if (!mk_data_check_fatal(check))
         return EXIT_OK;
     fprintf(stderr, force ? "mechkit: fatal findings are passed over: --force\n"

@@ -464,6 +464,14 @@ static int take_input(struct job *j)
     return EXIT_OK;
 }
 
+static bool has_delay(const struct mk_model *model)
+{
+    for (int e = 0; e < model->effect_count; e++)
+        if (mk_effect(model->effect[e].index) == mk_effect_by_name("input-delay"))
+            return true;
+    return false;
+}
+
 /* Which column drives the fitted model, and why; nothing where there is one only. */
 static void say_input(const struct job *j)
 {
@@ -475,6 +483,8 @@ static void say_input(const struct job *j)
     if (j->input.made)
         mk_input_sentence(&j->input, what, sizeof what);
     printf("input: %s\n", what);
+    if (!j->input.made && j->model.input == MK_INPUT_COMMANDED && !has_delay(&j->model))
+        puts("  as if it acted at once: --input compare fits how late it acts");
 }
 
 static cJSON *input_json(const struct job *j)

@@ -190,8 +190,28 @@ static enum mk_status say_extremes(const struct mk_model *model, const struct mk
     static struct mk_data_check check;
     enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, &check, err);
     if (st == MK_OK)
-        (void)!data_checks_say(&check, true);
+        data_checks_warn(&check);
     return st;
+}
+
+/* Beyond this share of a joint's motion a prediction is no better than a joint that stands still.
+ */
+#define USELESS 1.0
+
+/* A prediction that is useless may be one of data that are not what they are taken for, a flipped
+ * sign for one: what is certain is said. */
+static void say_why_useless(const struct mk_model *model, const struct mk_log *log,
+                            const struct mk_predict_figures *figures)
+{
+    static struct mk_data_check check;
+    struct mk_error ignored;
+    bool useless = false;
+    for (int j = 0; j < mk_model_joints(model); j++)
+        useless = useless || figures->nrmse[j] > USELESS;
+    if (useless &&
+        mk_data_check_logs(model, &log, 1, MK_DATA_IDENTIFY, &check, &ignored) == MK_OK &&
+        mk_data_check_fatal(&check))
+        data_checks_warn(&check);
 }
 
 /* A few commands that are missing are held from before; of more, the prediction would be made up.
@@ -294,6 +314,8 @@ static int run(int argc, char **argv)
                                                          &figures, &failed, &err);
     double seconds = now() - start;
     const bool writing = st == MK_OK;
+    if (st == MK_OK)
+        say_why_useless(&model, log, &figures);
     if (st == MK_OK)
         st = write_outputs(&o, &model, log, prediction, &figures, &left, failed, seconds, &err);
     mk_log_free(prediction);
