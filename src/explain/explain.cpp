@@ -469,8 +469,7 @@ class Explainer
         if (!causes->gives_up() || !data.whole.empty())
             return;
         clock.enter("search");
-        causes->gives_up_below = 0.0;
-        causes->run();
+        causes->run_to_the_end();
     }
     bool take_predictions(std::unique_ptr<PredictionSearch> &found, const Hypothesis &refit)
     {
@@ -577,6 +576,8 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
+        // Of long logs a second cause takes long to ask for.
+        causes->give_up_after = data.whole.empty() ? 2 : 1;
         if (correction.joint == 0 && folds->enough())
             causes->gives_up_below = data.whole.empty() ? policy::LIKELIHOOD_SAYS_LITTLE : HUGE_VAL;
         if (!far)

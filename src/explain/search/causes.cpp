@@ -8,7 +8,7 @@
 // With Gaussian noise a difference of 12 beyond the penalty is far beyond what some hundred
 // candidates reach by chance (docs/explain.md, "How it decides", 4).
 //
-// A forward search goes wrong where one cause stands in for another that is still missing. Four
+// A forward search goes wrong where one cause stands in for another that is still missing. Five
 // steps answer that:
 //     idle_without_last   the model does as well without the latest cause, if it starts from the
 //                         fit with it: the cause is dropped;
@@ -16,6 +16,8 @@
 //                         the place of an earlier one;
 //     try_runners_up      a first cause that leads to no model that follows its data gives way to
 //                         those that came next;
+//     name_terms          in the place of a term without a name the catalogue is asked again, with
+//                         what was found after it beside;
 //     drop_idle           at the end, any cause without which the fit does as well goes.
 //
 // Process noise says how much a model misses. Its thresholds are intensities in rad/s per sqrt(s):
@@ -69,8 +71,20 @@ void CauseSearch::run()
     search.polish(refit, true);
     best = refit;
     rounds.clear();
-    add_causes();
+    look_further();
+}
+
+void CauseSearch::run_to_the_end()
+{
+    gives_up_below = 0.0;
+    look_further();
+}
+
+void CauseSearch::look_further()
+{
+    add_causes(policy::MOST_CAUSES);
     try_runners_up();
+    name_terms();
     drop_idle();
     simplify();
 }
@@ -100,7 +114,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
         round.ranked[0].point.model = best.point.model;
         rounds.push_back(std::move(round));
     }
-    add_causes();
+    add_causes(policy::MOST_FURTHER_CAUSES);
     drop_idle();
     simplify();
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++)
@@ -118,10 +132,9 @@ bool CauseSearch::may_add(size_t most, bool nearer) const
            !search.cancelled && search.work_done() < policy::MOST_WORK;
 }
 
-void CauseSearch::add_causes()
+void CauseSearch::add_causes(size_t most)
 {
     bool freed = false, nearer = rounds.empty();
-    const size_t most = rounds.empty() ? policy::MOST_CAUSES : policy::MOST_FURTHER_CAUSES;
     while (may_add(most, nearer)) {
         if (search.complete(best))
             return;
@@ -191,12 +204,12 @@ void CauseSearch::add_causes()
     }
 }
 
-// The best model still says nothing within a shooting interval, and its cause gained too little a
+// The best model still says nothing within a shooting interval, and its causes gained too little a
 // reading for likelihood to be the right judge: predictions are asked in its place
-// (prediction_search.cpp).
+// (prediction_search.cpp). What two causes hide together may show with the second one only.
 bool CauseSearch::gives_up() const
 {
-    return best.process_noise >= policy::SAYS_NOTHING &&
+    return rounds.size() >= give_up_after && best.process_noise >= policy::SAYS_NOTHING &&
            refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 
@@ -313,7 +326,7 @@ void CauseSearch::try_runners_up()
         std::swap(rounds[0].ranked[0], rounds[0].ranked[i]);
         before = refit;
         best = rounds[0].ranked[0];
-        add_causes();
+        add_causes(policy::MOST_FURTHER_CAUSES);
         const bool better = best.penalised_nlml < kept_best.penalised_nlml - policy::ACCEPT_FIRST;
         if (better && follows(best))
             return;
@@ -323,6 +336,44 @@ void CauseSearch::try_runners_up()
             before = kept_before;
         }
     }
+}
+
+// A term without a name was the best of all while another cause was missing, and could stand in for
+// two. Beside the others something of the catalogue takes its place if
+//     L(named) < L(best) + policy::BETTER_THAN_CATALOGUE .
+void CauseSearch::name_terms()
+{
+    bool named = false;
+    for (size_t i = 0; i + 1 < rounds.size() && !search.cancelled; i++) {
+        Hypothesis without;
+        if (!is_library(rounds[i].ranked[0].added.effect) ||
+            mk_model_hides_joint(&best.point.model) || search.work_done() > policy::MUCH_WORK ||
+            !remove(i, without))
+            continue;
+        std::vector<Hypothesis> ranked = search.extend(without, {});
+        drop_terms(ranked);
+        if (!choose(ranked, -HUGE_VAL) ||
+            ranked[0].penalised_nlml > best.penalised_nlml + policy::BETTER_THAN_CATALOGUE ||
+            !Search::plausible(ranked[0].point.model, ranked[0].added,
+                               search.candidates_of(without.point.model)))
+            continue;
+        put_in_place(i, std::move(ranked), without);
+        named = true;
+        i--;
+    }
+    if (named)
+        add_causes(policy::MOST_CAUSES);
+}
+
+// The first of a ranking takes a cause's place. It sits last in the model, and rounds follow the
+// model's order.
+void CauseSearch::put_in_place(size_t cause, std::vector<Hypothesis> ranked,
+                               const Hypothesis &without)
+{
+    best = ranked[0];
+    rounds.erase(rounds.begin() + (std::ptrdiff_t)cause);
+    forget_lacks();
+    rounds.push_back({std::move(ranked), lack_of(without)});
 }
 
 // Whether the causes so far do as well without the latest one once they are given its fit to start
@@ -358,17 +409,29 @@ bool CauseSearch::idle_without_last()
 }
 
 // A cause that stood in for what was found after it: the fit as it is, without it, does as well.
+// Where the data leave its size open, other values may have gone far off with it: then the model
+// without it is fitted from loose states.
 void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
         Hypothesis without;
-        if (!fit_without(i, without) ||
-            without.penalised_nlml > best.penalised_nlml + policy::ACCEPT_FIRST)
+        const auto idle = [&] {
+            return without.penalised_nlml <= best.penalised_nlml + policy::ACCEPT_FIRST;
+        };
+        if (!(fit_without(i, without) && idle()) &&
+            !(has_open_size(i) && remove(i, without) && idle()))
             continue;
         search.polish(without, true);
         shed(i, std::move(without));
         i--;
     }
+}
+
+bool CauseSearch::has_open_size(size_t cause) const
+{
+    const int at = model.effect_count + (int)cause;
+    return Search::relative_error(best, at, rounds[cause].ranked[0].added.size) >=
+           policy::OPEN_SIZE;
 }
 
 // Whether the data leave a parameter of the law open beside its size: standard error >= value.
@@ -687,15 +750,10 @@ void CauseSearch::reconsider()
         const bool better = ranked[0].penalised_nlml < best.penalised_nlml - 1e-6 &&
                             Search::plausible(ranked[0].point.model, ranked[0].added,
                                               search.candidates_of(removed(i)));
-        if (better) {
-            // The new one sits last in the model; rounds follow the model's order.
-            best = ranked[0];
-            rounds.erase(rounds.begin() + (std::ptrdiff_t)i);
-            forget_lacks();
-            rounds.push_back({std::move(ranked), lack_of(without)});
-        } else {
+        if (better)
+            put_in_place(i, std::move(ranked), without);
+        else
             rounds[i] = {led_by(rounds[i].ranked[0].added, std::move(ranked)), lack_of(without)};
-        }
     }
 }
 
@@ -710,9 +768,22 @@ mk_model CauseSearch::removed(size_t cause) const
     return m;
 }
 
+// What a model lacks takes no more process noise than the model without any cause does. One that
+// ends further from the data than that model was stuck on its way from the best one's values, and
+// is fitted anew from that model's.
 bool CauseSearch::remove(size_t cause, Hypothesis &without)
 {
-    return search.refit(removed(cause), &best, without);
+    mk_model less = removed(cause);
+    const bool fitted = search.refit(less, &best, without, refit.process_noise);
+    if (fitted && without.penalised_nlml <= refit.penalised_nlml)
+        return true;
+    Hypothesis anew;
+    std::copy_n(refit.point.model.parameter, MK_MAX_PARAMETERS, less.parameter);
+    if (!search.refit(less, nullptr, anew) ||
+        (fitted && anew.penalised_nlml >= without.penalised_nlml))
+        return fitted;
+    without = std::move(anew);
+    return true;
 }
 
 // L and nlml without a cause, for the evidence that it is given. Known from the search, or, of two

@@ -28,6 +28,8 @@ class CauseSearch
     {
     }
     void run();
+    // From where run() has given up.
+    void run_to_the_end();
     // Rivals near the best get the same care as the best before they are compared.
     void polish_rivals();
     // `best` without one of its causes.
@@ -64,8 +66,9 @@ class CauseSearch
     std::vector<Carried> carried;
     // Causes that were asked beside those of `best` and do not carry over surely.
     std::vector<Asked> suspects;
-    // Where even with a cause the model is far from its data, and that cause gains less than this
+    // Where even with so many causes the model is far from its data, and they gain less than this
     // (log likelihood a reading), no others are looked for; 0: they always are.
+    size_t give_up_after = 1;
     double gives_up_below = 0.0;
     bool gives_up() const;
     Hypothesis refit;          // the given model, without a cause
@@ -85,6 +88,9 @@ class CauseSearch
 
     bool idle_without_last();
     void drop_idle();
+    void name_terms();
+    void put_in_place(size_t cause, std::vector<Hypothesis> ranked, const Hypothesis &without);
+    bool has_open_size(size_t cause) const;
     bool has_open_shape(size_t cause) const;
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
@@ -99,7 +105,8 @@ class CauseSearch
     bool stands_alone(const Round &round) const;
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> ranked) const;
     bool may_add(size_t most, bool nearer) const;
-    void add_causes();
+    void look_further();
+    void add_causes(size_t most);
     void try_runners_up();
     void reconsider();
     static Lack lack_of(const Hypothesis &h) { return {h.penalised_nlml, h.quadratic.nlml}; }

@@ -84,7 +84,8 @@ double Search::penalised(const QuadraticModel &quadratic, const mk_model &model,
     return quadratic.nlml + penalty(free + (int)own_parameters(model).size());
 }
 
-bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out)
+bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out,
+                   double process_noise)
 {
     FitOptions o = fit_options();
     o.max_passes = 1000.0;
@@ -93,9 +94,11 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     std::vector<int> free = fitted_parameters(model);
     out.free_count = (int)free.size();
     data = data_range(model, logs);
-    // From a fit: ten times its process noise, so that the states may find another place. Anew: the
-    // loosest.
-    double first = from ? std::min(LOOSEST, std::max(10.0 * from->process_noise, 0.1)) : LOOSEST;
+    // From a fit: ten times its process noise, so that the states may find another place, or as
+    // much as is said. Anew: the loosest.
+    const double first =
+        from ? std::min(LOOSEST, std::max({10.0 * from->process_noise, process_noise, 0.1}))
+             : LOOSEST;
     bool fitted = fit.continue_over_process_noise(out.point, free, first, TIGHTEST, out.quadratic);
     work += fit.work_done;
     if (!fitted)

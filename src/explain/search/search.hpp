@@ -53,8 +53,10 @@ class Search
   public:
     Search(std::vector<const FitLog *> logs, const SearchOptions &options);
 
-    // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew.
-    bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out);
+    // All fitted parameters of the model refitted, from a hypothesis (states, noise) or anew. From
+    // one: with the process noise that it may take, where that is more than the hypothesis has.
+    bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out,
+               double process_noise = 0.0);
     // A hypothesis' model fitted at one process noise from another's parameters and states.
     bool refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
                   Hypothesis &out);
@@ -135,6 +137,8 @@ class Search
     void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
     bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                  Trial &trial);
+    static std::vector<int> without_shape(std::vector<int> free, const mk_model &model,
+                                          const Candidate &candidate);
     void thin_out(std::vector<Trial> &trials);
     void try_backlash(const Hypothesis &start, const FitOptions &loose,
                       const std::vector<Candidate> &backlashes, const ExtendOptions &how,

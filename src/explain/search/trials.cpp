@@ -27,6 +27,8 @@ namespace
 
 // Iterations of a cause's starts that have others beside them, and of those that go on.
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
+// Iterations of a resonance's size alone.
+constexpr int ITERATIONS_OF_SIZE = 3;
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
 FitPoint with_states(const FitPoint &from, const mk_model &model)
@@ -158,6 +160,18 @@ double Search::promised(const QuadraticModel &p, const std::vector<int> &free,
     return 0.5 * scaled.dot(dense::solve_symmetric(unit, scaled));
 }
 
+// Numbers of `free` less those of the candidate, the model's last effect, but its size.
+std::vector<int> Search::without_shape(std::vector<int> free, const mk_model &model,
+                                       const Candidate &candidate)
+{
+    const int first = mk_model_parameter_count(&model) - candidate.effect->parameter_count;
+    free.erase(std::remove_if(
+                   free.begin(), free.end(),
+                   [&](int number) { return number >= first && number != first + candidate.size; }),
+               free.end());
+    return free;
+}
+
 // A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.
 bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                      Trial &trial)
@@ -175,12 +189,16 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
         free.erase(std::remove(free.begin(), free.end(), shape), free.end());
     }
     Fit fit(logs, loose);
-    fit.options.max_iterations = how.iterations;
-    // A resonance goes from one optimum to the next.
-    if (candidate.linear && candidate.effect->state_count > 0)
-        fit.options.max_iterations *= 2;
     // A second call goes on from where the first one ended.
     FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
+    fit.options.max_iterations = how.iterations;
+    // A resonance comes to its size first, where its frequency starts; both at once go astray along
+    // the valley in which they make up for each other. Then it goes from one optimum to the next.
+    if (candidate.linear && candidate.effect->state_count > 0) {
+        fit.options.max_iterations = ITERATIONS_OF_SIZE;
+        fit.minimise(p, without_shape(free, model, candidate));
+        fit.options.max_iterations = 2 * how.iterations;
+    }
     const bool fitted = fit.minimise(p, free);
     trial.work += fit.work_done;
     trial.gain = -HUGE_VAL;
