@@ -327,7 +327,7 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
             first_state(finder, point, w, x.back());
     }
     if (pass == Pass::NEAR)
-        WindowFit::solve_near(fits, x);
+        WindowFit::solve_near(fits, x, WindowFit::Care::rough);
     if (pass == Pass::ANEW)
         WindowFit::solve(fits, x);
     std::vector<WindowQuadratic> some;

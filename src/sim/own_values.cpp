@@ -139,8 +139,16 @@ class Estimate
             now.effect[o.effect].value[o.parameter] = std::min(std::max(value, info.min), info.max);
         }
     }
-    // Start states of all windows at the values as they are.
+    // Start states of all windows at the values as they are: of those that ran before from where
+    // they were.
     void solve_windows()
+    {
+        for (const bool near : {true, false})
+            solve_some(near);
+        for (Window &w : window)
+            w.runs = std::isfinite(w.error);
+    }
+    void solve_some(bool near)
     {
         std::vector<mk::WindowFit> fits;
         std::vector<VectorXd> states;
@@ -148,16 +156,20 @@ class Estimate
         fits.reserve(window.size());
         for (size_t i = 0; i < window.size(); i++) {
             Window &w = window[i];
+            if (w.runs != near)
+                continue;
             if (w.x.size() == 0)
                 w.x = VectorXd::Zero(mk_model_state_count(&now));
             w.error = HUGE_VAL;
-            if (!w.runs && !mk::first_guess(f, w.last, w.first, w.x))
+            if (!near && !mk::first_guess(f, w.last, w.first, w.x))
                 continue;
             fits.emplace_back(f, w.first, w.last);
             states.push_back(w.x);
             of.push_back(i);
         }
-        const std::vector<char> solved = mk::WindowFit::solve(fits, states);
+        const std::vector<char> solved =
+            near ? mk::WindowFit::solve_near(fits, states, mk::WindowFit::Care::usual)
+                 : mk::WindowFit::solve(fits, states);
         const std::vector<double> squares = mk::WindowFit::costs(fits, states);
         for (size_t k = 0; k < of.size(); k++) {
             Window &w = window[of[k]];
@@ -165,8 +177,6 @@ class Estimate
             if (solved[k])
                 w.error = squares[k] / (double)(w.last - w.first);
         }
-        for (Window &w : window)
-            w.runs = std::isfinite(w.error);
     }
     // The median window sets the scale of errors that are usual; false if none runs.
     bool take_typical()

@@ -128,14 +128,17 @@ std::vector<char> WindowFit::solve(std::vector<WindowFit> &fits, std::vector<Vec
     return solve_all(fits, all, x);
 }
 
-std::vector<char> WindowFit::solve_near(std::vector<WindowFit> &fits, std::vector<VectorXd> &x)
+std::vector<char> WindowFit::solve_near(std::vector<WindowFit> &fits, std::vector<VectorXd> &x,
+                                        Care care)
 {
     std::vector<Progress> all;
     for (size_t i = 0; i < fits.size(); i++) {
         Progress p = fits[i].begin(x[i]);
         p.horizon = HUGE_VAL;
-        p.settled = SETTLED_ROUGHLY;
-        p.most_steps = SOME_STEPS;
+        if (care == Care::rough) {
+            p.settled = SETTLED_ROUGHLY;
+            p.most_steps = SOME_STEPS;
+        }
         fits[i].begin_horizon(p);
         all.push_back(std::move(p));
     }

@@ -76,9 +76,11 @@ class WindowFit
     // The same for several windows of one model, whose trajectories are integrated side by side.
     // Which of them were solved.
     static std::vector<char> solve(std::vector<WindowFit> &fits, std::vector<Eigen::VectorXd> &x);
-    // The same roughly, and from states that are near: over the whole window at once.
+    // The same from states that are near: over the whole window at once; `rough`: to a hundredth of
+    // the squared error.
+    enum class Care { rough, usual };
     static std::vector<char> solve_near(std::vector<WindowFit> &fits,
-                                        std::vector<Eigen::VectorXd> &x);
+                                        std::vector<Eigen::VectorXd> &x, Care care);
     // Sum of squares over the window; infinite where the model runs away.
     double cost(const Eigen::VectorXd &x);
     // The same of several windows of one model.

@@ -471,16 +471,17 @@ bool PredictionSearch::exchange(size_t count)
     for (size_t i = 0; i < count && !search.cancelled; i++) {
         std::vector<Candidate> &others = runners_up[i];
         std::vector<RunFit> fits(others.size());
-        parallel_for(threads, others.size(), [&](size_t k) {
+        // They are few, and one may take as long as all others: all threads for each.
+        for (size_t k = 0; k < others.size(); k++) {
             mk_model model;
             const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
                 return same_cause(c.cause, others[k]);
             });
             if (there || !with_candidate(without(i), others[k], model) ||
-                !fit(best.point, model, FULL_ITERATIONS, 1, fits[k]))
-                return;
+                !fit(best.point, model, FULL_ITERATIONS, threads, fits[k]))
+                continue;
             fits[k].fine = Search::plausible(fits[k].point.model, others[k], all);
-        });
+        }
         size_t chosen = fits.size();
         // A runner-up takes the place of a cause where L is less by policy::BETTER_IN_PLACE.
         double least = penalised_nlml(best) - policy::BETTER_IN_PLACE;
@@ -519,17 +520,17 @@ mk_model PredictionSearch::without(size_t cause) const
 // out against that.
 void PredictionSearch::leave_out_each()
 {
-    parallel_for(threads, causes.size(), [&](size_t i) {
+    for (size_t i = 0; i < causes.size(); i++) {
         RunFit &less = causes[i].without;
         less = {};
         const mk_model m = without(i);
         // Without the cause the states of the windows stay, unless the cause has some: then they
         // are found anew.
         const bool same = mk_model_state_count(&m) == mk_model_state_count(&best.point.model);
-        if (fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS, 1,
-                less))
+        if (fit(same ? best.point : runs.start(m), m, same ? REFIT_ITERATIONS : FULL_ITERATIONS,
+                threads, less))
             causes[i].carried = compare(best, less);
-    });
+    }
 }
 
 // Whether the data leave it open how large a cause is.
