@@ -414,12 +414,7 @@ class Explainer
             if (!prediction)
                 prediction = search_predictions(refit);
             clock.enter("predictions");
-            if (prediction && !go_on_from(*prediction, refit)) {
-                prediction->decide();
-                if (prediction->causes.empty())
-                    go_on_without_predictions();
-                by_predictions = !speaks_for_itself() && take_predictions(prediction, refit);
-            }
+            by_predictions = prediction && decide_by(prediction, refit);
         }
         if (!by_predictions && !followed())
             by_predictions = ask_what_carries_over(refit);
@@ -430,6 +425,17 @@ class Explainer
         causes->polish_rivals();
         ask_held_out();
         reject_misleading();
+    }
+    // Causes that predict are those that are said, unless likelihood goes on from them, or finds
+    // what they do not. True if so.
+    bool decide_by(std::unique_ptr<PredictionSearch> &prediction, Hypothesis &refit)
+    {
+        if (go_on_from(*prediction, refit))
+            return false;
+        prediction->decide();
+        if (prediction->causes.empty())
+            go_on_without_predictions();
+        return !speaks_for_itself() && take_predictions(prediction, refit);
     }
     // Whether likelihood has found what is missing, or most of it.
     bool speaks_for_itself() const

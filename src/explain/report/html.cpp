@@ -244,6 +244,21 @@ std::string left_out_list(const mk_explanation &e)
     return s.empty() ? s : "<p>Left out of the logs:</p>" + s;
 }
 
+// Simulated less measured of joint j, one row in `step`, with a gap where a window begins.
+void add_errors(const mk_record &record, int j, const double *q, const double *window, size_t step,
+                Series &out)
+{
+    for (size_t k = 0; k < record.rows; k += step) {
+        const double t = record.t[k] - record.t[0];
+        if (k >= step && window && window[k] != window[k - step]) {
+            out.x.push_back(t);
+            out.y.push_back(std::nan(""));
+        }
+        out.x.push_back(t);
+        out.y.push_back(q[k] - record.q[j][k]);
+    }
+}
+
 // Error of two models over the held-out data, joint by joint: with the extension and without, or,
 // where there is none, refitted and as given.
 std::string error_plots(const mk_explanation &e, const mk_log *whole)
@@ -262,18 +277,8 @@ std::string error_plots(const mk_explanation &e, const mk_log *whole)
         Series sb = {{}, {}, "before", e.offered ? "refitted" : "given"};
         Series sa = {{}, {}, "after", e.offered ? "extended" : "refitted"};
         const double *w = mk_log_get(before.get(), "window");
-        for (size_t k = 0; k < record.rows; k += step) {
-            double t = record.t[k] - record.t[0];
-            bool starts = k >= step && w && w[k] != w[k - step];
-            for (Series *one : {&sb, &sa}) {
-                if (starts) {
-                    one->x.push_back(t);
-                    one->y.push_back(std::nan(""));
-                }
-                one->x.push_back(t);
-                one->y.push_back((one == &sb ? b : a)[k] - record.q[j][k]);
-            }
-        }
+        add_errors(record, j, b, w, step, sb);
+        add_errors(record, j, a, w, step, sa);
         const std::string error = "q" + std::to_string(j + 1) + " simulated - measured, " +
                                   mk_model_unit(&e.given, j, "rad");
         Plot plot("time, s", error.c_str());

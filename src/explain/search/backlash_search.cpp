@@ -178,8 +178,10 @@ size_t BacklashSearch::thin_out(std::vector<Attempt> &attempts, double reach, bo
     return left;
 }
 
-std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &starts, int threads,
-                                             const std::function<bool(double)> &go_on)
+// All starts from the refit; afresh from the given values as well, and the middle one over short
+// intervals.
+std::vector<BacklashSearch::Attempt>
+BacklashSearch::attempts_from(const std::vector<Candidate> &starts) const
 {
     std::vector<Attempt> attempts;
     for (size_t i = 0; i < starts.size(); i++)
@@ -190,52 +192,47 @@ std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &start
                 attempts.back().start = starts[i];
                 attempts.back().from = from;
             }
-    double longest = 0.0;
+    return attempts;
+}
+
+// Those that are still running, fitted to a longer beginning of the logs; the likeliest first.
+void BacklashSearch::advance_all(std::vector<Attempt> &attempts, double reach, int threads) const
+{
+    std::vector<FitLog> beginning;
+    std::vector<const FitLog *> part;
     for (const FitLog *log : logs)
-        longest = std::max(longest, log->duration());
-    // Short intervals take longest.
-    parallel_for(threads, attempts.size(),
-                 [&](size_t i) { begin(attempts[attempts.size() - 1 - i]); });
-    const std::vector<Attempt> fresh = attempts;
-    bool whole = false, followed = false, again = false;
-    for (double reach = FIRST; !whole; reach *= followed ? FAR_LONGER : LONGER) {
-        whole = reach >= longest;
-        if (!go_on(std::log(reach / FIRST) / std::log(std::max(longest / FIRST, 2.0))))
-            return {};
-        std::vector<FitLog> beginning;
-        std::vector<const FitLog *> part;
-        for (const FitLog *log : logs)
-            beginning.push_back(beginning_of(*log, reach));
-        for (const FitLog &log : beginning)
-            part.push_back(&log);
-        const auto running = std::count_if(attempts.begin(), attempts.end(),
-                                           [](const Attempt &a) { return a.running; });
-        const int helpers = std::max(1, threads / std::max(1, (int)running));
-        parallel_for(threads, attempts.size(), [&](size_t i) {
-            if (attempts[i].running)
-                advance(attempts[i], part, reach, helpers);
+        beginning.push_back(beginning_of(*log, reach));
+    for (const FitLog &log : beginning)
+        part.push_back(&log);
+    const auto running =
+        std::count_if(attempts.begin(), attempts.end(), [](const Attempt &a) { return a.running; });
+    const int helpers = std::max(1, threads / std::max(1, (int)running));
+    parallel_for(threads, attempts.size(), [&](size_t i) {
+        if (attempts[i].running)
+            advance(attempts[i], part, reach, helpers);
+    });
+    std::stable_sort(attempts.begin(), attempts.end(),
+                     [](const Attempt &a, const Attempt &b) { return a.nlml < b.nlml; });
+}
+
+// Whether all have parted from the readings within so short a beginning that it may have led them
+// astray.
+bool BacklashSearch::led_astray(const std::vector<Attempt> &attempts)
+{
+    const double furthest =
+        std::accumulate(attempts.begin(), attempts.end(), 0.0, [](double most, const Attempt &a) {
+            return std::max(most, a.parted ? a.reach : 0.0);
         });
-        std::stable_sort(attempts.begin(), attempts.end(),
-                         [](const Attempt &a, const Attempt &b) { return a.nlml < b.nlml; });
-        const bool told = reach >= TELLING;
-        followed = told && std::any_of(attempts.begin(), attempts.end(),
-                                       [](const Attempt &a) { return a.running && a.follows; });
-        const size_t left = thin_out(attempts, reach, followed);
-        // What says little may lead astray: once more from here.
-        const double furthest = std::accumulate(
-            attempts.begin(), attempts.end(), 0.0,
-            [](double most, const Attempt &a) { return std::max(most, a.parted ? a.reach : 0.0); });
-        if (afresh && told && left == 0 && !whole && !again && furthest > 0.0 &&
-            furthest < TELLING) {
-            again = true;
-            attempts.insert(attempts.end(), fresh.begin(), fresh.end());
-            std::for_each(fresh.begin(), fresh.end(), [&](const Attempt &a) { work -= a.work; });
-        }
-    }
+    return furthest > 0.0 && furthest < TELLING;
+}
+
+// The best few, fitted to the whole of the logs.
+std::vector<BacklashFit> BacklashSearch::conclude_all(std::vector<Attempt> &attempts, int threads)
+{
+    constexpr size_t MOST_FITS = 2;
     std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt &a, const Attempt &b) {
         return a.running > b.running || (a.running == b.running && a.reach > b.reach);
     });
-    constexpr size_t MOST_FITS = 2;
     std::vector<BacklashFit> found;
     for (const Attempt &a : attempts) {
         work += a.work;
@@ -253,6 +250,38 @@ std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &start
                          [&](const BacklashFit &o) { return f.nlml < o.nlml + EVEN; }))
             apart.push_back(std::move(f));
     return apart;
+}
+
+std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &starts, int threads,
+                                             const std::function<bool(double)> &go_on)
+{
+    std::vector<Attempt> attempts = attempts_from(starts);
+    double longest = 0.0;
+    for (const FitLog *log : logs)
+        longest = std::max(longest, log->duration());
+    // Short intervals take longest.
+    parallel_for(threads, attempts.size(),
+                 [&](size_t i) { begin(attempts[attempts.size() - 1 - i]); });
+    const std::vector<Attempt> fresh = attempts;
+    bool whole = false, followed = false, again = false;
+    for (double reach = FIRST; !whole; reach *= followed ? FAR_LONGER : LONGER) {
+        whole = reach >= longest;
+        if (!go_on(std::log(reach / FIRST) / std::log(std::max(longest / FIRST, 2.0))))
+            return {};
+        advance_all(attempts, reach, threads);
+        const bool told = reach >= TELLING;
+        followed = told && std::any_of(attempts.begin(), attempts.end(),
+                                       [](const Attempt &a) { return a.running && a.follows; });
+        const size_t left = thin_out(attempts, reach, followed);
+        // What says little may lead astray: once more from here.
+        const bool ended = told && left == 0 && !whole;
+        if (afresh && ended && !again && led_astray(attempts)) {
+            again = true;
+            attempts.insert(attempts.end(), fresh.begin(), fresh.end());
+            std::for_each(fresh.begin(), fresh.end(), [&](const Attempt &a) { work -= a.work; });
+        }
+    }
+    return conclude_all(attempts, threads);
 }
 
 } // namespace mk

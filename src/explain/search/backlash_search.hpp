@@ -53,6 +53,10 @@ class BacklashSearch
     void begin(Attempt &a) const;
     void advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
                  int threads) const;
+    std::vector<Attempt> attempts_from(const std::vector<Candidate> &starts) const;
+    void advance_all(std::vector<Attempt> &attempts, double reach, int threads) const;
+    static bool led_astray(const std::vector<Attempt> &attempts);
+    std::vector<BacklashFit> conclude_all(std::vector<Attempt> &attempts, int threads);
     size_t thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const;
     bool conclude(const Attempt &a, int threads, BacklashFit &out);
 };

@@ -132,53 +132,61 @@ bool CauseSearch::may_add(size_t most, bool nearer) const
            !search.cancelled && search.work_done() < policy::MOST_WORK;
 }
 
+// Whether nothing more is to be asked beside what was found.
+bool CauseSearch::is_done() const
+{
+    if (search.complete(best))
+        return true;
+    // Nameless terms that already follow the data will not become a name.
+    if (!all_named() && follows(best))
+        return true;
+    // On top of backlash every trial is slow, and little is left that is not the backlash's own.
+    return mk_model_hides_joint(&best.point.model) && !rounds.empty();
+}
+
+// What competes for the next cause, that which earns a name first; false where nothing does.
+bool CauseSearch::find_next(std::vector<Hypothesis> &ranked)
+{
+    const double needed = rounds.empty() ? policy::ACCEPT_FIRST : policy::ACCEPT_FURTHER;
+    ExtendOptions how;
+    how.thorough = !near && !follows(best);
+    how.small = !how.thorough || (!rounds.empty() && best.process_noise <= policy::NEGLIGIBLE);
+    how.least = policy::SHOWN_BY_TRIAL * needed;
+    ranked = search.extend(best, how);
+    // If something little is there, what is slow to fit may be it as well.
+    if (!how.thorough && !ranked.empty() &&
+        ranked[0].penalised_nlml < best.penalised_nlml - needed) {
+        how.thorough = true;
+        ranked = search.extend(best, how);
+    }
+    most_tried = std::max(most_tried, search.tried());
+    bool found = choose(ranked, needed) || (!how.small && find_rare(how, needed, ranked));
+    if (how.thorough && !how.small && !(found && search.complete(ranked[0])))
+        found = consider_backlash(ranked, needed) || found;
+    return found;
+}
+
+// Trials that leave a model more process noise than it needs do not show what is rare and small. At
+// a process noise below what matters a rare effect cannot hide in it.
+bool CauseSearch::find_rare(ExtendOptions how, double needed, std::vector<Hypothesis> &ranked)
+{
+    if (best.process_noise > policy::FAINT)
+        return false;
+    how.small = true;
+    how.process_noise = 0.5 * policy::IMMATERIAL;
+    std::vector<Hypothesis> closer = search.extend(best, how);
+    const bool found = choose(closer, needed);
+    if (found)
+        ranked = std::move(closer);
+    return found;
+}
+
 void CauseSearch::add_causes(size_t most)
 {
     bool freed = false, nearer = rounds.empty();
-    while (may_add(most, nearer)) {
-        if (search.complete(best))
-            return;
-        // Nameless terms that already follow the data will not become a name.
-        bool nameless = std::any_of(rounds.begin(), rounds.end(), [](const Round &r) {
-            return is_library(r.ranked[0].added.effect);
-        });
-        if (nameless && follows(best))
-            return;
-        // On top of backlash every trial is slow, and little is left that is not the backlash's
-        // own.
-        if (mk_model_hides_joint(&best.point.model) && !rounds.empty())
-            return;
+    while (may_add(most, nearer) && !is_done()) {
         Round round;
-        double needed = rounds.empty() ? policy::ACCEPT_FIRST : policy::ACCEPT_FURTHER;
-        ExtendOptions how;
-        how.small =
-            near || follows(best) || (!rounds.empty() && best.process_noise <= policy::NEGLIGIBLE);
-        how.thorough = !near && !follows(best);
-        how.least = policy::SHOWN_BY_TRIAL * needed;
-        round.ranked = search.extend(best, how);
-        // If something little is there, what is slow to fit may be it as well.
-        if (!how.thorough && !round.ranked.empty() &&
-            round.ranked[0].penalised_nlml < best.penalised_nlml - needed) {
-            how.thorough = true;
-            round.ranked = search.extend(best, how);
-        }
-        most_tried = std::max(most_tried, search.tried());
-        bool found = choose(round.ranked, needed);
-        // Trials that leave a model more process noise than it needs do not show what is rare and
-        // small.
-        if (!found && !how.small && best.process_noise <= policy::FAINT) {
-            ExtendOptions closer = how;
-            closer.small = true;
-            // At a process noise below what matters: there a rare effect cannot hide in it.
-            closer.process_noise = 0.5 * policy::IMMATERIAL;
-            std::vector<Hypothesis> ranked = search.extend(best, closer);
-            found = choose(ranked, needed);
-            if (found)
-                round.ranked = std::move(ranked);
-        }
-        if (how.thorough && !how.small && !(found && search.complete(round.ranked[0])))
-            found = consider_backlash(round.ranked, needed) || found;
-        if (!found)
+        if (!find_next(round.ranked))
             return;
         consider_other_joint(round.ranked);
         consider_bristles(round.ranked);
@@ -455,30 +463,38 @@ void CauseSearch::simplify()
         if (mk_model_hides_joint(&best.point.model) || !has_open_shape(i))
             continue;
         const Candidate law = rounds[i].ranked[0].added;
-        for (const Candidate &start : search.candidates_of(removed(i))) {
-            if (start.joint != law.joint || is_library(start.effect) || is_backlash(start.effect) ||
-                start.effect->state_count > law.effect->state_count ||
-                start.effect->parameter_count >= law.effect->parameter_count || has_cause(start))
-                continue;
-            mk_model m = best.point.model, simpler;
-            mk_effect_use &use = m.effect[model.effect_count + (int)i];
-            Candidate as_large = start;
-            if (std::strcmp(start.effect->parameter[start.size].unit,
-                            law.effect->parameter[law.size].unit) == 0)
-                as_large.value[start.size] = use.value[law.size];
-            if (!with_candidate(removed(i), as_large, simpler))
-                continue;
-            use = simpler.effect[simpler.effect_count - 1];
-            Hypothesis h;
-            if (!search.refit_at(m, best, best.process_noise, h) ||
-                h.penalised_nlml > best.penalised_nlml)
-                continue;
-            h.added = start;
-            best = h;
-            rounds[i].ranked = led_by(start, std::move(rounds[i].ranked));
-            forget_lacks();
-        }
+        for (const Candidate &start : search.candidates_of(removed(i)))
+            if (is_simpler(start, law) && !has_cause(start))
+                say_simpler(i, law, start);
     }
+}
+
+bool CauseSearch::is_simpler(const Candidate &a, const Candidate &b)
+{
+    return a.joint == b.joint && !is_library(a.effect) && !is_backlash(a.effect) &&
+           a.effect->state_count <= b.effect->state_count &&
+           a.effect->parameter_count < b.effect->parameter_count;
+}
+
+// A simpler law takes a cause's place if it is as likely. A size in the same unit starts as large.
+void CauseSearch::say_simpler(size_t cause, const Candidate &law, const Candidate &start)
+{
+    mk_model m = best.point.model, simpler;
+    mk_effect_use &use = m.effect[model.effect_count + (int)cause];
+    Candidate as_large = start;
+    if (std::strcmp(start.effect->parameter[start.size].unit,
+                    law.effect->parameter[law.size].unit) == 0)
+        as_large.value[start.size] = use.value[law.size];
+    if (!with_candidate(removed(cause), as_large, simpler))
+        return;
+    use = simpler.effect[simpler.effect_count - 1];
+    Hypothesis h;
+    if (!search.refit_at(m, best, best.process_noise, h) || h.penalised_nlml > best.penalised_nlml)
+        return;
+    h.added = start;
+    best = h;
+    rounds[cause].ranked = led_by(start, std::move(rounds[cause].ranked));
+    forget_lacks();
 }
 
 bool CauseSearch::fit_without(size_t cause, Hypothesis &without)

@@ -91,6 +91,8 @@ class CauseSearch
     void name_terms();
     void put_in_place(size_t cause, std::vector<Hypothesis> ranked, const Hypothesis &without);
     bool has_open_size(size_t cause) const;
+    static bool is_simpler(const Candidate &a, const Candidate &b);
+    void say_simpler(size_t cause, const Candidate &law, const Candidate &start);
     bool has_open_shape(size_t cause) const;
     void face_rivals(size_t cause);
     bool has_cause(const Candidate &c) const;
@@ -106,6 +108,9 @@ class CauseSearch
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> ranked) const;
     bool may_add(size_t most, bool nearer) const;
     void look_further();
+    bool is_done() const;
+    bool find_next(std::vector<Hypothesis> &ranked);
+    bool find_rare(ExtendOptions how, double needed, std::vector<Hypothesis> &ranked);
     void add_causes(size_t most);
     void try_runners_up();
     void reconsider();

@@ -149,6 +149,48 @@ bool with_own_place(const mk_model &model, mk_model &out)
     return true;
 }
 
+// Asks for values of their own in every log of `added`, beside what was found, and takes them into
+// `out` where they predict second halves better. True where only some of them differ: `added` are
+// those then.
+static bool ask_group(const mk_model &given, const HeldOut &halves, Search &search,
+                      std::vector<Candidate> &added, LogValues &out)
+{
+    mk_model own_model, one_model;
+    Hypothesis own, one;
+    if (!with_members(out.fit.point.model, added, true, own_model) ||
+        !with_members(out.fit.point.model, added, false, one_model) ||
+        !search.refit_at(own_model, out.fit, out.fit.process_noise, own) ||
+        !search.refit_at(one_model, out.fit, out.fit.process_noise, one))
+        return false;
+    // `one` has the same effects with one value for all logs, so that the gain is what the spread
+    // adds.
+    const double gain = one.penalised_nlml - own.penalised_nlml;
+    if (gain < policy::ACCEPT_FIRST)
+        return false;
+    const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
+    const size_t first = keep.size() - added.size();
+    std::vector<Candidate> fewer;
+    for (size_t i = 0; i < added.size(); i++)
+        if (keep[first + i])
+            fewer.push_back(added[i]);
+    if (fewer.size() < added.size()) {
+        added = std::move(fewer);
+        return true;
+    }
+    HeldOutFigures with, without;
+    if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
+        halves.figures(one.point.model, without, nullptr) != MK_OK ||
+        !surely_better(ratio_by_log(with, without)))
+        return false;
+    // The model to go on from has the group at its fitted values and the base parameters as given.
+    out.model = own.point.model;
+    std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+    out.fit = std::move(own);
+    for (const Candidate &c : added)
+        out.found.push_back({c.effect, c.joint, c.size, gain, c.spread});
+    return false;
+}
+
 LogValues find_log_values(const mk_model &given, const std::vector<const mk_log *> &logs,
                           double window_s, Search &search, const Hypothesis &refit)
 {
@@ -161,46 +203,10 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
     const HeldOut halves(logs, window_s, true, search.settings().threads);
     for (const Group &group : groups) {
         std::vector<Candidate> added = members(group, out.model);
-        while (!added.empty() && !search.cancelled) {
-            mk_model own_model, one_model;
-            Hypothesis own, one;
-            if (!with_members(out.fit.point.model, added, true, own_model) ||
-                !with_members(out.fit.point.model, added, false, one_model) ||
-                !search.refit_at(own_model, out.fit, out.fit.process_noise, own) ||
-                !search.refit_at(one_model, out.fit, out.fit.process_noise, one))
-                break;
-            // `one` has the same effects with one value for all logs, so that the gain is what the
-            // spread adds.
-            const double gain = one.penalised_nlml - own.penalised_nlml;
-            if (gain < policy::ACCEPT_FIRST)
-                break;
-            const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
-            const size_t first = keep.size() - added.size();
-            std::vector<Candidate> fewer;
-            for (size_t i = 0; i < added.size(); i++)
-                if (keep[first + i])
-                    fewer.push_back(added[i]);
-            // Members whose values do not differ leave the group; the others are asked once more
-            // without them.
-            if (fewer.size() < added.size()) {
-                added = std::move(fewer);
-                continue;
-            }
-            HeldOutFigures with, without;
-            if (halves.figures(own.point.model, with, nullptr) != MK_OK ||
-                halves.figures(one.point.model, without, nullptr) != MK_OK)
-                break;
-            if (!surely_better(ratio_by_log(with, without)))
-                break;
-            // The model to go on from has the group at its fitted values and the base parameters as
-            // given.
-            out.model = own.point.model;
-            std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
-            out.fit = std::move(own);
-            for (const Candidate &c : added)
-                out.found.push_back({c.effect, c.joint, c.size, gain, c.spread});
-            break;
-        }
+        // Members whose values do not differ leave the group; the others are asked once more
+        // without them.
+        while (!added.empty() && !search.cancelled && ask_group(given, halves, search, added, out))
+            continue;
     }
     return out;
 }
@@ -284,6 +290,38 @@ static double held_off(const mk_model &m, int joint)
     return stiffness > 1e-9 ? friction / stiffness : std::nan("");
 }
 
+// What was found to differ from log to log as it is told: the common value, the spread, and the
+// evidence for the spread. `std_error`: of the effect's parameters.
+static mk_cause as_cause(const LogValue &found, const mk_effect_use &use, const double *std_error)
+{
+    mk_cause c = {};
+    c.effect = found.effect, c.joint = found.joint;
+    for (int k = 0; k < found.effect->parameter_count; k++) {
+        c.value[k] = use.value[k];
+        c.spread[k] = use.spread[k];
+        c.std_error[k] = std_error[k];
+    }
+    // delta BIC = 2 gain; p: chi-square of one degree of freedom, of 2 gain; confidence as in
+    // verdict.cpp, nothing being the rival.
+    c.delta_bic = 2.0 * found.gain;
+    c.p_value = chi2_tail(2.0 * found.gain, 1);
+    c.confidence = 0.99 / (1.0 + std::exp(-found.gain));
+    return c;
+}
+
+// What each log has of its own of an effect whose parameters have the numbers from `first` on.
+static void add_own_values(const std::vector<OwnValue> &own, const mk_effect_use &use, int first,
+                           mk_explanation &out)
+{
+    const mk_effect_info *info = mk_effect(use.index);
+    for (const OwnValue &o : own) {
+        const bool its = o.number >= first && o.number < first + info->parameter_count;
+        if (its && out.per_log_count < MK_MAX_PER_LOG)
+            out.per_log[out.per_log_count++] = {o.source,         info,    use.joint,
+                                                o.number - first, o.value, o.std_error};
+    }
+}
+
 void describe_log_values(const LogValues &values, const Hypothesis &best,
                          const std::vector<const FitLog *> &training, int threads,
                          mk_explanation &out)
@@ -307,31 +345,17 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
     int number = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);
-        for (const LogValue &v : values.found) {
-            if (v.effect != info || v.joint != m.effect[e].joint ||
-                out.log_value_count == MK_MAX_LOG_VALUES)
-                continue;
-            mk_cause &c = out.log_value[out.log_value_count++];
-            c = {};
-            c.effect = info, c.joint = v.joint;
-            for (int k = 0; k < info->parameter_count; k++) {
-                const auto place = std::find(free.begin(), free.end(), number + k);
-                const long at = place - free.begin();
-                c.value[k] = m.effect[e].value[k];
-                c.spread[k] = m.effect[e].spread[k];
-                c.std_error[k] = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
-            }
-            // delta BIC = 2 gain; p: chi-square of one degree of freedom, of 2 gain; confidence as
-            // in verdict.cpp, nothing being the rival.
-            c.delta_bic = 2.0 * v.gain;
-            c.p_value = chi2_tail(2.0 * v.gain, 1);
-            c.confidence = 0.99 / (1.0 + std::exp(-v.gain));
+        double std_error[MK_MAX_EFFECT_PARAMETERS] = {};
+        for (int k = 0; k < info->parameter_count; k++) {
+            const auto place = std::find(free.begin(), free.end(), number + k);
+            const long at = place - free.begin();
+            std_error[k] = place == free.end() ? std::nan("") : std::sqrt(cov(at, at));
         }
-        for (const OwnValue &o : own)
-            if (o.number >= number && o.number < number + info->parameter_count &&
-                out.per_log_count < MK_MAX_PER_LOG)
-                out.per_log[out.per_log_count++] = {o.source,          info,    m.effect[e].joint,
-                                                    o.number - number, o.value, o.std_error};
+        for (const LogValue &v : values.found)
+            if (v.effect == info && v.joint == m.effect[e].joint &&
+                out.log_value_count < MK_MAX_LOG_VALUES)
+                out.log_value[out.log_value_count++] = as_cause(v, m.effect[e], std_error);
+        add_own_values(own, m.effect[e], number, out);
         number += info->parameter_count;
     }
 }

@@ -89,6 +89,31 @@ double usual(const std::vector<Jump> &d)
 
 } // namespace
 
+// Of steps those of the one size that most have, made equal; none where most are of other sizes:
+// then they are something else. `count`: of the encoder.
+static std::vector<MissedCount> of_one_size(const std::vector<MissedCount> &found, double count)
+{
+    std::vector<MissedCount> same;
+    if (found.empty())
+        return same;
+    std::vector<double> size;
+    for (const MissedCount &s : found)
+        size.push_back(std::fabs(s.step));
+    std::nth_element(size.begin(), size.begin() + (std::ptrdiff_t)(size.size() / 2), size.end());
+    const double typical = size[size.size() / 2], tolerance = 0.25 * typical + 2.0 * count;
+    for (const MissedCount &s : found)
+        if (std::fabs(std::fabs(s.step) - typical) < tolerance)
+            same.push_back(s);
+    if (2 * same.size() < found.size() + 1)
+        same.clear();
+    double mean = 0.0;
+    for (const MissedCount &s : same)
+        mean += std::fabs(s.step) / (double)same.size();
+    for (MissedCount &s : same)
+        s.step = std::copysign(mean, s.step);
+    return same;
+}
+
 std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &logs, int j)
 {
     std::vector<MissedCount> found;
@@ -110,26 +135,7 @@ std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &l
                 found.push_back({l, k, d[k].size});
         }
     }
-    if (found.empty())
-        return found;
-    // One step size; what differs is something else.
-    std::vector<double> size;
-    for (const MissedCount &s : found)
-        size.push_back(std::fabs(s.step));
-    std::nth_element(size.begin(), size.begin() + (std::ptrdiff_t)(size.size() / 2), size.end());
-    double typical = size[size.size() / 2], tolerance = 0.25 * typical + 2.0 * logs[0]->count[j];
-    std::vector<MissedCount> same;
-    for (const MissedCount &s : found)
-        if (std::fabs(std::fabs(s.step) - typical) < tolerance)
-            same.push_back(s);
-    if (2 * same.size() < found.size() + 1)
-        same.clear();
-    double mean = 0.0;
-    for (const MissedCount &s : same)
-        mean += std::fabs(s.step) / (double)same.size();
-    for (MissedCount &s : same)
-        s.step = std::copysign(mean, s.step);
-    return same;
+    return found.empty() ? found : of_one_size(found, logs[0]->count[j]);
 }
 
 FitLog with_corrected_counts(const FitLog &log, size_t index, int j,

@@ -582,6 +582,28 @@ void PredictionSearch::eliminate(size_t cause)
     runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
 }
 
+// sum_j (MSE_j(less) - MSE_j(with)) / MSE_j(refit), or of a resample.
+static double gain_of(const HeldOutFigures &with, const HeldOutFigures &less,
+                      const HeldOutFigures &refit, int joints, const Times *times)
+{
+    double sum = 0.0;
+    for (int j = 0; j < joints; j++)
+        if (refit.square[j] > 0.0)
+            sum += (mean_square(less, j, times) - mean_square(with, j, times)) /
+                   mean_square(refit, j, nullptr);
+    return sum;
+}
+
+// Of the windows' log ratios, those that are known, of a resample.
+static double mean_of(const std::vector<double> &ratios, const Times &times)
+{
+    double sum = 0.0, n = 0.0;
+    for (size_t w = 0; w < std::min(times.size(), ratios.size()); w++)
+        if (!std::isnan(ratios[w]))
+            sum += times[w] * ratios[w], n += times[w];
+    return n > 0.0 ? sum / n : 0.0;
+}
+
 // The cause without which held-out data are predicted as well within what chance would do, if any.
 // With MSE_j the mean squared error of joint j, of the best model (with), without the cause (less)
 // and refitted,
@@ -609,23 +631,11 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
             held.figures(causes[i].without.point.model, less, nullptr) != MK_OK)
             continue;
         const auto gain = [&](const Times *times) {
-            double sum = 0.0;
-            for (int j = 0; j < joints; j++)
-                if (before.square[j] > 0.0)
-                    sum += (mean_square(less, j, times) - mean_square(with, j, times)) /
-                           mean_square(before, j, nullptr);
-            return sum;
+            return gain_of(with, less, before, joints, times);
         };
         const std::vector<double> ratios = carry_over::log_ratios(with, less);
-        const auto mean_ratio = [&](const Times &times) {
-            double sum = 0.0, n = 0.0;
-            for (size_t w = 0; w < std::min(times.size(), ratios.size()); w++)
-                if (!std::isnan(ratios[w]))
-                    sum += times[w] * ratios[w], n += times[w];
-            return n > 0.0 ? sum / n : 0.0;
-        };
         const std::vector<Interval> sure = intervals_of(with, [&](const Times &times) {
-            return std::vector<double>{gain(&times), mean_ratio(times)};
+            return std::vector<double>{gain(&times), mean_of(ratios, times)};
         });
         // A few windows make up most of the squares: that it is better on the whole, and surely so
         // in the usual window, confirms it as well. So does that it clearly shows, of a cause that

@@ -220,10 +220,10 @@ double Search::penalty(int parameters) const
 
 // A model that follows its data most likely lacks nothing that stores or strikes; of what remains,
 // the mildest start will do.
-bool Search::worth_trying(const std::vector<Candidate> &all, size_t i)
+bool Search::worth_trying(const std::vector<Candidate> &all, size_t i, const ExtendOptions &how)
 {
-    bool first = i == 0 || !same_cause(all[i - 1], all[i]);
-    return first && all[i].effect->state_count == 0;
+    const bool first = i == 0 || !same_cause(all[i - 1], all[i]);
+    return how.only || how.thorough || (first && all[i].effect->state_count == 0);
 }
 
 std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
@@ -285,6 +285,17 @@ Hypothesis Search::at_minimum(const Hypothesis &base, const FitOptions &loose)
     return start;
 }
 
+// Numbers of those that promise anything, the most promising first.
+static std::vector<size_t> by_promise(const std::vector<double> &gain)
+{
+    std::vector<size_t> order;
+    for (size_t i = 0; i < gain.size(); i++)
+        if (std::isfinite(gain[i]))
+            order.push_back(i);
+    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    return order;
+}
+
 // Linear candidates by what their slope promises, the best start of each, the most promising first;
 // and all others.
 std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
@@ -292,11 +303,8 @@ std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
                                           const ExtendOptions &how) const
 {
     constexpr double LEAST_SHARE = 0.02; // of the best promise: at most the next thing to be found
-    std::vector<size_t> order, tries;
-    for (size_t i = 0; i < all.size(); i++)
-        if (std::isfinite(gain[i]))
-            order.push_back(i);
-    std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return gain[a] > gain[b]; });
+    const std::vector<size_t> order = by_promise(gain);
+    std::vector<size_t> tries;
     const double least_promise = order.empty() ? 0.0 : LEAST_SHARE * gain[order[0]];
     // Terms of the library are many, starts of a resonance too; they must not crowd out the rest.
     int room[3] = {options.full_fits + 2, options.full_fits / 2, 3};
@@ -313,7 +321,7 @@ std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
         left--;
     }
     for (size_t i = 0; i < all.size(); i++)
-        if (!all[i].linear && (how.only || how.thorough || worth_trying(all, i)))
+        if (!all[i].linear && worth_trying(all, i, how))
             tries.push_back(i);
     return tries;
 }
@@ -389,6 +397,34 @@ bool Search::discredited(const Hypothesis &h)
     return off || at_end || std::fabs(value) > h.added.most;
 }
 
+// Whether shape k of a cause, the model's last effect, is within FAR times the range of its starts.
+static bool is_near_starts(const mk_model &model, const Candidate &cause, int k,
+                           const std::vector<Candidate> &starts)
+{
+    // FAR: factor beyond all starts of a cause. AWAY: rad.
+    constexpr double FAR = 3.0, AWAY = 12.0;
+    const mk_effect_use &use = model.effect[model.effect_count - 1];
+    const mk_parameter_info &info = cause.effect->parameter[k];
+    // Turns of the joint: a spring that rests that far away is a constant torque.
+    if (info.fit == MK_FIT_CENTRE)
+        return std::fabs(use.value[k]) <= AWAY;
+    if (info.fit != MK_FIT_FREE || info.min < 0.0)
+        return true;
+    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
+    const bool by_size =
+        scales_with_torque(model, first + cause.size) && scales_with_torque(model, first + k);
+    const auto shape_of = [&](const double *value) {
+        return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
+    };
+    double low = HUGE_VAL, high = 0.0;
+    for (const Candidate &c : starts)
+        if (same_cause(c, cause))
+            low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
+    const double now = shape_of(use.value);
+    const bool known = low > 0.0 && low < HUGE_VAL;
+    return !known || (now >= low / FAR && now <= high * FAR);
+}
+
 // Whether a fit has left the cause what it is: the size has one, and no shape has gone far beyond
 // where the search for it starts. A law whose shape has is another one: a cable that never yields a
 // spring, a friction that changes over hours a constant. A shape that scales with torque as the
@@ -397,34 +433,14 @@ bool Search::discredited(const Hypothesis &h)
 bool Search::plausible(const mk_model &model, const Candidate &cause,
                        const std::vector<Candidate> &starts)
 {
-    // FAR: factor beyond all starts of a cause. AWAY: rad.
-    constexpr double FAR = 3.0, AWAY = 12.0;
-    const mk_effect_use &use = model.effect[model.effect_count - 1];
     Hypothesis h;
     h.added = cause;
     h.point.model = model;
     if (discredited(h))
         return false;
-    const int first = mk_model_parameter_count(&model) - cause.effect->parameter_count;
-    const bool size_scales = scales_with_torque(model, first + cause.size);
-    for (int k = 0; k < cause.effect->parameter_count; k++) {
-        const mk_parameter_info &info = cause.effect->parameter[k];
-        const bool by_size = size_scales && scales_with_torque(model, first + k);
-        const auto shape_of = [&](const double *value) {
-            return by_size ? value[k] / std::fabs(value[cause.size]) : value[k];
-        };
-        double low = HUGE_VAL, high = 0.0;
-        for (const Candidate &c : starts)
-            if (same_cause(c, cause))
-                low = std::min(low, shape_of(c.value)), high = std::max(high, shape_of(c.value));
-        const bool shape = k != cause.size && info.fit == MK_FIT_FREE && info.min >= 0.0;
-        const double now = shape_of(use.value);
-        if (shape && low > 0.0 && low < HUGE_VAL && (now < low / FAR || now > high * FAR))
+    for (int k = 0; k < cause.effect->parameter_count; k++)
+        if (k != cause.size && !is_near_starts(model, cause, k, starts))
             return false;
-        // Turns of the joint: a spring that rests that far away is a constant torque.
-        if (info.fit == MK_FIT_CENTRE && std::fabs(use.value[k]) > AWAY)
-            return false;
-    }
     return true;
 }
 

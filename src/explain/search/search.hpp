@@ -126,13 +126,23 @@ class Search
         int iterations;
         bool size_only; // the shape stays as it starts
     };
+    // The likelihood's slope by the sizes of some candidates, about a model with next to nothing of
+    // each.
+    struct Slope {
+        mk_model model;
+        std::vector<size_t> members; // of the candidates, in the model's order
+        std::vector<int> free;
+        QuadraticModel quadratic;
+        bool find(const Hypothesis &base, const std::vector<Candidate> &all,
+                  const std::vector<size_t> &group, Fit &fit);
+    };
     std::mutex talk;
 
     void screen(const Hypothesis &base, const FitOptions &loose, const std::vector<Candidate> &all,
                 std::vector<double> &gain);
     static double promised(const QuadraticModel &quadratic, const std::vector<int> &free,
                            const std::vector<int> &wanted);
-    static bool worth_trying(const std::vector<Candidate> &all, size_t i);
+    static bool worth_trying(const std::vector<Candidate> &all, size_t i, const ExtendOptions &how);
     void polish(Fit &fit, Hypothesis &h, bool process_noise_too) const;
     void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);
     bool try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,

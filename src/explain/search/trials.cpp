@@ -51,24 +51,60 @@ FitPoint with_states(const FitPoint &from, const mk_model &model)
 
 } // namespace
 
-// Gain in log likelihood that each linear candidate promises. TOGETHER of them share a model, each
-// next to nothing; their columns of H and g are then looked at one candidate at a time. One with
-// states is looked at alone.
-void Search::screen(const Hypothesis &base, const FitOptions &loose,
-                    const std::vector<Candidate> &all, std::vector<double> &gain)
+// Numbers of linear candidates that share a model, each next to nothing. One with states is looked
+// at alone.
+static std::vector<std::vector<size_t>> linear_groups(const std::vector<Candidate> &all)
 {
-    // What has states is looked at alone.
     constexpr size_t TOGETHER = 6;
     std::vector<std::vector<size_t>> group;
     for (size_t i = 0; i < all.size(); i++) {
         if (!all[i].linear)
             continue;
-        bool alone = all[i].effect->state_count > 0;
+        const bool alone = all[i].effect->state_count > 0;
         if (alone || group.empty() || group.back().size() == TOGETHER ||
             all[group.back()[0]].effect->state_count > 0)
             group.emplace_back();
         group.back().push_back(i);
     }
+    return group;
+}
+
+// A model with so little of each candidate of a group that the trajectory stays where it is: the
+// cost changes by less than SAME_COST. Not with nothing of it, where a derivative by the shape
+// would be 0 as well. False where there is none.
+bool Search::Slope::find(const Hypothesis &base, const std::vector<Candidate> &all,
+                         const std::vector<size_t> &group, Fit &fit)
+{
+    constexpr double SAME_COST = 0.5, FIRST_SHARE = 1e-3, LEAST_SHARE = 1e-13;
+    for (double share = FIRST_SHARE; share > LEAST_SHARE; share *= FIRST_SHARE) {
+        model = base.point.model;
+        members.clear();
+        for (size_t k : group) {
+            Candidate c = all[k];
+            c.value[c.size] *= share;
+            mk_model more;
+            if (with_candidate(model, c, more)) {
+                model = more;
+                members.push_back(k);
+            }
+        }
+        // Columns: the base's own parameters and those of all members.
+        FitPoint point = with_states(base.point, model);
+        free = fitted_parameters(model);
+        quadratic = fit.quadratic(point, free);
+        if (quadratic.finite && std::fabs(quadratic.cost - base.point.cost) < SAME_COST)
+            break;
+    }
+    return quadratic.finite;
+}
+
+// Gain in log likelihood that each linear candidate promises. Their columns of H and g are looked
+// at one candidate at a time: members of a group do not compete, each is looked at with the base
+// alone, as if the others were held at nothing.
+void Search::screen(const Hypothesis &base, const FitOptions &loose,
+                    const std::vector<Candidate> &all, std::vector<double> &gain)
+{
+    const std::vector<std::vector<size_t>> group = linear_groups(all);
     const size_t groups = group.size();
     const std::vector<int> own = fitted_parameters(base.point.model);
     std::atomic<size_t> done{0};
@@ -78,54 +114,25 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
     here.coarsen(base.point);
     work += here.work_done;
     parallel_for(options.threads, groups, [&](size_t g) {
-        mk_model model;
-        std::vector<size_t> members;
-        std::vector<int> free;
-        QuadraticModel p;
         Fit fit(logs, loose);
         fit.coarsen_as(here);
-        // So little of each that the trajectory stays where it is: the cost changes by less than
-        // 0.5. Not 0, where a derivative by the shape would be 0 as well.
-        for (double share = 1e-3; share > 1e-13; share *= 1e-3) {
-            model = base.point.model;
-            members.clear();
-            for (size_t k : group[g]) {
-                Candidate c = all[k];
-                c.value[c.size] *= share;
-                mk_model more;
-                if (with_candidate(model, c, more)) {
-                    model = more;
-                    members.push_back(k);
-                }
-            }
-            // Columns: the base's own parameters and those of all members.
-            FitPoint point = with_states(base.point, model);
-            free = fitted_parameters(model);
-            p = fit.quadratic(point, free);
-            if (p.finite && std::fabs(p.cost - base.point.cost) < 0.5)
-                break;
-        }
+        Slope slope;
+        const bool found = slope.find(base, all, group[g], fit);
         spent[g] = fit.work_done;
-        if (!p.finite)
+        if (!found)
             return;
-        int first = mk_plant(model.plant)->parameter_count;
-        for (int e = 0; e < model.effect_count; e++) {
-            int count = mk_effect(model.effect[e].index)->parameter_count;
-            int member = e - base.point.model.effect_count;
-            if (member >= 0) {
-                const Candidate &c = all[members[(size_t)member]];
-                // The shape of a resonance has no slope where it is next to nothing.
-                bool size_only = c.effect->state_count > 0;
-                // Members do not compete here: each is looked at with the base alone, as if the
-                // others were held at nothing.
-                std::vector<int> wanted = own;
-                for (int number : free)
-                    if (number >= first && number < first + count &&
-                        (!size_only || number == first + c.size))
-                        wanted.push_back(number);
-                gain[members[(size_t)member]] =
-                    promised(p, free, wanted) - penalty((int)(wanted.size() - own.size()));
-            }
+        int first = mk_model_parameter_count(&base.point.model);
+        for (size_t k : slope.members) {
+            const int count = all[k].effect->parameter_count;
+            // The shape of a resonance has no slope where it is next to nothing.
+            const bool size_only = all[k].effect->state_count > 0;
+            std::vector<int> wanted = own;
+            for (int number : slope.free)
+                if (number >= first && number < first + count &&
+                    (!size_only || number == first + all[k].size))
+                    wanted.push_back(number);
+            gain[k] = promised(slope.quadratic, slope.free, wanted) -
+                      penalty((int)(wanted.size() - own.size()));
             first += count;
         }
         tick(0.3 * (double)++done / (double)groups, "screening causes");
