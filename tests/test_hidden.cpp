@@ -331,10 +331,10 @@ START_TEST(laws_that_all_but_cancel_are_no_causes)
 END_TEST
 
 // A hidden case, and that explain names each of its effects and nothing else.
-static void all_are_named(const char *kind, unsigned seed, size_t effects)
+static void all_are_named(const char *kind, unsigned seed, size_t effects, size_t runs = 0)
 {
     truth::Wish wish;
-    wish.kind = kind, wish.seed = seed;
+    wish.kind = kind, wish.seed = seed, wish.runs = runs;
     truth::Case c = truth::make_case(wish);
     ck_assert_uint_eq(c.rig.effects.size(), effects);
     mk_explanation e = explained(c);
@@ -372,6 +372,12 @@ END_TEST
 START_TEST(two_frictions_take_the_place_of_a_term_without_a_name_that_stood_for_both)
 {
     all_are_named("pair", 9665496, 2);
+}
+END_TEST
+
+START_TEST(an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it)
+{
+    all_are_named("pair", 9922109, 2, 3);
 }
 END_TEST
 
@@ -556,6 +562,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t,
                    a_first_cause_that_leaves_the_model_far_from_its_data_is_followed_by_a_second);
     tcase_add_test(t, two_frictions_take_the_place_of_a_term_without_a_name_that_stood_for_both);
+    tcase_add_test(t, an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it);
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
     tcase_add_test(
         t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);

@@ -426,8 +426,9 @@ class Explainer
         ask_held_out();
         reject_misleading();
     }
-    // Causes that predict are those that are said, unless likelihood goes on from them, or finds
-    // what they do not. True if so.
+    // Causes that predict are those that are said, unless likelihood goes on from them. Where none
+    // does, or none is confirmed, likelihood is asked to the end, and says what it is where it
+    // speaks for itself. True where predictions have decided.
     bool decide_by(std::unique_ptr<PredictionSearch> &prediction, Hypothesis &refit)
     {
         if (go_on_from(*prediction, refit))
@@ -435,7 +436,20 @@ class Explainer
         prediction->decide();
         if (prediction->causes.empty())
             go_on_without_predictions();
-        return !speaks_for_itself() && take_predictions(prediction, refit);
+        if (speaks_for_itself())
+            return false;
+        std::unique_ptr<CauseSearch> likely = std::move(causes);
+        const bool taken = take_predictions(prediction, refit);
+        if (taken && !causes->rounds.empty())
+            return true;
+        std::swap(causes, likely);
+        if (!taken)
+            return false;
+        go_on_without_predictions();
+        if (speaks_for_itself())
+            return false;
+        std::swap(causes, likely);
+        return true;
     }
     // Whether likelihood has found what is missing, or most of it.
     bool speaks_for_itself() const
@@ -469,10 +483,11 @@ class Explainer
         causes = std::move(more);
         return true;
     }
-    // Where nothing predicts, likelihood is asked to the end: of long logs that would take long.
+    // Where nothing predicts, likelihood is asked to the end. Not of long logs, which would take
+    // long, nor of several, of which those that are left out have said that nothing carries over.
     void go_on_without_predictions()
     {
-        if (!causes->gives_up() || !data.whole.empty())
+        if (!causes->gives_up() || !data.whole.empty() || folds->sources() >= Folds::FEWEST)
             return;
         clock.enter("search");
         causes->run_to_the_end();
@@ -582,8 +597,6 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        // Of long logs a second cause takes long to ask for.
-        causes->give_up_after = data.whole.empty() ? 2 : 1;
         if (correction.joint == 0 && folds->enough())
             causes->gives_up_below = data.whole.empty() ? policy::LIKELIHOOD_SAYS_LITTLE : HUGE_VAL;
         if (!far)

@@ -148,6 +148,12 @@ std::vector<double> Verdict::standard_errors(const Hypothesis &h)
     return error;
 }
 
+static bool is_wave(const mk_effect_info &info)
+{
+    return std::any_of(info.parameter, info.parameter + info.parameter_count,
+                       [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
+}
+
 // Every cause's size is policy::ESTABLISHED standard errors from 0. Laws that nearly cancel have
 // large errors: together they make up a shape that none of them has.
 bool Verdict::established() const
@@ -159,11 +165,13 @@ bool Verdict::established() const
         const int cause = e - model.effect_count;
         if (cause >= 0 && cause < (int)causes.rounds.size()) {
             const int size = causes.rounds[(size_t)cause].ranked[0].added.size;
-            const auto here = std::count_if(
+            const auto waves = std::count_if(
                 m.effect + model.effect_count, m.effect + m.effect_count,
-                [&](const mk_effect_use &use) { return use.joint == m.effect[e].joint; });
+                [&](const mk_effect_use &use) {
+                    return use.joint == m.effect[e].joint && is_wave(*mk_effect(use.index));
+                });
             // A size without an error (not fitted) passes.
-            const double error = error_of_size(first, info, size, here == 1);
+            const double error = error_of_size(first, info, size, is_wave(info) && waves == 1);
             if (std::fabs(m.effect[e].value[size]) < policy::ESTABLISHED * error)
                 return false;
         }
@@ -176,7 +184,7 @@ bool Verdict::established() const
 // rows and columns that are kept. Rows left out are parameters held:
 //     those of the effect's own shape, unless the law is linear in them and the size (phase,
 //     centre) ;
-//     base parameters, of a wave that is the only effect at its joint (`alone`) .
+//     base parameters, of a wave that is the only one at its joint (`alone`) .
 // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
 // matter: something of it is there. NaN where the size was not fitted.
 double Verdict::error_of_size(int first, const mk_effect_info &info, int size, bool alone) const
@@ -185,11 +193,6 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size, b
     const std::vector<int> free = fitted_parameters(h.point.model);
     std::vector<int> kept, place;
     long at = -1;
-    // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
-    // matter: something of it is there.
-    const bool wave =
-        alone && std::any_of(info.parameter, info.parameter + info.parameter_count,
-                             [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
     for (size_t i = 0; i < free.size(); i++) {
         const int own = free[i] - first;
         if (own == size)
@@ -198,7 +201,7 @@ double Verdict::error_of_size(int first, const mk_effect_info &info, int size, b
                  info.parameter[own].fit != MK_FIT_ANGLE &&
                  info.parameter[own].fit != MK_FIT_CENTRE)
             continue;
-        else if (wave && free[i] < mk_plant(model.plant)->parameter_count)
+        else if (alone && free[i] < mk_plant(model.plant)->parameter_count)
             continue;
         kept.push_back(free[i]);
         place.push_back((int)i);

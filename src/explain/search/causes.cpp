@@ -83,6 +83,8 @@ void CauseSearch::run_to_the_end()
 void CauseSearch::look_further()
 {
     add_causes(policy::MOST_CAUSES);
+    if (gives_up()) // something else will say what is missing
+        return;
     try_runners_up();
     name_terms();
     drop_idle();
@@ -214,10 +216,10 @@ void CauseSearch::add_causes(size_t most)
 
 // The best model still says nothing within a shooting interval, and its causes gained too little a
 // reading for likelihood to be the right judge: predictions are asked in its place
-// (prediction_search.cpp). What two causes hide together may show with the second one only.
+// (prediction_search.cpp).
 bool CauseSearch::gives_up() const
 {
-    return rounds.size() >= give_up_after && best.process_noise >= policy::SAYS_NOTHING &&
+    return best.process_noise >= policy::SAYS_NOTHING &&
            refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 
