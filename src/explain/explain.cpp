@@ -597,6 +597,7 @@ class Explainer
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
+        causes->give_up_after = folds->sources() < Folds::FEWEST && data.whole.empty() ? 2 : 1;
         if (correction.joint == 0 && folds->enough())
             causes->gives_up_below = data.whole.empty() ? policy::LIKELIHOOD_SAYS_LITTLE : HUGE_VAL;
         if (!far)

@@ -216,10 +216,11 @@ void CauseSearch::add_causes(size_t most)
 
 // The best model still says nothing within a shooting interval, and its causes gained too little a
 // reading for likelihood to be the right judge: predictions are asked in its place
-// (prediction_search.cpp).
+// (prediction_search.cpp). What two causes hide together may show with the second one only; that is
+// asked where few logs can be left out.
 bool CauseSearch::gives_up() const
 {
-    return best.process_noise >= policy::SAYS_NOTHING &&
+    return rounds.size() >= give_up_after && best.process_noise >= policy::SAYS_NOTHING &&
            refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
 }
 

@@ -66,8 +66,9 @@ class CauseSearch
     std::vector<Carried> carried;
     // Causes that were asked beside those of `best` and do not carry over surely.
     std::vector<Asked> suspects;
-    // Where even with a cause the model is far from its data, and that cause gains less than this
+    // Where even with so many causes the model is far from its data, and they gain less than this
     // (log likelihood a reading), no others are looked for; 0: they always are.
+    size_t give_up_after = 1;
     double gives_up_below = 0.0;
     bool gives_up() const;
     Hypothesis refit;          // the given model, without a cause
