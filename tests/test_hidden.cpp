@@ -566,14 +566,18 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
     tcase_add_test(
         t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);
-    tcase_add_test(
-        t,
-        a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
     tcase_add_test(t, nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise);
     tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 2);
     suite_add_tcase(s, t);
+    TCase *longest = tcase_create("one search of several causes that takes half a minute");
+    tcase_set_timeout(longest, 300);
+    tcase_set_tags(longest, "patient");
+    tcase_add_test(
+        longest,
+        a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first);
+    suite_add_tcase(s, longest);
     return s;
 }

@@ -23,7 +23,7 @@ heavy="inputs misfit own_values hidden linear foreign explain data_check investi
     compensate trajectory residual excite robustness"
 # Tags of test cases: "long" is not run under sanitizers, "threads" only where threads are looked at, and
 # "one-thread" not there.
-# What takes more than a minute by itself has its turn with `make check-all` only.
+# What takes half a minute or more by itself has its turn with `make check-all` only.
 patient=${MK_CHECK_ALL:+none}
 export CK_EXCLUDE_TAGS=${patient:-patient}
 chosen=""
