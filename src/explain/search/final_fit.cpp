@@ -1,7 +1,5 @@
 #include "explain/search/final_fit.hpp"
 
-#include <algorithm>
-
 #include "ident/held_out.hpp"
 
 namespace mk
@@ -13,16 +11,6 @@ FinalFit::FinalFit(const TrainingData &data, const std::vector<const FitLog *> &
 {
 }
 
-// A model that was fitted to other data: first its states and process noise there, then all of it.
-static bool refit_here(Search &search, const Hypothesis &from, Hypothesis &out)
-{
-    constexpr double LOOSER = 10.0, LOOSE = 1.0; // rad/s per sqrt(s), for states that are not known
-    Hypothesis there;
-    return search.follow(from.point.model, nullptr, std::max(LOOSE, LOOSER * from.process_noise),
-                         there) &&
-           search.refit(from.point.model, &there, out);
-}
-
 void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, double window_s)
 {
     const std::vector<FitLog> &all = data.whole.empty() ? data.logs : data.whole;
@@ -32,8 +20,8 @@ void FinalFit::fit_all(const TrainingData &data, const SearchOptions &usual, dou
     auto search = std::make_unique<Search>(whole, usual);
     const bool extended = best.point.model.effect_count > refit.point.model.effect_count;
     Hypothesis refit_again, best_again;
-    if (!refit_here(*search, refit, refit_again) ||
-        (extended && !refit_here(*search, best, best_again)))
+    if (!search->refit(refit.point.model, nullptr, refit_again) ||
+        (extended && !search->refit(best.point.model, nullptr, best_again)))
         return;
     // The same data for both, so the same fit: else what one was spared would seem to be a gain.
     const std::vector<const mk_log *> &rows = data.whole.empty() ? data.rows : data.whole_rows;
