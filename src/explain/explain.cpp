@@ -123,6 +123,7 @@ class Explainer
     {
         SearchOptions so;
         so.given = &start;
+        so.masses = &masses;
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
@@ -220,6 +221,7 @@ class Explainer
 
     mk_model model;              // as given; where values of it are unknown, as the fit starts
     mk_model start;              // base parameters right to within a factor of some three
+    MassRange masses;            // between `start` and the refitted model, and some way beyond
     mk_model given, given_refit; // by the column that the model names, without values per log
     mk_explanation &out;
     mk_explain_options options;
@@ -255,8 +257,12 @@ class Explainer
             training.push_back(&log);
         folds = std::make_unique<Folds>(data, out.window_s);
         refit = {};
-        if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training), refit))
+        masses = {};
+        if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training),
+                      refit)) {
+            masses = {start, refit.point.model};
             return MK_OK;
+        }
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                             "the model cannot follow the data: are rig, units and signs right?");
     }
@@ -332,8 +338,8 @@ class Explainer
     }
     std::unique_ptr<PredictionSearch> predictions_of(const mk_model &base)
     {
-        free_runs =
-            std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s, options.threads);
+        free_runs = std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s,
+                                               options.threads, &masses);
         return std::make_unique<PredictionSearch>(*search, *free_runs, base);
     }
     double surprise_of(const mk_model &base)
@@ -433,7 +439,8 @@ class Explainer
     {
         if (go_on_from(*prediction, refit))
             return false;
-        prediction->decide();
+        if (!is_asked_of_all())
+            prediction->decide();
         if (prediction->causes.empty())
             go_on_without_predictions();
         if (speaks_for_itself())
@@ -553,6 +560,12 @@ class Explainer
         if (causes)
             search_causes(refit, false);
     }
+    // Whether what windows of longer logs say is asked of all their data, log by log: then those
+    // decide.
+    bool is_asked_of_all() const
+    {
+        return !data.whole.empty() && data.rows_by_log().size() >= Folds::FEWEST;
+    }
     // Where windows of longer logs were searched: once more over all of them. What remembers the
     // past is known better there.
     bool confirm(std::unique_ptr<PredictionSearch> &found)
@@ -560,9 +573,9 @@ class Explainer
         all_runs.reset();
         if (data.whole.empty())
             return true;
-        all_runs =
-            std::make_unique<FreeRuns>(data.rows_by_log(), start, out.window_s, options.threads);
-        if (all_runs->fold_count() < Folds::FEWEST) {
+        all_runs = std::make_unique<FreeRuns>(data.rows_by_log(), start, out.window_s,
+                                              options.threads, &masses);
+        if (!is_asked_of_all()) {
             RunPoint at = all_runs->start(found->refitted().point.model);
             all_runs->take_scale(at);
             return true;

@@ -64,6 +64,9 @@ constexpr double SURE = 2.0;
 // Share of the gap between refitted model and noise that a cause must close, or of what the others
 // leave of it.
 constexpr double LEAST_SHARE = 0.05, LEAST_OF_REST = 0.1;
+// Part of these that a cause must close to be tried together with others, which are asked for it
+// once more at the end: small causes show beside each other.
+constexpr double PART_TO_GO_ON = 0.5;
 // Times the noise: beyond it a small part of a rest that nobody understands is no finding. Looked
 // at on measured rigs.
 constexpr double NEAR_THE_NOISE = 100.0;

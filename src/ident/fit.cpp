@@ -184,26 +184,43 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
 //
 // The slope is per scaled parameter: df/dp scale = scale / ((p + nu k) SPREAD) = unit, and
 //     dh/df = |f| / ((1 + f^2) |h|)  ->  1  as f -> 0 .
-double Fit::surprise(const mk_model &near, const mk_model &model, int number, double &slope)
+static double surprise_of_value(const mk_model &near, const mk_model &model, int number,
+                                double &slope)
 {
     constexpr double SPREAD = 1.0, NOTHING = 0.05;
     slope = 0.0;
-    if (number >= mk_plant(model.plant)->parameter_count)
-        return 0.0;
     double known = near.parameter[number], now = model.parameter[number];
     if (!(known > 0.0) || !(now >= 0.0))
         return 0.0;
-    const double unit = scale_of(model, number) / ((now + NOTHING * known) * SPREAD);
+    const double unit = Fit::scale_of(model, number) / ((now + NOTHING * known) * SPREAD);
     const double far = std::log((now + NOTHING * known) / (known + NOTHING * known)) / SPREAD;
     const double square = far * far, heard = std::sqrt(std::log1p(square));
     slope = heard > 1e-4 ? unit * std::fabs(far) / ((1.0 + square) * heard) : unit;
     return std::copysign(heard, far);
 }
 
+// With w how far a mass is outside of its range, h and w are one residual:
+//     r = sqrt(h^2 + w^2) ,   dr/dp = (h dh/dp + w dw/dp) / r .
+double Fit::surprise(const mk_model &near, const MassRange *masses, const mk_model &model,
+                     int number, double &slope)
+{
+    slope = 0.0;
+    if (number >= mk_plant(model.plant)->parameter_count)
+        return 0.0;
+    const double heard = surprise_of_value(near, model, number, slope);
+    double steep = 0.0;
+    const double outside = masses ? masses->excess(model, number, steep) : 0.0;
+    if (outside == 0.0)
+        return heard;
+    const double both = std::hypot(heard, outside);
+    slope = (heard * slope + outside * steep * scale_of(model, number)) / both;
+    return both;
+}
+
 double Fit::surprise(const FitPoint &point, int number, double &slope) const
 {
     slope = 0.0;
-    return options.near ? surprise(*options.near, point.model, number, slope) : 0.0;
+    return options.near ? surprise(*options.near, options.masses, point.model, number, slope) : 0.0;
 }
 
 void Fit::add_surprise(const FitPoint &point, const std::vector<int> &free,

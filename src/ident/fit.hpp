@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "ident/fit_log.hpp"
+#include "ident/mass_range.hpp"
 #include "mechkit/ident.h"
 
 namespace mk
@@ -47,6 +48,8 @@ struct FitOptions {
     // keeps values that the data do not determine from running away, and is not heard against what
     // they do determine. NULL: nothing is known.
     const mk_model *near = nullptr;
+    // How far inertias and moments may go, must outlive the fit. NULL: anywhere.
+    const MassRange *masses = nullptr;
 };
 
 // Where the shooting intervals of one log start, and the states there.
@@ -171,8 +174,10 @@ class Fit
     // Scale of a parameter's derivative and steps.
     static double scale_of(const mk_model &model, int number);
     // How far a base parameter of `now` is from that of `near`, in standard deviations of the prior
-    // that FitOptions::near stands for, and its slope per scaled parameter. 0 for any other number.
-    static double surprise(const mk_model &near, const mk_model &now, int number, double &slope);
+    // that FitOptions::near stands for and outside of the range of masses (NULL: there is none),
+    // and its slope per scaled parameter. 0 for any other number.
+    static double surprise(const mk_model &near, const MassRange *masses, const mk_model &now,
+                           int number, double &slope);
 
   private:
     struct Segment;     // one shooting interval at one point

@@ -66,7 +66,7 @@ double FreeRuns::surprise(const mk_model &model, int number, double &slope) cons
     // Standard deviation of the logarithm: a factor of 5.
     constexpr double SPREAD = 1.6;
     if (number < mk_plant(model.plant)->parameter_count)
-        return Fit::surprise(near, model, number, slope);
+        return Fit::surprise(near, masses, model, number, slope);
     slope = 0.0;
     char name[64];
     const mk_parameter_info *info = mk_model_parameter_info(&model, number, name, sizeof name);

@@ -40,9 +40,10 @@ struct RunQuadraticModel {
 class FreeRuns
 {
   public:
-    // `folds`: logs by fold, must outlive it; `near`: base parameters are somewhere near these.
+    // `folds`: logs by fold, must outlive it; `near`: base parameters are somewhere near these;
+    // `masses`: how far those of them go, must outlive it (NULL: anywhere).
     FreeRuns(const std::vector<std::vector<const mk_log *>> &folds, const mk_model &near,
-             double window_s, int threads);
+             double window_s, int threads, const MassRange *masses = nullptr);
 
     // Start states fitted to the readings of every window.
     RunPoint start(const mk_model &model) const;
@@ -99,6 +100,7 @@ class FreeRuns
     std::vector<Window> windows;
     size_t folds;
     mk_model near;
+    const MassRange *masses;
     int threads;
     double scale[MK_MAX_JOINTS] = {1.0, 1.0};     // usual squared error of a reading, counts^2
     double deviation[MK_MAX_JOINTS] = {1.0, 1.0}; // of the readings, counts

@@ -59,8 +59,8 @@ std::vector<double> smoothed(const double *u, const mk_record &record)
 // --- logs and windows ---
 
 FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const mk_model &near_in,
-                   double window_s, int threads_in)
-    : folds(given.size()), near(near_in), threads(std::max(1, threads_in))
+                   double window_s, int threads_in, const MassRange *masses_in)
+    : folds(given.size()), near(near_in), masses(masses_in), threads(std::max(1, threads_in))
 {
     for (size_t f = 0; f < given.size(); f++)
         for (const mk_log *log : given[f]) {

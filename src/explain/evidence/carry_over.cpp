@@ -170,9 +170,9 @@ Carried carry_over::compare(const HeldOutFigures &with, const HeldOutFigures &wi
     return c;
 }
 
-static bool closes(const Carried &c)
+static bool closes(const Carried &c, double part)
 {
-    return c.share > policy::LEAST_SHARE || c.rest_share > policy::LEAST_OF_REST;
+    return c.share > part * policy::LEAST_SHARE || c.rest_share > part * policy::LEAST_OF_REST;
 }
 
 bool carry_over::worth_naming(const Carried &c)
@@ -181,14 +181,14 @@ bool carry_over::worth_naming(const Carried &c)
            (c.rest_share > policy::LEAST_OF_REST && c.times_noise < policy::NEAR_THE_NOISE);
 }
 
-bool carry_over::promising(const Carried &c)
+bool carry_over::promising(const Carried &c, double part)
 {
-    return c.folds >= 2 && c.mean < -c.error && c.better > c.worse && closes(c);
+    return c.folds >= 2 && c.mean < -c.error && c.better > c.worse && closes(c, part);
 }
 
-bool carry_over::enough(const Carried &c, int tried, double gain)
+bool carry_over::enough(const Carried &c, int tried, double gain, double part)
 {
-    if (gain < policy::LEAST_GAIN || !promising(c))
+    if (gain < policy::LEAST_GAIN || !promising(c, part))
         return false;
     // Of `tried` models that change nothing one passes by chance: 2 log(tried) is about the square
     // of the largest of so many normal deviates. So

@@ -57,13 +57,14 @@ std::vector<double> log_ratios(const HeldOutFigures &with, const HeldOutFigures 
 Carried compare(const HeldOutFigures &with, const HeldOutFigures &without,
                 const HeldOutFigures &refit, const double *floor, int joints);
 // Whether that is enough to go on from, and to be claimed where `tried` models were asked and the
-// log likelihood of independent errors is better by `gain`.
-bool promising(const Carried &carried);
+// log likelihood of independent errors is better by `gain`. `part` of the least share of the gap is
+// enough.
+bool promising(const Carried &carried, double part = 1.0);
 // Whether it is a finding: a good part of the gap, or of the little that is left of it where the
 // model with it all but predicts to the noise. A small part of a rest that nobody understands is
 // none.
 bool worth_naming(const Carried &carried);
-bool enough(const Carried &carried, int tried, double gain);
+bool enough(const Carried &carried, int tried, double gain, double part = 1.0);
 
 } // namespace carry_over
 

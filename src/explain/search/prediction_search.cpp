@@ -318,9 +318,17 @@ void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::ve
         const Carried &c = each[i].carried;
         if (fine[i] && c.mean < 0.0)
             out.push_back(each[i]);
-        if (!fine[i] || c.mean > -c.error)
+        if (!fine[i] || c.mean >= 0.0)
             hopeless.push_back(some[i]);
     }
+}
+
+// Whether the added cause is still itself, and leaves the rig what it weighs.
+bool PredictionSearch::plausible(const RunFit &fit) const
+{
+    const MassRange *masses = search.settings().masses;
+    return Search::plausible(fit.point.model, fit.cause, all) &&
+           (!masses || masses->holds(fit.point.model));
 }
 
 bool PredictionSearch::was_hopeless(const Candidate &cause) const
@@ -405,7 +413,7 @@ bool PredictionSearch::add_one()
             !fit_added(model, f.cause, FULL_ITERATIONS, f))
             return;
         f.carried = compare(f, best);
-        f.fine = Search::plausible(f.point.model, f.cause, all);
+        f.fine = plausible(f);
         const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
         std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
     });
@@ -419,7 +427,7 @@ bool PredictionSearch::add_one()
     });
     const double now = penalised_nlml(best);
     const auto may_stay = [&](const RunFit &f) {
-        return carry_over::enough(f.carried, 1, now - penalised_nlml(f));
+        return carry_over::enough(f.carried, 1, now - penalised_nlml(f), policy::PART_TO_GO_ON);
     };
     // full_fits are sorted by L: the first that may stay is the likeliest.
     auto chosen = std::find_if(full_fits.begin(), full_fits.end(), may_stay);
@@ -480,7 +488,8 @@ bool PredictionSearch::exchange(size_t count)
             if (there || !with_candidate(without(i), others[k], model) ||
                 !fit(best.point, model, FULL_ITERATIONS, threads, fits[k]))
                 continue;
-            fits[k].fine = Search::plausible(fits[k].point.model, others[k], all);
+            fits[k].cause = others[k];
+            fits[k].fine = plausible(fits[k]);
         }
         size_t chosen = fits.size();
         // A runner-up takes the place of a cause where L is less by policy::BETTER_IN_PLACE.
@@ -675,8 +684,7 @@ void PredictionSearch::face_rivals()
                 return same_cause(c.cause, rival);
             });
             if (!there && less.fine && with_candidate(less.point.model, rival, m) &&
-                fit(less.point, m, FULL_ITERATIONS, threads, faced) &&
-                Search::plausible(faced.point.model, rival, all))
+                fit(less.point, m, FULL_ITERATIONS, threads, faced) && plausible(faced))
                 causes[i].rivals.push_back(std::move(faced));
         }
     }

@@ -107,6 +107,7 @@ class PredictionSearch
     void screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out);
     std::vector<Asked> screen();
     double penalised_nlml(const RunFit &fit) const;
+    bool plausible(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
     bool converge(RunFit &at) const;
     bool exchange(size_t count);

@@ -66,6 +66,7 @@ FitOptions Search::fit_options() const
     FitOptions o;
     o.threads = options.threads;
     o.near = options.given;
+    o.masses = options.masses;
     o.interval = options.interval;
     return o;
 }

@@ -24,7 +24,8 @@ struct Hypothesis {
 };
 
 struct SearchOptions {
-    const mk_model *given = nullptr; // base parameters are somewhere near these
+    const mk_model *given = nullptr;   // base parameters are somewhere near these
+    const MassRange *masses = nullptr; // and inertias and moments within these; NULL: anywhere
     int threads = 2;
     int full_fits = 8;      // candidates that get a full fit
     double interval = 0.25; // s, see FitOptions
