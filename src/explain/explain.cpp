@@ -260,11 +260,35 @@ class Explainer
         masses = {};
         if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training),
                       refit)) {
+            keep_known_masses(refit);
             masses = {start, refit.point.model};
             return MK_OK;
         }
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                             "the model cannot follow the data: are rig, units and signs right?");
+    }
+    // Of logs that move a rig little a model that lacks something takes a mass to wherever the rest
+    // bends to them, many times over. Data that are left out say whether that was learnt or made
+    // up.
+    void keep_known_masses(Hypothesis &refit)
+    {
+        const MassRange known(start, start);
+        if (known.holds(refit.point.model) || any_unknown(options) || !folds->enough() ||
+            CauseSearch::likelihood_counts(refit) || mk_model_hides_joint(&start))
+            return;
+        masses = known;
+        Hypothesis kept;
+        if (!search->refit(start, nullptr, kept))
+            return;
+        const std::unique_ptr<PredictionSearch> within = predictions_of(kept.point.model);
+        const bool fitted = within->start();
+        masses = {};
+        PredictionSearch anywhere(*search, *free_runs, refit.point.model);
+        double gain;
+        if (!fitted ||
+            (anywhere.start() && carry_over::enough(anywhere.against(*within, gain), 1, gain)))
+            return;
+        refit = std::move(kept);
     }
     // Values per log and the column come before all causes, because causes would be sought in the
     // place of what they miss. Where a single cause says more than both together it is they that
