@@ -388,6 +388,14 @@ double scatter_of(const std::vector<const FitLog *> &logs, int joint)
     return scatter;
 }
 
+double least_scatter(const std::vector<const FitLog *> &logs, int joint)
+{
+    double least = HUGE_VAL;
+    for (const FitLog *log : logs)
+        least = std::min(least, scatter_of({log}, joint));
+    return least;
+}
+
 double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise)
 {
     double most = 0.0;

@@ -57,6 +57,8 @@ double fit_log_noise(const FitLog &log, int joint);
 
 // The same of all logs of a joint, where it is largest.
 double scatter_of(const std::vector<const FitLog *> &logs, int joint);
+// The same in the log where it is least: fast motion scatters too.
+double least_scatter(const std::vector<const FitLog *> &logs, int joint);
 
 // How many times that a fit's noise is, at the joint where it is most: far more than 1 where the
 // model is off by what does not change from row to row, as a wrong zero.

@@ -229,7 +229,7 @@ bool CauseSearch::gives_up() const
 double CauseSearch::noise(int joint) const
 {
     const double fitted = best.point.noise[joint];
-    return follows(best) ? fitted : std::min(fitted, scatter_of(search.training(), joint));
+    return follows(best) ? fitted : std::min(fitted, least_scatter(search.training(), joint));
 }
 
 // `judge` puts the figures of free runs in the place of likelihoods, so that L compares by them.

@@ -47,15 +47,6 @@ std::vector<int> range_of(const mk_model &model, int effect, const std::vector<i
     return inside;
 }
 
-// Noise of the readings where they are quietest.
-double least_scatter(const std::vector<const FitLog *> &logs, int joint)
-{
-    double least = HUGE_VAL;
-    for (const FitLog *log : logs)
-        least = std::min(least, scatter_of({log}, joint));
-    return least;
-}
-
 bool same_values(const Candidate &a, const Candidate &b)
 {
     return same_cause(a, b) && a.spread == b.spread &&
