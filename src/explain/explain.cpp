@@ -19,9 +19,9 @@
 #include "explain/report/next_experiment.hpp"
 #include "explain/report/residual_torque.hpp"
 #include "explain/search/final_fit.hpp"
+#include "explain/search/first_fit.hpp"
 #include "explain/search/log_values.hpp"
 #include "explain/stage_clock.hpp"
-#include "ident/first_values.hpp"
 #include "ident/held_out.hpp"
 #include "ident/left_out.hpp"
 #include "ident/scale.hpp"
@@ -52,37 +52,6 @@ mk_model without_effects(mk_model m, int first, int last)
         m.effect[first + e - last] = m.effect[e];
     m.effect_count -= last - first;
     return m;
-}
-
-bool any_unknown(const mk_explain_options &options)
-{
-    return std::any_of(std::begin(options.unknown), std::end(options.unknown),
-                       [](bool unknown) { return unknown; });
-}
-
-// The given model, or one that follows the data where that is orders of magnitude off or unknown.
-mk_model start_values(const mk_model &model, const mk_explain_options &options,
-                      const mk_log *const *logs, size_t count,
-                      const std::vector<const FitLog *> &training)
-{
-    IdentProblem problem = {};
-    problem.model = model;
-    std::copy(std::begin(options.unknown), std::end(options.unknown), problem.options.unknown);
-    if (model.no_motor)
-        problem.options.fixed[scale_holder(model, nullptr)] = true;
-    for (size_t i = 0; i < count; i++) {
-        mk_record record;
-        if (mk_record_from_log(logs[i], &model, &record, nullptr) != MK_OK)
-            return model;
-        problem.logs.push_back(logs[i]);
-        problem.records.push_back(record);
-    }
-    for (const FitLog *log : training)
-        for (int j = 0; j < log->joints; j++)
-            problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
-    FitOptions fit;
-    fit.threads = options.threads;
-    return first_values(problem, training, fit, BETTER_PRIOR).front();
 }
 
 // Delay and lag of the command as they are with all causes in the model.
@@ -256,39 +225,17 @@ class Explainer
         for (const FitLog &log : data.logs)
             training.push_back(&log);
         folds = std::make_unique<Folds>(data, out.window_s);
-        refit = {};
         masses = {};
-        if (first_fit(so, start_values(model, options, logs.data(), logs.size(), training),
-                      refit)) {
-            keep_known_masses(refit);
+        FirstFit first(model, start, training, options, so);
+        search = first.run(logs);
+        first.keep_known_masses(*search, *folds, out.window_s, masses);
+        refit = std::move(first.refit);
+        if (first.fitted) {
             masses = {start, refit.point.model};
             return MK_OK;
         }
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,
                             "the model cannot follow the data: are rig, units and signs right?");
-    }
-    // Of logs that move a rig little a model that lacks something takes a mass to wherever the rest
-    // bends to them, many times over. Data that are left out say whether that was learnt or made
-    // up.
-    void keep_known_masses(Hypothesis &refit)
-    {
-        const MassRange known(start, start);
-        if (known.holds(refit.point.model) || any_unknown(options) || !folds->enough() ||
-            CauseSearch::likelihood_counts(refit) || mk_model_hides_joint(&start))
-            return;
-        masses = known;
-        Hypothesis kept;
-        if (!search->refit(start, nullptr, kept))
-            return;
-        const std::unique_ptr<PredictionSearch> within = predictions_of(kept.point.model);
-        const bool fitted = within->start();
-        masses = {};
-        PredictionSearch anywhere(*search, *free_runs, refit.point.model);
-        double gain;
-        if (!fitted ||
-            (anywhere.start() && carry_over::enough(anywhere.against(*within, gain), 1, gain)))
-            return;
-        refit = std::move(kept);
     }
     // Values per log and the column come before all causes, because causes would be sought in the
     // place of what they miss. Where a single cause says more than both together it is they that
@@ -393,34 +340,6 @@ class Explainer
             start = model =
                 without_effects(out.input.model, model.effect_count, values.model.effect_count);
         return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
-    }
-    // The fit that all else starts from: of the given values, unless one of `other` values ends
-    // clearly nearer to the data. An effect alone can leave the given values far from the data and
-    // those of a linear method near, and yet make the given ones the better place to search from.
-    bool first_fit(SearchOptions &so, const mk_model &other, Hypothesis &refit)
-    {
-        const bool known = !any_unknown(options);
-        if (!known)
-            model = other;
-        start = model;
-        search = std::make_unique<Search>(training, so);
-        const bool fitted = search->refit(start, nullptr, refit);
-        const bool same = std::equal(std::begin(other.parameter), std::end(other.parameter),
-                                     std::begin(model.parameter));
-        if (!known || same || search->cancelled)
-            return fitted;
-        const mk_model given_start = start;
-        Hypothesis again;
-        start = other;
-        auto second = std::make_unique<Search>(training, so);
-        if (second->refit(start, nullptr, again) &&
-            (!fitted || again.penalised_nlml < refit.penalised_nlml - policy::ACCEPT_FIRST)) {
-            search = std::move(second);
-            refit = std::move(again);
-            return true;
-        }
-        start = given_start;
-        return fitted;
     }
     void search_beside_values(SearchOptions &so)
     {

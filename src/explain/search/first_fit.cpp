@@ -1,0 +1,102 @@
+#include "explain/search/first_fit.hpp"
+
+#include <algorithm>
+
+#include "explain/policy.hpp"
+#include "explain/search/causes.hpp"
+#include "explain/search/prediction_search.hpp"
+#include "ident/first_values.hpp"
+#include "ident/scale.hpp"
+
+namespace mk
+{
+
+FirstFit::FirstFit(mk_model &model_in, mk_model &start_in,
+                   const std::vector<const FitLog *> &training_in,
+                   const mk_explain_options &options_in, const SearchOptions &usual_in)
+    : model(model_in), start(start_in), training(training_in), options(options_in), usual(usual_in)
+{
+}
+
+bool FirstFit::any_unknown() const
+{
+    return std::any_of(std::begin(options.unknown), std::end(options.unknown),
+                       [](bool unknown) { return unknown; });
+}
+
+// The given model, or one that follows the data where that is orders of magnitude off or unknown.
+mk_model FirstFit::start_values(const std::vector<const mk_log *> &logs) const
+{
+    IdentProblem problem = {};
+    problem.model = model;
+    std::copy(std::begin(options.unknown), std::end(options.unknown), problem.options.unknown);
+    if (model.no_motor)
+        problem.options.fixed[scale_holder(model, nullptr)] = true;
+    for (const mk_log *log : logs) {
+        mk_record record;
+        if (mk_record_from_log(log, &model, &record, nullptr) != MK_OK)
+            return model;
+        problem.logs.push_back(log);
+        problem.records.push_back(record);
+    }
+    for (const FitLog *log : training)
+        for (int j = 0; j < log->joints; j++)
+            problem.moves[j] = problem.moves[j] || log->v_max[j] > 0.0;
+    FitOptions fit;
+    fit.threads = options.threads;
+    return first_values(problem, training, fit, BETTER_PRIOR).front();
+}
+
+// An effect alone can leave the given values far from the data and those of a linear method near,
+// and yet make the given ones the better place to search from.
+std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
+{
+    const bool known = !any_unknown();
+    const mk_model other = start_values(logs);
+    if (!known)
+        model = other;
+    start = model;
+    auto search = std::make_unique<Search>(training, usual);
+    fitted = search->refit(start, nullptr, refit);
+    const bool same = std::equal(std::begin(other.parameter), std::end(other.parameter),
+                                 std::begin(model.parameter));
+    if (!known || same || search->cancelled)
+        return search;
+    const mk_model given_start = start;
+    Hypothesis again;
+    start = other;
+    auto second = std::make_unique<Search>(training, usual);
+    if (second->refit(start, nullptr, again) &&
+        (!fitted || again.penalised_nlml < refit.penalised_nlml - policy::ACCEPT_FIRST)) {
+        refit = std::move(again);
+        fitted = true;
+        return second;
+    }
+    start = given_start;
+    return search;
+}
+
+void FirstFit::keep_known_masses(Search &search, const Folds &folds, double window_s,
+                                 MassRange &masses)
+{
+    const MassRange known(start, start);
+    masses = {};
+    if (!fitted || known.holds(refit.point.model) || any_unknown() || !folds.enough() ||
+        CauseSearch::likelihood_counts(refit) || mk_model_hides_joint(&start))
+        return;
+    masses = known;
+    Hypothesis kept;
+    const bool can = search.refit(start, nullptr, kept);
+    FreeRuns runs(folds.by_fold(), start, window_s, options.threads, &masses);
+    PredictionSearch within(search, runs, kept.point.model);
+    const bool followed = can && within.start();
+    masses = {};
+    if (!followed)
+        return;
+    PredictionSearch anywhere(search, runs, refit.point.model);
+    double gain;
+    if (!anywhere.start() || !carry_over::enough(anywhere.against(within, gain), 1, gain))
+        refit = std::move(kept);
+}
+
+} // namespace mk

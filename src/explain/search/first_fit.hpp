@@ -1,0 +1,47 @@
+// The fit that all else starts from.
+#ifndef MECHKIT_EXPLAIN_SEARCH_FIRST_FIT_HPP
+#define MECHKIT_EXPLAIN_SEARCH_FIRST_FIT_HPP
+
+#include <memory>
+#include <vector>
+
+#include "explain/evidence/carry_over.hpp"
+#include "explain/search/search.hpp"
+#include "mechkit/explain.h"
+
+namespace mk
+{
+
+class FirstFit
+{
+  public:
+    // `model`: as given; where values of it are unknown they are set to where the fit starts.
+    // `start`: set to base parameters right to within a factor of some three; `usual` refers to it.
+    // All must outlive this.
+    FirstFit(mk_model &model, mk_model &start, const std::vector<const FitLog *> &training,
+             const mk_explain_options &options, const SearchOptions &usual);
+
+    // Of the given values, unless one of others ends clearly nearer to the data. Fits what `logs`
+    // are the rows of; the search that made it.
+    std::unique_ptr<Search> run(const std::vector<const mk_log *> &logs);
+    // Of logs that move a rig little, a model that lacks something takes a mass to wherever the
+    // rest bends to them, many times over. Where the fit is as far from what is given as that, it
+    // is one that keeps the masses, unless data that are left out say that the other one was
+    // learnt. `masses`: what `usual` refers to, set to nothing.
+    void keep_known_masses(Search &search, const Folds &folds, double window_s, MassRange &masses);
+
+    Hypothesis refit;
+    bool fitted = false; // to the data at all
+
+  private:
+    mk_model &model, &start;
+    const std::vector<const FitLog *> &training;
+    const mk_explain_options &options;
+    const SearchOptions &usual;
+
+    bool any_unknown() const;
+    mk_model start_values(const std::vector<const mk_log *> &logs) const;
+};
+
+} // namespace mk
+#endif
