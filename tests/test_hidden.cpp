@@ -481,6 +481,19 @@ START_TEST(nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_
 }
 END_TEST
 
+// A pendulum swings and its wheel creeps along by two counts to either side: their rounding comes
+// again with every swing, and looks like a friction of the wheel's.
+START_TEST(a_wheel_that_creeps_along_by_two_counts_shows_no_friction_of_its_own)
+{
+    truth::Wish wish;
+    wish.kind = "none", wish.seed = 9851370, wish.runs = 3;
+    truth::Case c = truth::make_case(wish);
+    mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "none");
+    ck_assert_int_eq(e.cause_count, 0);
+}
+END_TEST
+
 START_TEST(what_was_found_is_tried_in_control_where_that_is_asked_for)
 {
     truth::Wish wish;
@@ -570,6 +583,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);
     tcase_add_test(t, nothing_is_offered_that_predicts_no_better_where_the_refit_is_at_the_noise);
+    tcase_add_test(t, a_wheel_that_creeps_along_by_two_counts_shows_no_friction_of_its_own);
     tcase_add_loop_test(t, play_is_found_where_a_fit_of_all_else_has_gone_astray, 0, 2);
     suite_add_tcase(s, t);
     TCase *longest = tcase_create("one search of several causes that takes half a minute");

@@ -427,6 +427,50 @@ START_TEST(noise_does_not_decide_what_a_reading_weighs)
 }
 END_TEST
 
+// Slow swings of so many counts to either side, 25 readings a count: what all readings of a count
+// weigh that is passed on the way, and of one at which the swing turns.
+static void weigh_a_count(int counts, double &passed, double &turned)
+{
+    constexpr double COUNT = 2.0 * M_PI / 4000.0;
+    const int rows = 20 * 100 * counts;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    std::vector<double> t, q, u((size_t)rows, 0.0);
+    for (int k = 0; k < rows; k++) {
+        const double turns = (double)k / (100 * counts), part = turns - std::floor(turns);
+        const double x = counts * (part < 0.5 ? 4.0 * part - 1.0 : 3.0 - 4.0 * part);
+        t.push_back(0.005 * k);
+        q.push_back(COUNT * std::round(0.99 * x));
+    }
+    mk_record record = {};
+    record.rows = (size_t)rows;
+    record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+    const mk::FitLog log = mk::fit_log(record, model, 0, (size_t)rows);
+    passed = turned = 0.0;
+    // A whole stay at 0 and at the end, in the middle of the log.
+    for (int at : {0, counts}) {
+        double sum = 0.0, stays = 0.0;
+        for (size_t k = 1; k < (size_t)rows; k++)
+            if (std::lround(q[k] / COUNT) == at) {
+                sum += log.weight[0][k] * log.weight[0][k];
+                stays += std::lround(q[k - 1] / COUNT) != at;
+            }
+        (at == 0 ? passed : turned) = sum / stays;
+    }
+}
+
+START_TEST(rounding_evens_out_on_a_way_of_many_counts_and_not_of_few)
+{
+    double passed, turned;
+    weigh_a_count(2, passed, turned); // -1, 0 and 1 are passed
+    ck_assert_double_eq_tol(passed, 3.0, 0.1);
+    ck_assert_double_eq_tol(turned, 1.0, 0.1);
+    weigh_a_count(40, passed, turned);
+    ck_assert_double_eq_tol(passed, 8.0, 0.3);
+    ck_assert_double_eq_tol(turned, 1.0, 0.1);
+}
+END_TEST
+
 START_TEST(a_motion_that_repeats_itself_is_known_by_its_counts)
 {
     constexpr double COUNT = 2.0 * M_PI / 4000.0;
@@ -686,6 +730,7 @@ Suite *suite_shoot(void)
     tcase_add_test(t, output_error_fits_effects_too);
     tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
     tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
+    tcase_add_test(t, rounding_evens_out_on_a_way_of_many_counts_and_not_of_few);
     tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);
     tcase_add_test(t, the_beginning_of_a_log_is_the_log_up_to_then);
     tcase_add_test(t, a_piece_of_a_log_keeps_the_time_of_the_log);

@@ -225,35 +225,63 @@ bool passes(double before, double at, double after)
     return (before < at && at < after) || (before > at && at > after);
 }
 
+// Readings that stay on one count.
+struct Stay {
+    size_t first, end;   // rows; missing readings do not end it
+    size_t members;      // readings
+    bool passed = false; // on the way through
+    size_t way = 0;      // stays that are passed one after another, this one among them
+};
+
+std::vector<Stay> stays_of(const std::vector<double> &q, double near)
+{
+    std::vector<Stay> stays;
+    for (size_t k = 0, stop; k < q.size(); k = stop) {
+        stop = k + 1;
+        if (std::isnan(q[k]))
+            continue;
+        size_t members = 1;
+        for (; stop < q.size() && (std::isnan(q[stop]) || std::fabs(q[stop] - q[k]) <= near);
+             stop++)
+            members += !std::isnan(q[stop]);
+        stays.push_back({k, stop, members});
+    }
+    for (size_t i = 1; i + 1 < stays.size(); i++)
+        stays[i].passed = passes(q[stays[i - 1].first], q[stays[i].first], q[stays[i + 1].first]);
+    for (size_t i = 0, stop; i < stays.size(); i = stop) {
+        stop = i + 1;
+        while (stays[i].passed && stop < stays.size() && stays[stop].passed)
+            stop++;
+        for (size_t k = i; k < stop; k++)
+            stays[k].way = stays[i].passed ? stop - i : 0;
+    }
+    return stays;
+}
+
 // Readings that stay on one count without passing through it (rest, a turning point) share one
 // rounding error: together they are worth one. In passing, errors even out, unless that is a rest
-// between two slips: long stays are worth no more than short ones. Where noise decides how long
+// between two slips: long stays are worth no more than short ones. Nor do they where the way from
+// one turn to the next is a few counts: how fast it goes there is not the same from one side of a
+// count to the other, and comes again with every swing. Where noise decides how long
 // they last, short ones are readings like all others: else those that stick out would weigh most.
 void weigh(FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
     std::vector<double> &w = log.weight[j];
-    const size_t n = q.size();
-    w.assign(n, 0.0);
+    w.assign(q.size(), 0.0);
     const Flicker flicker(q, log.count[j]);
     const bool noisy = flicker.noisy;
     // Of noise of a third of a count; less of it leaves more.
     constexpr double LEFT = 0.02;
     log.repeating[j] = !noisy ? 1.0 : flicker.rounded ? LEFT : 0.0;
-    const double near = NEAR * log.count[j], most = noisy ? 16.0 : 8.0;
-    double previous = MISSING;
-    for (size_t k = 0, stop; k < n; k = stop) {
-        stop = k + 1;
-        if (std::isnan(q[k]))
-            continue;
-        size_t members = 1; // of the stay that begins here; missing readings do not end it
-        for (; stop < n && (std::isnan(q[stop]) || std::fabs(q[stop] - q[k]) <= near); stop++)
-            members += !std::isnan(q[stop]);
-        const bool passed = passes(previous, q[k], stop < n ? q[stop] : MISSING);
-        const double worth = passed || noisy ? std::min(most, (double)members) : 1.0;
-        for (size_t i = k; i < stop; i++)
-            w[i] = std::isnan(q[i]) ? 0.0 : std::sqrt(worth / (double)members);
-        previous = q[k];
+    const double most = noisy ? 16.0 : 8.0;
+    for (const Stay &stay : stays_of(q, NEAR * log.count[j])) {
+        const double members = (double)stay.members;
+        const double worth = noisy         ? std::min(most, members)
+                             : stay.passed ? std::min({most, members, (double)stay.way})
+                                           : 1.0;
+        for (size_t i = stay.first; i < stay.end; i++)
+            w[i] = std::isnan(q[i]) ? 0.0 : std::sqrt(worth / members);
     }
 }
 
