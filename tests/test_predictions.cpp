@@ -216,6 +216,28 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 }
 END_TEST
 
+START_TEST(where_a_search_starts_follows_from_its_data_before_any_fit)
+{
+    const truth::OwnedLog log = truth::usual_log(MK_PLANT_PENDUBOT, {}, 81);
+    mk_model m;
+    mk_record rows;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &rows, nullptr), MK_OK);
+    const mk::FitLog fit_log = mk::fit_log(rows, m, 0, rows.rows);
+    mk::SearchOptions options;
+    options.given = &m;
+    mk::Search fresh({&fit_log}, options), used({&fit_log}, options);
+    mk::Hypothesis refit;
+    ck_assert(used.refit(m, nullptr, refit));
+    const std::vector<mk::Candidate> some = fresh.candidates_of(m), same = used.candidates_of(m);
+    ck_assert_uint_gt(some.size(), 50);
+    ck_assert_uint_eq(some.size(), same.size());
+    for (size_t i = 0; i < some.size(); i++)
+        for (int k = 0; k < some[i].effect->parameter_count; k++)
+            ck_assert_double_eq(some[i].value[k], same[i].value[k]);
+}
+END_TEST
+
 Suite *suite_predictions(void)
 {
     Suite *s = suite_create("predictions");
@@ -229,6 +251,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, a_search_that_is_stopped_finds_nothing);
     tcase_add_test(t, the_size_of_what_is_not_there_is_open);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
+    tcase_add_test(t, where_a_search_starts_follows_from_its_data_before_any_fit);
     suite_add_tcase(s, t);
     return s;
 }

@@ -45,6 +45,8 @@ Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options
         for (int j = 0; j < log->joints; j++)
             for (double w : log->weight[j])
                 reading_count += w * w;
+    if (options.given)
+        data = data_range(*options.given, logs);
 }
 
 bool Search::several_logs() const

@@ -110,7 +110,7 @@ class Search
     static constexpr double TIGHTEST = 1e-4; // process noise at which fits end, rad/s per sqrt(s)
     std::vector<const FitLog *> logs;
     SearchOptions options;
-    DataRange data;
+    DataRange data = {};
     double reading_count = 0.0;
     int tried_count = 0;
     double work = 0.0;
