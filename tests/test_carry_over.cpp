@@ -82,6 +82,16 @@ START_TEST(a_gain_of_no_size_is_no_cause_however_sure)
 }
 END_TEST
 
+START_TEST(half_of_the_least_share_is_enough_to_be_tried_beside_others)
+{
+    const mk::Carried c = compared({0.96, 0.96, 0.96, 0.96}, {1.0, 1.0, 1.0, 1.0});
+    ck_assert(!mk::carry_over::enough(c, 1, WITHOUT_DOUBT));
+    ck_assert(mk::carry_over::enough(c, 1, WITHOUT_DOUBT, 0.5));
+    const mk::Carried less = compared({0.98, 0.98, 0.98, 0.98}, {1.0, 1.0, 1.0, 1.0});
+    ck_assert(!mk::carry_over::enough(less, 1, WITHOUT_DOUBT, 0.5));
+}
+END_TEST
+
 // Most of the gap is closed; of what is left two thirds go.
 START_TEST(a_part_of_a_small_rest_is_a_finding_near_the_noise_alone)
 {
@@ -202,6 +212,7 @@ extern "C" Suite *suite_carry_over(void)
     tcase_add_test(t, what_helps_one_fold_and_hurts_the_others_does_not);
     tcase_add_test(t, a_cause_that_does_not_show_in_some_folds_is_not_worse_there);
     tcase_add_test(t, a_gain_of_no_size_is_no_cause_however_sure);
+    tcase_add_test(t, half_of_the_least_share_is_enough_to_be_tried_beside_others);
     tcase_add_test(t, what_is_better_in_every_fold_is_sure_though_folds_differ_in_how_much);
     tcase_add_test(t, a_part_of_a_small_rest_is_a_finding_near_the_noise_alone);
     tcase_add_test(t, the_more_models_were_asked_the_surer_one_must_be);

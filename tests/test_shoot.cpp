@@ -496,6 +496,30 @@ START_TEST(a_motion_that_repeats_itself_is_known_by_its_counts)
 }
 END_TEST
 
+START_TEST(fast_motion_is_no_noise_of_the_readings_where_another_log_is_slow)
+{
+    constexpr double COUNT = 2.0 * M_PI / 4000.0;
+    constexpr int ROWS = 2000;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    std::vector<mk::FitLog> logs;
+    for (double rate : {0.1, 150.0}) { // rad/s
+        std::vector<double> t, q, u(ROWS, 0.0);
+        for (int k = 0; k < ROWS; k++) {
+            t.push_back(0.005 * k);
+            q.push_back(COUNT * std::round(0.2 * std::sin(rate * t.back()) / COUNT));
+        }
+        mk_record record = {};
+        record.rows = ROWS;
+        record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+        logs.push_back(mk::fit_log(record, model, 0, ROWS));
+    }
+    const double rounding = COUNT / std::sqrt(12.0);
+    ck_assert_double_gt(mk::scatter_of({&logs[0], &logs[1]}, 0), 3.0 * rounding);
+    ck_assert_double_lt(mk::least_scatter({&logs[0], &logs[1]}, 0), 1.1 * rounding);
+}
+END_TEST
+
 START_TEST(the_beginning_of_a_log_is_the_log_up_to_then)
 {
     constexpr int ROWS = 200;
@@ -731,6 +755,7 @@ Suite *suite_shoot(void)
     tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
     tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
     tcase_add_test(t, rounding_evens_out_on_a_way_of_many_counts_and_not_of_few);
+    tcase_add_test(t, fast_motion_is_no_noise_of_the_readings_where_another_log_is_slow);
     tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);
     tcase_add_test(t, the_beginning_of_a_log_is_the_log_up_to_then);
     tcase_add_test(t, a_piece_of_a_log_keeps_the_time_of_the_log);
