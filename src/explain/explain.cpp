@@ -153,6 +153,9 @@ class Explainer
     enum mk_status conclude(SearchOptions &so, mk_error *err)
     {
         clock.enter("last fit");
+        // Where no cause was found none can bend what the rig weighs.
+        if (causes->rounds.empty() && !masses_kept)
+            masses = {};
         FinalFit last(data, training, *causes, *search);
         if (by_predictions) {
             last.fit_runs(data, so, all_runs ? *all_runs : *free_runs);
@@ -191,6 +194,7 @@ class Explainer
     mk_model model;              // as given; where values of it are unknown, as the fit starts
     mk_model start;              // base parameters right to within a factor of some three
     MassRange masses;            // between `start` and the refitted model, and some way beyond
+    bool masses_kept = false;    // by the first fit, which would have gone further
     mk_model given, given_refit; // by the column that the model names, without values per log
     mk_explanation &out;
     mk_explain_options options;
@@ -228,7 +232,7 @@ class Explainer
         masses = {};
         FirstFit first(model, start, training, options, so);
         search = first.run(logs);
-        first.keep_known_masses(*search, *folds, out.window_s, masses);
+        masses_kept = first.keep_known_masses(*search, *folds, out.window_s, masses);
         refit = std::move(first.refit);
         if (first.fitted) {
             masses = {start, refit.point.model};

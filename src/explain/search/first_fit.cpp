@@ -76,14 +76,14 @@ std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
     return search;
 }
 
-void FirstFit::keep_known_masses(Search &search, const Folds &folds, double window_s,
+bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double window_s,
                                  MassRange &masses)
 {
     const MassRange known(start, start);
     masses = {};
     if (!fitted || known.holds(refit.point.model) || any_unknown() || !folds.enough() ||
         CauseSearch::likelihood_counts(refit) || mk_model_hides_joint(&start))
-        return;
+        return false;
     masses = known;
     Hypothesis kept;
     const bool can = search.refit(start, nullptr, kept);
@@ -92,11 +92,13 @@ void FirstFit::keep_known_masses(Search &search, const Folds &folds, double wind
     const bool followed = can && within.start();
     masses = {};
     if (!followed)
-        return;
+        return false;
     PredictionSearch anywhere(search, runs, refit.point.model);
     double gain;
-    if (!anywhere.start() || !carry_over::enough(anywhere.against(within, gain), 1, gain))
-        refit = std::move(kept);
+    if (anywhere.start() && carry_over::enough(anywhere.against(within, gain), 1, gain))
+        return false;
+    refit = std::move(kept);
+    return true;
 }
 
 } // namespace mk

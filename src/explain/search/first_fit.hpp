@@ -27,8 +27,8 @@ class FirstFit
     // Of logs that move a rig little, a model that lacks something takes a mass to wherever the
     // rest bends to them, many times over. Where the fit is as far from what is given as that, it
     // is one that keeps the masses, unless data that are left out say that the other one was
-    // learnt. `masses`: what `usual` refers to, set to nothing.
-    void keep_known_masses(Search &search, const Folds &folds, double window_s, MassRange &masses);
+    // learnt. `masses`: what `usual` refers to, set to nothing. True if so.
+    bool keep_known_masses(Search &search, const Folds &folds, double window_s, MassRange &masses);
 
     Hypothesis refit;
     bool fitted = false; // to the data at all
