@@ -117,6 +117,17 @@ START_TEST(friction_has_no_range_nor_what_two_values_disagree_about)
 }
 END_TEST
 
+START_TEST(a_third_value_widens_a_range_or_leaves_none)
+{
+    mk::MassRange range(pendulum(0.2, 7.0, 0.01, 0.1), pendulum(0.2, 7.0, 0.01, 0.1));
+    ck_assert(!range.holds(pendulum(0.3, 7.0, 0.01, 0.1)));
+    ck_assert(!range.holds(pendulum(0.2, 50.0, 0.01, 0.1)));
+    range.include(pendulum(0.25, 30.0, 0.01, 0.1));
+    ck_assert(range.holds(pendulum(0.3, 50.0, 0.01, 0.1)));
+    ck_assert(!range.holds(pendulum(0.32, 7.0, 0.01, 0.1)));
+}
+END_TEST
+
 START_TEST(what_a_fit_pays_outside_of_the_range_has_the_slope_that_it_says)
 {
     const mk_model known = pendulum(0.2, 7.0, 0.01, 0.1);
@@ -220,6 +231,7 @@ extern "C" Suite *suite_mass_range(void)
     tcase_set_timeout(t, 60);
     tcase_add_test(t, a_mass_stays_between_two_values_that_agree_and_a_quarter_beyond);
     tcase_add_test(t, friction_has_no_range_nor_what_two_values_disagree_about);
+    tcase_add_test(t, a_third_value_widens_a_range_or_leaves_none);
     tcase_add_test(t, what_a_fit_pays_outside_of_the_range_has_the_slope_that_it_says);
     tcase_add_test(t, a_spring_does_not_stand_in_for_a_weight_that_is_known);
     suite_add_tcase(s, t);

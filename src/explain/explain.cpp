@@ -233,9 +233,12 @@ class Explainer
         FirstFit first(model, start, training, options, so);
         search = first.run(logs);
         masses_kept = first.keep_known_masses(*search, *folds, out.window_s, masses);
-        refit = std::move(first.refit);
         if (first.fitted) {
-            masses = {start, refit.point.model};
+            if (masses_kept)
+                masses = {start, first.refit.point.model};
+            else
+                first.agree_on_masses(*search, *folds, out.window_s, masses);
+            refit = std::move(first.refit);
             return MK_OK;
         }
         return mk_error_set(err, search->cancelled ? MK_ERR_INTR : MK_ERR_NUMERIC,

@@ -37,6 +37,17 @@ MassRange::MassRange(const mk_model &one, const mk_model &other)
     }
 }
 
+void MassRange::include(const mk_model &third)
+{
+    for (int i = 0; i < mass_count(third); i++) {
+        const double p = sign[i] * third.parameter[i];
+        const double least = low[i] * BEYOND, most = high[i] / BEYOND;
+        const bool agrees = p > least / AGREE && p < most * AGREE;
+        low[i] = agrees ? std::min(p, least) / BEYOND : 0.0;
+        high[i] = agrees ? std::max(p, most) * BEYOND : 0.0;
+    }
+}
+
 // Outside of it, with b the end that is nearer,
 //     excess = log(|p| / b) / SOFT ,   slope = 1 / (p SOFT) .
 double MassRange::excess(const mk_model &model, int number, double &slope) const

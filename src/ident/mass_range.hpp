@@ -20,6 +20,8 @@ class MassRange
     // Where two models nearly agree in one: between them, and a quarter beyond. One in which they
     // are apart may be anything.
     MassRange(const mk_model &one, const mk_model &other);
+    // A third model agrees, or leaves no range.
+    void include(const mk_model &third);
 
     // How far a base parameter of the model is outside of its range, in standard deviations of the
     // logarithm (0 inside), and the slope of that by the parameter.

@@ -101,4 +101,17 @@ bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double wind
     return true;
 }
 
+void FirstFit::agree_on_masses(Search &search, const Folds &folds, double window_s,
+                               MassRange &masses) const
+{
+    MassRange agreed(start, refit.point.model);
+    if (folds.enough() && !CauseSearch::likelihood_counts(refit) && !mk_model_hides_joint(&start)) {
+        FreeRuns runs(folds.by_fold(), start, window_s, options.threads);
+        PredictionSearch anywhere(search, runs, refit.point.model);
+        if (anywhere.start())
+            agreed.include(anywhere.refitted().point.model);
+    }
+    masses = agreed;
+}
+
 } // namespace mk

@@ -30,6 +30,11 @@ class FirstFit
     // learnt. `masses`: what `usual` refers to, set to nothing. True if so.
     bool keep_known_masses(Search &search, const Folds &folds, double window_s, MassRange &masses);
 
+    // How far masses go in all that follows: what is given, the fit and, where that does not follow
+    // its data, free runs agree about them. `masses`: as above.
+    void agree_on_masses(Search &search, const Folds &folds, double window_s,
+                         MassRange &masses) const;
+
     Hypothesis refit;
     bool fitted = false; // to the data at all
 
