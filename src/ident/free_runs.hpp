@@ -78,7 +78,6 @@ class FreeRuns
     // What the errors about a point say of the quadratic model's parameters, own values eliminated;
     // its evidence does not depend on the scale.
     QuadraticModel information(const RunPoint &point, const RunQuadraticModel &quadratic) const;
-    size_t fold_count() const { return folds; }
     // Errors that are worth one each.
     double independent_errors() const;
 

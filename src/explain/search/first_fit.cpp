@@ -24,6 +24,13 @@ bool FirstFit::any_unknown() const
                        [](bool unknown) { return unknown; });
 }
 
+// Values that the data had to tell agree with a fit to the same data, whatever it is.
+bool FirstFit::starts_as_given() const
+{
+    return !any_unknown() && std::equal(std::begin(start.parameter), std::end(start.parameter),
+                                        std::begin(model.parameter));
+}
+
 // The given model, or one that follows the data where that is orders of magnitude off or unknown.
 mk_model FirstFit::start_values(const std::vector<const mk_log *> &logs) const
 {
@@ -81,7 +88,7 @@ bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double wind
 {
     const MassRange known(start, start);
     masses = {};
-    if (!fitted || known.holds(refit.point.model) || any_unknown() || !folds.enough() ||
+    if (!fitted || known.holds(refit.point.model) || !starts_as_given() || !folds.enough() ||
         CauseSearch::likelihood_counts(refit) || mk_model_hides_joint(&start))
         return false;
     masses = known;
@@ -104,6 +111,9 @@ bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double wind
 void FirstFit::agree_on_masses(Search &search, const Folds &folds, double window_s,
                                MassRange &masses) const
 {
+    masses = {};
+    if (!starts_as_given())
+        return;
     MassRange agreed(start, refit.point.model);
     if (folds.enough() && !CauseSearch::likelihood_counts(refit) && !mk_model_hides_joint(&start)) {
         FreeRuns runs(folds.by_fold(), start, window_s, options.threads);

@@ -45,6 +45,7 @@ class FirstFit
     const SearchOptions &usual;
 
     bool any_unknown() const;
+    bool starts_as_given() const;
     mk_model start_values(const std::vector<const mk_log *> &logs) const;
 };
 
