@@ -76,6 +76,8 @@
     X(data_check)                                                                                  \
     X(carry_over)                                                                                  \
     X(explain)                                                                                     \
+    X(explain_data)                                                                                \
+    X(explain_report)                                                                              \
     X(hidden)                                                                                      \
     X(investigate)                                                                                 \
     X(exchange)                                                                                    \
