@@ -348,6 +348,7 @@ START_TEST(the_watchdog_zeroes_and_stays_until_it_is_set_anew)
     ck_assert_uint_eq(r.status & MK_WIRE_ST_WATCHDOG, MK_WIRE_ST_WATCHDOG);
     ck_assert_uint_eq(r.fault, MK_WIRE_FAULT_WATCHDOG);
     ck_assert_int_eq(hw.micro, 0);
+    ck_assert_uint_eq(mk_get32(ask(MK_MSG_STATE, NULL, 0).payload + MK_STATE_BITES), 1);
     number(MK_MSG_WATCHDOG, 0);
     ck_assert_int_eq(exchange(5 * VOLT).micro, 5 * VOLT);
     pass(3600000 * MS);
@@ -369,6 +370,16 @@ START_TEST(a_host_that_set_no_watchdog_is_guarded_all_the_same)
     pass(1);
     ck_assert_int_eq(hw.micro, 0);
     ck_assert_uint_eq(exchange(5 * VOLT).fault, MK_WIRE_FAULT_WATCHDOG);
+}
+END_TEST
+
+START_TEST(the_longest_watchdog_is_taken_and_a_longer_one_is_refused)
+{
+    uint8_t p[4];
+    greet();
+    number(MK_MSG_WATCHDOG, MK_WATCHDOG_MAX_MS);
+    mk_put32(p, MK_WATCHDOG_MAX_MS + 1);
+    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_WATCHDOG, p, 4));
 }
 END_TEST
 
@@ -435,6 +446,18 @@ START_TEST(a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not)
     }
     ck_assert_int_le(storm, 12);
     ck_assert_uint_eq(exchange(0).fault, MK_WIRE_FAULT_LINE);
+}
+END_TEST
+
+START_TEST(a_greeting_forgets_the_broken_frames_of_an_earlier_host)
+{
+    for (int k = 0; k < 3; k++) {
+        greet();
+        for (int i = 0; i < 6; i++)
+            send_broken();
+    }
+    ck_assert_uint_eq(exchange(VOLT).fault, MK_WIRE_FAULT_NONE);
+    ck_assert_int_eq(hw.micro, VOLT);
 }
 END_TEST
 
@@ -574,6 +597,22 @@ START_TEST(an_answer_that_waits_for_its_sample_is_guarded_though_nobody_set_the_
     pass(30 * MS); /* the board was busy with something else */
     ck_assert_int_eq(hw.micro, 0);
     ck_assert_uint_eq(exchange(VOLT).fault, MK_WIRE_FAULT_WATCHDOG);
+}
+END_TEST
+
+START_TEST(a_stream_that_begins_anew_drops_the_answer_that_waits)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_WATCHDOG, 0);
+    number(MK_MSG_STREAM, 1000);
+    ck_assert_int_eq(streamed(20, &r), 1);
+    command(0, 5 * VOLT);
+    number(MK_MSG_STREAM, 1000);
+    ck_assert_int_eq(streamed(20, &r), 1);
+    ck_assert_int_eq(hw.micro, 0);
+    ck_assert_int_eq(streamed(MS, &r), 1);
+    ck_assert_int_eq(hw.micro, 0);
 }
 END_TEST
 
@@ -743,9 +782,11 @@ Suite *suite_device(void)
     tcase_add_test(t, what_is_no_request_is_refused_by_name);
     tcase_add_test(t, the_watchdog_zeroes_and_stays_until_it_is_set_anew);
     tcase_add_test(t, a_host_that_set_no_watchdog_is_guarded_all_the_same);
+    tcase_add_test(t, the_longest_watchdog_is_taken_and_a_longer_one_is_refused);
     tcase_add_test(t, only_exchanges_feed_the_watchdog);
     tcase_add_test(t, a_fault_keeps_cause_and_time_until_it_is_cleared);
     tcase_add_test(t, a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not);
+    tcase_add_test(t, a_greeting_forgets_the_broken_frames_of_an_earlier_host);
     tcase_add_test(t, no_bytes_whatever_upset_the_board);
     tcase_add_test(t, display_lights_and_switches_are_at_hand);
     tcase_add_test(t, a_board_without_a_panel_says_so);
@@ -753,6 +794,7 @@ Suite *suite_device(void)
     tcase_add_test(t, a_host_that_falls_silent_stops_the_stream_and_the_motor);
     tcase_add_test(t,
                    an_answer_that_waits_for_its_sample_is_guarded_though_nobody_set_the_watchdog);
+    tcase_add_test(t, a_stream_that_begins_anew_drops_the_answer_that_waits);
     tcase_add_test(t, an_answer_to_a_sample_that_never_was_is_refused);
     tcase_add_test(t, a_real_board_refuses_to_be_stepped);
     tcase_add_test(t, a_simulated_board_says_so_and_goes_by_steps);
