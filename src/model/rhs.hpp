@@ -105,11 +105,36 @@ inline void solve_joints(int joints, const S &m11, const S &m12, const S &m22, c
     a[1] = (m11 * r2 - m12 * r1) * inv;
 }
 
+// dx/dt of a model without effects. Nothing passes through a frame, and what the plant's row says
+// is known when this is compiled: the chain from a state to its slope stays in registers.
+template <class Law, class S, class U>
+inline void bare_rhs_of(const Compiled<S> &c, const S *x, const U *u, S *dx)
+{
+    constexpr int J = Law::joints, MOTOR = Law::info.motor_joint;
+    constexpr bool SECOND_MOTOR = J == 2 && MOTOR == 0;
+    const Motion<S> m = motion_of(J, x, x + J);
+    Assembler<S> sum(c.p);
+    Law::law(m, c.g, sum);
+    const S torque =
+        S(clamp(u[0], U(-c.u_max), U(c.u_max))) - motor_friction(c, m.v[MOTOR], S(1.0));
+    S a[2], r1 = -sum.f1, r2 = SECOND_MOTOR ? S(u[1]) - sum.f2 : -sum.f2;
+    (MOTOR == 0 ? r1 : r2) += torque;
+    solve_joints(J, sum.m11, sum.m12, sum.m22, r1, r2, a);
+    if constexpr (J == 2)
+        write(dx, m.v[0], m.v[1], a[0], a[1]);
+    else
+        dx[0] = m.v[0], dx[1] = a[0];
+}
+
 // dx/dt with the law known at compile time; *power (if wanted) is what the motors put in.
 template <class Law, class S, class U>
 inline void rhs_of(const Compiled<S> &c, const U &t, const S *x, const U *u, S *dx,
                    S *power = nullptr)
 {
+    if (c.effect_count == 0 && !power) {
+        bare_rhs_of<Law>(c, x, u, dx);
+        return;
+    }
     Frame<S> f;
     frame_begin(f, c, t, x, u);
     Assembler<S> sum(c.p);

@@ -65,13 +65,18 @@ inline double value_of(double x)
     return x;
 } // the number itself, without derivatives
 
-// Of several angles: side by side they hide each other's latency.
+// Of several angles: side by side they hide each other's latency. The kernel takes those of one
+// right-hand side as lanes.
 template <class S, int N>
 inline void sincos(const S (&x)[N], S (&s)[N], S (&c)[N])
 {
     for (int i = 0; i < N; i++)
         sincos(x[i], s[i], c[i]);
 }
+#if defined(MK_ISA) && defined(__AVX__)
+template <int N>
+void sincos(const double (&x)[N], double (&s)[N], double (&c)[N]);
+#endif
 // Four in a row. The kernel stores them at once: a wide load that follows would wait for four small
 // stores.
 template <class S>
@@ -99,6 +104,12 @@ inline S clamp(const S &x, const S &low, const S &high)
 {
     S upper = if_positive(x - high, high, x);
     return if_positive(low - upper, low, upper);
+}
+// Written as the processor's own minimum and maximum, which keep what is no number.
+inline double clamp(double x, double low, double high)
+{
+    const double upper = high < x ? high : x;
+    return upper < low ? low : upper;
 }
 
 // Smooth sign S_k(v) = tanh(k v); report (2.3) with the speed as argument (errata 2.4).

@@ -130,28 +130,27 @@ inline void sincos(const T &x, T &s, T &c)
 {
     T shifted = x * 0.63661977236758134308 + ROUND, n = shifted - ROUND;
     auto quadrant = bits_of(shifted);
-    // pi/2 in three parts, the first two with trailing zeros: n times them is exact.
+    // pi/2 in parts. A fused n times the first one is not rounded; else the first two have trailing
+    // zeros, so that n times them is exact.
+#ifdef __FMA__
+    T r = x - n * 1.57079632679489655800;
+    r = r - n * 6.12323399573676603587e-17;
+#else
     T r = x - n * 1.57079625129699707031;
     r = r - n * 7.54978941586159635336e-8;
     r = r - n * 5.39030285815811905290e-15;
-    T z = r * r;
-    T ps = ((((1.58962301576546568060e-10 * z - 2.50507477628578072866e-8) * z +
-              2.75573136213857245213e-6) *
-                 z -
-             1.98412698295895385996e-4) *
-                z +
-            8.33333333332211858878e-3) *
-               z -
-           1.66666666666666307295e-1;
-    T pc = ((((-1.13585365213876817300e-11 * z + 2.08757008419747316778e-9) * z -
-              2.75573141792967388112e-7) *
-                 z +
-             2.48015872888517045348e-5) *
-                z -
-            1.38888888888730564116e-3) *
-               z +
-           4.16666666666665929218e-2;
-    T sine = r + r * z * ps, cosine = 1.0 - 0.5 * z + z * z * pc;
+#endif
+    // Polynomials by pairs of terms (G. Estrin 1960), which do not wait for each other.
+    const T z = r * r, z2 = z * z;
+    const T ps = ((1.58962301576546568060e-10 * z - 2.50507477628578072866e-8) * z2 +
+                  (2.75573136213857245213e-6 * z - 1.98412698295895385996e-4)) *
+                     z2 +
+                 (8.33333333332211858878e-3 * z - 1.66666666666666307295e-1);
+    const T pc = ((-1.13585365213876817300e-11 * z + 2.08757008419747316778e-9) * z2 +
+                  (-2.75573141792967388112e-7 * z + 2.48015872888517045348e-5)) *
+                     z2 +
+                 (-1.38888888888730564116e-3 * z + 4.16666666666665929218e-2);
+    T sine = r + r * z * ps, cosine = 1.0 - 0.5 * z + z2 * pc;
     auto swap = -(quadrant & 1);
     T first = select(swap, cosine, sine), second = select(swap, sine, cosine);
     s = from_bits(bits_of(first) ^ ((quadrant & 2) << 62), first);
@@ -167,10 +166,8 @@ inline void exp_parts(const T &x, T &p, T &q, T &power)
     r = r - n * 1.42860682030941723212e-6;
     T z = r * r;
     p = r * ((1.26177193074810590878e-4 * z + 3.02994407707441961300e-2) * z + 1.0);
-    q = ((3.00198505138664455042e-6 * z + 2.52448340349684104192e-3) * z +
-         2.27265548208155028766e-1) *
-            z +
-        2.0;
+    q = (3.00198505138664455042e-6 * z + 2.52448340349684104192e-3) * (z * z) +
+        (2.27265548208155028766e-1 * z + 2.0);
     power = from_bits((bits_of(shifted) + 1023) << 52, r);
 }
 
@@ -250,6 +247,22 @@ inline void sincos(const Pack<W> &x, Pack<W> &s, Pack<W> &c)
         for (int i = 0; i < W; i++)
             s.v[i] = ::sin(x.v[i]), c.v[i] = ::cos(x.v[i]);
 }
+#if defined(MK_ISA) && defined(__AVX__)
+template <int N>
+inline void sincos(const double (&x)[N], double (&s)[N], double (&c)[N])
+{
+    static_assert(N <= 4, "lanes for more angles");
+    Pack<4> angle(x[N - 1]), sine, cosine;
+    for (int i = 0; i < N; i++)
+        angle.set(i, x[i]);
+    poly::sincos(angle, sine, cosine);
+    for (int i = 0; i < N; i++)
+        s[i] = sine[i], c[i] = cosine[i];
+    if (__builtin_expect(any_large(angle), 0))
+        for (int i = 0; i < N; i++)
+            s[i] = ::sin(x[i]), c[i] = ::cos(x[i]);
+}
+#endif
 template <int W>
 inline Pack<W> sin(const Pack<W> &x)
 {

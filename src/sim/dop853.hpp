@@ -23,15 +23,104 @@ inline double largest(const Pack<W> &x)
     return m;
 }
 
+// The N states of one system, added and scaled together.
+template <class S, int N>
+struct States {
+    S x[N];
+
+    States &operator+=(const States &b)
+    {
+        for (int i = 0; i < N; i++)
+            x[i] += b.x[i];
+        return *this;
+    }
+    template <class F>
+    static States each(F &&f)
+    {
+        States r;
+        for (int i = 0; i < N; i++)
+            r.x[i] = f(i);
+        return r;
+    }
+    friend States operator+(const States &a, const States &b)
+    {
+        return each([&](int i) { return a.x[i] + b.x[i]; });
+    }
+    friend States operator-(const States &a, const States &b)
+    {
+        return each([&](int i) { return a.x[i] - b.x[i]; });
+    }
+    friend States operator*(const States &a, const States &b)
+    {
+        return each([&](int i) { return a.x[i] * b.x[i]; });
+    }
+    friend States operator*(double a, const States &b)
+    {
+        return each([&](int i) { return a * b.x[i]; });
+    }
+};
+template <class S, int N>
+inline S add_up(const States<S, N> &a)
+{
+    S sum = a.x[0];
+    for (int i = 1; i < N; i++)
+        sum += a.x[i];
+    return sum;
+}
+// 1 / (atol + rtol max(|a|, |b|)).
+template <class S, int N>
+inline States<S, N> inverse_scale(double atol, double rtol, const States<S, N> &a,
+                                  const States<S, N> &b)
+{
+    return States<S, N>::each([&](int i) {
+        const S size = fabs(a.x[i]), other = fabs(b.x[i]);
+        return 1.0 / (atol + rtol * if_positive(other - size, other, size));
+    });
+}
+
+// Of one system in plain doubles they are the lanes of a register.
+template <int N>
+inline double add_up(const Pack<N> &a)
+{
+    double sum = a[0];
+    for (int i = 1; i < N; i++)
+        sum += a[i];
+    return sum;
+}
+template <int N>
+inline Pack<N> inverse_scale(double atol, double rtol, const Pack<N> &a, const Pack<N> &b)
+{
+    const Pack<N> size = fabs(a), other = fabs(b);
+    return 1.0 / (atol + rtol * if_positive(other - size, other, size));
+}
+template <class S, int N>
+struct StatesOf {
+    using Type = States<S, N>;
+};
+#if defined(MK_ISA) && defined(__AVX__)
+template <>
+struct StatesOf<double, 2> {
+    using Type = Pack<2>;
+};
+template <>
+struct StatesOf<double, 4> {
+    using Type = Pack<4>;
+};
+#endif
+
 // y' = f(t, y), N states. F is called as f(t, y, dy) with t a double.
 template <class S, int N, class F>
 class Dop853
 {
+    using Y = typename StatesOf<S, N>::Type;
+    static_assert(sizeof(Y) == N * sizeof(S));
+
     F &f_;
     double rtol_, atol_, t_ = 0.0, h_ = 0.0, h_last_ = 0.0;
-    S y_[N], old_[N];
-    S k_[dop853::EXTENDED][N];
-    S dense_[7][N];
+    S state_[N];
+    Y y_, old_;
+    Y k_[dop853::EXTENDED];
+    Y dense_[7];
     bool dense_ready_ = false;
 
   public:
@@ -42,18 +131,21 @@ class Dop853
     void start(double t, const S *y)
     {
         t_ = t;
-        for (int i = 0; i < N; i++)
-            y_[i] = y[i];
-        evaluate(t_, y_, k_[0]);
+        __builtin_memcpy(&y_, y, sizeof y_);
+        edge();
         if (h_ == 0.0)
             h_ = first_step();
     }
     // The right-hand side has jumped (an edge of the command): the state stays, its slope does not.
-    void edge() { evaluate(t_, y_, k_[0]); }
+    void edge() { k_[0] = evaluate(t_, y_); }
 
     double time() const { return t_; }
     double begin() const { return t_ - h_last_; }
-    const S *state() const { return y_; }
+    const S *state()
+    {
+        __builtin_memcpy(state_, &y_, sizeof state_);
+        return state_;
+    }
 
     // One accepted step, not beyond t_end. False: the step size has underflown or the state is not
     // a number.
@@ -63,7 +155,7 @@ class Dop853
         for (int tries = 0; tries < 60; tries++) {
             bool last = t_ + 1.0000001 * h_ >= t_end;
             double h = last ? t_end - t_ : h_;
-            S next[N];
+            Y next;
             double error = attempt(h, next);
             if (!(error < 1e300) || h <= 1e-14 * (__builtin_fabs(t_) + 1e-3)) {
                 if (!(error == error) && h > 1e-14 * (__builtin_fabs(t_) + 1e-3)) {
@@ -94,87 +186,77 @@ class Dop853
     {
         if (!dense_ready_)
             prepare_dense();
-        double x = (t - begin()) / h_last_, rest = 1.0 - x;
-        for (int i = 0; i < N; i++) {
-            S sum = dense_[6][i] * x;
-            sum = (sum + dense_[5][i]) * rest;
-            sum = (sum + dense_[4][i]) * x;
-            sum = (sum + dense_[3][i]) * rest;
-            sum = (sum + dense_[2][i]) * x;
-            sum = (sum + dense_[1][i]) * rest;
-            y[i] = old_[i] + (sum + dense_[0][i]) * x;
-        }
+        const double x = (t - begin()) / h_last_, rest = 1.0 - x;
+        Y sum = x * dense_[6];
+        sum = rest * (sum + dense_[5]);
+        sum = x * (sum + dense_[4]);
+        sum = rest * (sum + dense_[3]);
+        sum = x * (sum + dense_[2]);
+        sum = rest * (sum + dense_[1]);
+        sum = old_ + x * (sum + dense_[0]);
+        __builtin_memcpy(y, &sum, sizeof sum);
     }
 
   private:
     // Not inlined: sixteen copies of a right-hand side cost more than sixteen calls.
-    __attribute__((noinline)) void evaluate(double t, const S *y, S *dy)
+    __attribute__((noinline)) Y evaluate(double t, const Y &y)
     {
-        f_(t, y, dy);
+        S at[N], slope[N];
+        Y dy;
+        __builtin_memcpy(at, &y, sizeof at);
+        f_(t, at, slope);
         evaluations++;
+        __builtin_memcpy(&dy, slope, sizeof dy);
+        return dy;
     }
 
-    template <int I>
-    void stage(double h, int into, S *y)
+    // sum_j b_j k_j over the stages with b_j != 0.
+    template <int COUNT>
+    Y weighed(const double *b) const
     {
-        for (int i = 0; i < N; i++) {
-            S sum = dop853::A[I][0] * k_[0][i];
+        Y sum = b[0] * k_[0];
 #pragma GCC unroll 16
-            for (int j = 1; j < I; j++)
-                if (dop853::A[I][j] != 0.0)
-                    sum += dop853::A[I][j] * k_[j][i];
-            y[i] = old_[i] + h * sum;
-        }
-        if (into >= 0)
-            evaluate(begin_of(h) + dop853::C[I] * h, y, k_[into]);
+        for (int j = 1; j < COUNT; j++)
+            if (b[j] != 0.0)
+                sum += b[j] * k_[j];
+        return sum;
     }
-    double begin_of(double) const
+    template <int I>
+    Y place(double h) const
     {
-        return base_;
+        return old_ + h * weighed<I>(dop853::A[I]);
+    }
+    template <int I>
+    void stage(double h)
+    {
+        k_[I] = evaluate(base_ + dop853::C[I] * h, place<I>(h));
     }
 
     // Largest error over lanes, relative to the tolerance; `next` is the state at the end.
-    double attempt(double h, S *next)
+    double attempt(double h, Y &next)
     {
         base_ = t_;
-        for (int i = 0; i < N; i++)
-            old_[i] = y_[i];
-        S y[N];
-        stage<1>(h, 1, y), stage<2>(h, 2, y), stage<3>(h, 3, y), stage<4>(h, 4, y);
-        stage<5>(h, 5, y), stage<6>(h, 6, y), stage<7>(h, 7, y), stage<8>(h, 8, y);
-        stage<9>(h, 9, y), stage<10>(h, 10, y), stage<11>(h, 11, y);
-        stage<12>(h, -1, next);
-        S e5 = S(0.0), e3 = S(0.0);
-        for (int i = 0; i < N; i++) {
-            S a = S(0.0), b = S(0.0);
-#pragma GCC unroll 16
-            for (int j = 0; j < dop853::STAGES; j++) {
-                if (dop853::E5[j] != 0.0)
-                    a += dop853::E5[j] * k_[j][i];
-                if (dop853::E3[j] != 0.0)
-                    b += dop853::E3[j] * k_[j][i];
-            }
-            S size = fabs(old_[i]), size2 = fabs(next[i]);
-            S scale = atol_ + rtol_ * if_positive(size2 - size, size2, size);
-            S inverse = 1.0 / scale;
-            a *= inverse, b *= inverse;
-            e5 += a * a, e3 += b * b;
-        }
-        S sum = (e5 + 0.01 * e3) * double(N);
-        S safe = if_positive(sum, sum, S(1.0));
+        old_ = y_;
+        stage<1>(h), stage<2>(h), stage<3>(h), stage<4>(h), stage<5>(h), stage<6>(h);
+        stage<7>(h), stage<8>(h), stage<9>(h), stage<10>(h), stage<11>(h);
+        next = place<12>(h);
+        const Y inverse = inverse_scale(atol_, rtol_, old_, next);
+        const Y a = inverse * weighed<dop853::STAGES>(dop853::E5);
+        const Y b = inverse * weighed<dop853::STAGES>(dop853::E3);
+        const S e5 = add_up(a * a), e3 = add_up(b * b);
+        const S sum = (e5 + 0.01 * e3) * double(N);
+        const S safe = if_positive(sum, sum, S(1.0));
         return __builtin_fabs(h) * largest(e5 / sqrt(safe));
     }
 
-    void accept(double h, double t_next, const S *next)
+    void accept(double h, double t_next, const Y &next)
     {
         h_last_ = h;
         t_ = t_next;
-        for (int i = 0; i < N; i++)
-            y_[i] = next[i];
+        y_ = next;
         // Slope at the old begin is needed by the dense output: keep it beside the new one.
-        for (int i = 0; i < N; i++)
-            begin_slope_[i] = k_[0][i];
-        evaluate(t_, y_, k_[12]);
+        begin_slope_ = k_[0];
+        k_[12] = evaluate(t_, y_);
         dense_ready_ = false;
         steps++;
         pending_ = true;
@@ -186,54 +268,39 @@ class Dop853
     {
         if (!pending_)
             return;
-        for (int i = 0; i < N; i++)
-            k_[0][i] = k_[12][i];
+        k_[0] = k_[12];
         pending_ = false;
     }
 
   private:
     void prepare_dense()
     {
-        double h = h_last_;
+        const double h = h_last_;
         base_ = begin();
-        S y[N];
-        for (int i = 0; i < N; i++)
-            k_[0][i] = begin_slope_[i];
-        stage<13>(h, 13, y), stage<14>(h, 14, y), stage<15>(h, 15, y);
-        for (int i = 0; i < N; i++) {
-            S change = y_[i] - old_[i];
-            dense_[0][i] = change;
-            dense_[1][i] = h * k_[0][i] - change;
-            dense_[2][i] = 2.0 * change - h * (k_[12][i] + k_[0][i]);
-            for (int r = 0; r < 4; r++) {
-                S sum = S(0.0);
-#pragma GCC unroll 16
-                for (int j = 0; j < dop853::EXTENDED; j++)
-                    if (dop853::D[r][j] != 0.0)
-                        sum += dop853::D[r][j] * k_[j][i];
-                dense_[3 + r][i] = h * sum;
-            }
-        }
+        k_[0] = begin_slope_;
+        stage<13>(h), stage<14>(h), stage<15>(h);
+        const Y change = y_ - old_;
+        dense_[0] = change;
+        dense_[1] = h * k_[0] - change;
+        dense_[2] = 2.0 * change - h * (k_[12] + k_[0]);
+        for (int r = 0; r < 4; r++)
+            dense_[3 + r] = h * weighed<dop853::EXTENDED>(dop853::D[r]);
         dense_ready_ = true;
     }
 
     // Hairer, Norsett, Wanner, II.4: small enough for an explicit Euler step to mean something.
-    double first_step()
+    double first_step() const
     {
-        S d0 = S(0.0), d1 = S(0.0);
-        for (int i = 0; i < N; i++) {
-            S inverse = 1.0 / (atol_ + rtol_ * fabs(y_[i]));
-            S a = y_[i] * inverse, b = k_[0][i] * inverse;
-            d0 += a * a, d1 += b * b;
-        }
-        double size = largest(d0), slope = largest(d1);
-        double h = slope > 1e-10 && size > 1e-10 ? 0.01 * __builtin_sqrt(size / slope) : 1e-6;
+        const Y inverse = inverse_scale(atol_, rtol_, y_, y_);
+        const Y a = y_ * inverse, b = k_[0] * inverse;
+        const double size = largest(add_up(a * a)), slope = largest(add_up(b * b));
+        const double h = slope > 1e-10 && size > 1e-10 ? 0.01 * __builtin_sqrt(size / slope) : 1e-6;
         return h > 1e-3 || !(h > 0.0) ? 1e-3 : h;
     }
 
     double base_ = 0.0;
     bool pending_ = false;
-    S begin_slope_[N];
+    Y begin_slope_;
 };
 
 } // namespace MK_KERNEL_NS

@@ -81,7 +81,18 @@ struct Group {
     }
 };
 
-template <class Law, class S>
+// Its operations overlap with those of the right-hand side, which a call would keep apart.
+inline double sine_of(double x)
+{
+    if (__builtin_expect(!(__builtin_fabs(x) < poly::LARGE), 0))
+        return sin(x);
+    double s, c;
+    poly::sincos(x, s, c);
+    return s;
+}
+
+// BARE: the models have no effects.
+template <class Law, class S, bool BARE>
 struct Rhs {
     const Compiled<S> &c;
     const mk_sine *drive; // of the group's first trajectory; NULL: u is held
@@ -89,8 +100,11 @@ struct Rhs {
     void operator()(double t, const S *y, S *dy)
     {
         if (drive)
-            u[0] = S(drive->amplitude * sin(drive->omega * t + drive->phase));
-        rhs_of<Law>(c, S(t), y, u, dy);
+            u[0] = S(drive->amplitude * sine_of(drive->omega * t + drive->phase));
+        if constexpr (BARE)
+            bare_rhs_of<Law>(c, y, u, dy);
+        else
+            rhs_of<Law>(c, S(t), y, u, dy);
     }
 };
 
@@ -99,13 +113,13 @@ inline enum mk_status stuck(mk_error *err, double t)
     return mk_error_set(err, MK_ERR_NUMERIC, "the fast integrator cannot go on at t = %g s", t);
 }
 
-template <class Law, class S, int N>
-enum mk_status run_group(const Group<S> &g, mk_batch *batch, mk_error *err)
+template <class Law, class S, bool BARE>
+enum mk_status run_group(const Group<S> &g, const Compiled<S> &c, mk_batch *batch, mk_error *err)
 {
-    Compiled<S> c = g.compiled();
-    Rhs<Law, S> f = {c, batch->drive, {S(0.0), S(0.0)}};
-    Dop853<S, N, Rhs<Law, S>> solver(f, batch->rtol, batch->atol);
-    S y[N];
+    constexpr int N = 2 * Law::joints;
+    Rhs<Law, S, BARE> f = {c, batch->drive, {S(0.0), S(0.0)}};
+    Dop853<S, N, Rhs<Law, S, BARE>> solver(f, batch->rtol, batch->atol);
+    S y[N] = {};
     g.load(y);
     g.store(0, y);
     if (!batch->drive)
@@ -151,7 +165,9 @@ enum mk_status run_lanes(mk_batch *batch, int first, int used, int lanes, mk_err
     Group<S> g = {batch, first, used, lanes, mk_model_state_count(&batch->model[0])};
     return with_plant(batch->model[0].plant, [&](auto law) {
         using Law = decltype(law);
-        return run_group<Law, S, 2 * Law::joints>(g, batch, err);
+        const Compiled<S> c = g.compiled();
+        return c.effect_count == 0 ? run_group<Law, S, true>(g, c, batch, err)
+                                   : run_group<Law, S, false>(g, c, batch, err);
     });
 }
 
