@@ -502,6 +502,26 @@ START_TEST(output_error_does_not_take_a_wrong_zero_for_noise)
         column(log, "q1")[k] += 0.02;
     Fit f(m, log, "output-error");
     ck_assert(f.warns("follow"));
+    ck_assert_double_lt(f.r->noise[0], 2 * 4.5e-4);
+}
+END_TEST
+
+/* A pole that weighs nothing, where one was given: no friction, which may be nothing. */
+START_TEST(output_error_warns_where_nothing_is_left_of_a_mass)
+{
+    mk_model rig_without = rig(MK_PLANT_CART_POLE), given = rig_without;
+    given.friction_sharpness = rig_without.friction_sharpness = 50.0; // s/m
+    for (int i : {1, 2})
+        rig_without.parameter[i] *= 1e-6;
+    rig_without.parameter[4] = 0.0;
+    Run run;
+    run.seconds = 10, run.rate = 200, run.amplitude = 5;
+    for (const mk_model &truth : {given, rig_without}) {
+        Fit f(given, with_noise(*record(truth, run), 4.5e-4, 2), "output-error");
+        ck_assert_int_eq(f.status, MK_OK);
+        ck_assert(f.warns("nothing is left of p2") == (truth.parameter[1] != given.parameter[1]));
+        ck_assert(!f.warns("nothing is left of p5"));
+    }
 }
 END_TEST
 
@@ -700,6 +720,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, ten_rows_are_refused_and_forty_do_not_crash);
     tcase_add_test(c, time_in_milliseconds_is_refused);
     tcase_add_test(c, output_error_does_not_take_a_wrong_zero_for_noise);
+    tcase_add_test(c, output_error_warns_where_nothing_is_left_of_a_mass);
     tcase_add_test(c, output_error_cuts_out_a_hole_of_seconds);
     tcase_add_test(c, a_motor_that_warms_does_not_start_cold_again_after_a_hole);
     tcase_add_test(c, the_program_writes_what_the_fit_knows);

@@ -135,8 +135,9 @@ struct mk_ident_result {
     double condition_number;        /* of the stacked regressor or sensitivity matrix */
     double condition_number_scaled; /* the same with columns scaled to unit norm */
     double cost;                    /* what the method minimises, at the estimate */
-    /* Standard deviation of the readings' noise, in the joint's unit; NaN unknown. Where free runs
-     * were fitted instead (a warning says so), what the readings scatter. */
+    /* Standard deviation of the readings' noise, in the joint's unit; NaN unknown. Where the model
+     * does not follow the data (a warning says so) no more than what the readings scatter: what it
+     * misses is no noise. */
     double noise[MK_MAX_JOINTS];
     int own_count;
     struct mk_own_value own[MK_MAX_OWN_VALUES]; /* by log; what does not fit is left out */

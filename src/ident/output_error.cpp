@@ -36,9 +36,24 @@ double condition(const Eigen::MatrixXd &information)
     return e(0) > 0.0 ? std::sqrt(e(e.size() - 1) / e(0)) : HUGE_VAL;
 }
 
+// An inertia or a moment that was given and is about 0 now, for all that the data say: a rig has
+// weight.
+void warn_if_nothing_is_left(const IdentProblem &problem, int number, mk_ident_result &r)
+{
+    constexpr double NEAR = 2.0, SURE = 4.0; // standard errors
+    const mk_ident_parameter &p = r.parameter[number];
+    const double given = mk_model_parameter(&problem.model, number);
+    if (p.excited && number < mk_plant(problem.model.plant)->parameter_count - 2 &&
+        !problem.options.unknown[number] && std::fabs(p.value) < NEAR * p.std_error &&
+        std::fabs(given) > SURE * p.std_error)
+        warn(r,
+             "nothing is left of %s, given as %g: something that the model lacks is in its place",
+             p.name, given);
+}
+
 // Standard errors, correlations and what the data do not say, from the information matrix.
-void judge(const FitPoint &point, const QuadraticModel &quadratic, const std::vector<int> &free,
-           mk_ident_result &r)
+void judge(const IdentProblem &problem, const FitPoint &point, const QuadraticModel &quadratic,
+           const std::vector<int> &free, mk_ident_result &r)
 {
     long n = (long)free.size();
     Eigen::VectorXd scale(n), root(n);
@@ -60,14 +75,18 @@ void judge(const FitPoint &point, const QuadraticModel &quadratic, const std::ve
         bool known =
             std::isfinite(variance) && variance > 0.0 && quadratic.information(i, i) > 1e-6;
         p.std_error = p.crb = known ? std::sqrt(variance) : UNKNOWN;
-        p.excited = known && p.std_error < std::max(std::fabs(p.value), 0.3 * scale(i));
         const mk_parameter_info *info =
             mk_model_parameter_info(&point.model, free[(size_t)i], nullptr, 0);
+        // Friction or an effect may be nothing, and that is known then; a mass is more than
+        // nothing.
+        const double usual = info->min > 0.0 ? 0.0 : 0.3 * scale(i);
+        p.excited = known && p.std_error < std::max(std::fabs(p.value), usual);
         double slack = 1e-9 * std::max(1.0, std::fabs(p.value));
         p.at_bound = p.value <= info->min + slack || p.value >= info->max - slack;
         // Of values per log the mean may be anything.
         if (!(mk_model_parameter_spread(&point.model, free[(size_t)i]) > 0.0))
             warn_if_not_excited(r, p);
+        warn_if_nothing_is_left(problem, free[(size_t)i], r);
         if (p.at_bound)
             warn(r, "%s is at the end of its physical range", p.name);
         for (long k = 0; k < n; k++)
@@ -177,17 +196,6 @@ void warn_of_process_noise(double process_noise, mk_ident_result &r)
          mk_model_unit(&r.model, motor, "rad/s per sqrt(s)"));
 }
 
-void warn_of_noise(const std::vector<const FitLog *> &views, mk_ident_result &r)
-{
-    const double times = beyond_scatter(views, r.noise);
-    if (times < NOISY)
-        return;
-    warn(r,
-         "the model does not follow these data: it is off by %.1f times what the readings "
-         "scatter: mechkit explain looks for what it lacks",
-         times);
-}
-
 // Standard errors are those of readings whose errors are independent: not so where a motion comes
 // by the same counts again and again, and rounding with it.
 void warn_of_repetition(const std::vector<const FitLog *> &views, mk_ident_result &r)
@@ -244,24 +252,30 @@ double missed_by(const FreeRuns &runs, const RunQuadraticModel &quadratic, const
     return most;
 }
 
+bool any_unknown(const IdentProblem &problem, const std::vector<int> &free)
+{
+    return std::any_of(free.begin(), free.end(),
+                       [&](int number) { return problem.options.unknown[number]; });
+}
+
 // What free runs say of a fit whose model does not follow every reading.
 struct RunCheck {
-    double missed = UNKNOWN; // nrmse
-    bool instead = false;    // they were fitted
+    double missed = UNKNOWN;     // nrmse
+    bool instead = false;        // they were fitted
+    double beyond_scatter = 0.0; // the fitted noise, over what the readings scatter
 };
 
 // Where the model lacks much, the likelihood of every reading may lead far away from them: into a
 // noise that is as large as the motion. Free runs over windows show it, and are fitted then, from
-// the given values on.
-RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free, int threads,
-                       FitPoint &point, QuadraticModel &quadratic)
+// where the fit started: the given values, or what was put in the place of unknown ones.
+void check_by_runs(const IdentProblem &problem, const mk_model &start, const std::vector<int> &free,
+                   int threads, FitPoint &point, QuadraticModel &quadratic, RunCheck &check)
 {
     constexpr double ASTRAY = 50.0; // log likelihood of independent errors: beyond doubt
     std::vector<std::vector<const mk_log *>> folds;
     for (const mk_log *log : problem.logs)
         folds.push_back({log});
-    FreeRuns runs(folds, problem.model, RUN_S, threads);
-    RunCheck check;
+    FreeRuns runs(folds, start, RUN_S, threads);
     RunPoint fitted = runs.start(point.model);
     // A log of which nothing could be fitted has no values of its own.
     for (size_t log = 0; log < std::min(point.own.size(), fitted.own.size()); log++)
@@ -270,27 +284,23 @@ RunCheck check_by_runs(const IdentProblem &problem, const std::vector<int> &free
     RunQuadraticModel about_fitted;
     const bool runs_at_all = runs.linearise(fitted, free, true, threads, about_fitted);
     if (runs_at_all)
-        check.missed = missed_by(runs, about_fitted, problem.model);
-    const bool *unknown = problem.options.unknown;
-    if (!point.own.empty() ||
-        std::any_of(free.begin(), free.end(), [&](int number) { return unknown[number]; }))
-        return check;
-    RunPoint given = runs.start(problem.model);
+        check.missed = missed_by(runs, about_fitted, start);
+    if (!point.own.empty())
+        return;
+    RunPoint given = runs.start(start);
     runs.take_scale(given);
     RunQuadraticModel about_given;
     if (!runs.linearise(given, free, true, threads, about_given) ||
         (runs_at_all && runs.cost(fitted, about_fitted) < runs.cost(given, about_given) + ASTRAY) ||
         !runs.converge(given, free, threads, about_given))
-        return check;
+        return;
     point.model = given.model;
     quadratic = runs.information(given, about_given);
-    check.missed = missed_by(runs, about_given, problem.model);
+    check.missed = missed_by(runs, about_given, start);
     check.instead = true;
-    return check;
 }
 
-void warn_of_misfit(const RunCheck &runs, double process_noise,
-                    const std::vector<const FitLog *> &views, mk_ident_result &r)
+void warn_of_misfit(const RunCheck &runs, double process_noise, mk_ident_result &r)
 {
     constexpr double MUCH = 0.3; // nrmse from which it is another rig
     if (runs.instead)
@@ -301,21 +311,23 @@ void warn_of_misfit(const RunCheck &runs, double process_noise,
     if (!(runs.missed < MUCH))
         warn(r, "the model does not follow these data: is it this rig, with these units, signs "
                 "and columns?");
-    else if (runs.instead || process_noise >= HOPELESS_PROCESS_NOISE)
-        warn(r,
-             "free runs of %g s miss %.2g %% of the motion, far more than the readings' noise, "
-             "and standard errors do not count it: mechkit explain looks for what the model lacks",
-             RUN_S, 100.0 * runs.missed);
-    else if (process_noise >= SUSPICIOUS_PROCESS_NOISE)
+    else if (process_noise >= SUSPICIOUS_PROCESS_NOISE && !runs.instead &&
+             process_noise < HOPELESS_PROCESS_NOISE && runs.beyond_scatter < NOISY)
         warn_of_process_noise(process_noise, r);
     else
-        warn_of_noise(views, r);
+        warn(r,
+             "the model does not follow these data: free runs of %g s miss %.2g %% of the motion, "
+             "far "
+             "more than the readings' noise, and standard errors do not count it: mechkit explain "
+             "looks for what it lacks",
+             RUN_S, 100.0 * runs.missed);
 }
 
-// The fit from the best start that leads anywhere.
+// The fit from the best start that leads anywhere; `begun`: which that is.
 enum mk_status find_minimum(Fit &fit, const IdentProblem &problem,
                             const std::vector<const FitLog *> &views, const std::vector<int> &free,
-                            FitPoint &point, QuadraticModel &quadratic, mk_error *err)
+                            mk_model &begun, FitPoint &point, QuadraticModel &quadratic,
+                            mk_error *err)
 {
     if (free.empty())
         return mk_error_set(err, MK_ERR_RANGE, "every parameter is held: there is nothing to fit");
@@ -325,8 +337,10 @@ enum mk_status find_minimum(Fit &fit, const IdentProblem &problem,
                             Piece::FEWEST_ROWS);
     bool found = false;
     for (const mk_model &start : first_values(problem, views, fit.options, BETTER_START))
-        if (!found && !fit.cancelled)
+        if (!found && !fit.cancelled) {
+            begun = start;
             found = fit_from(fit, views, free, start, point, quadratic);
+        }
     if (found)
         return MK_OK;
     return fit.cancelled
@@ -355,6 +369,15 @@ enum mk_status refuse_hopeless(const IdentProblem &problem, double process_noise
     return MK_OK;
 }
 
+// What a model that does not follow its data misses is no noise of the readings.
+void tell_noise(const std::vector<const FitLog *> &views, const FitPoint &point, bool follows,
+                mk_ident_result &r)
+{
+    std::fill(std::begin(r.noise), std::end(r.noise), UNKNOWN);
+    for (int j = 0; j < mk_model_joints(&r.model); j++)
+        r.noise[j] = follows ? point.noise[j] : std::min(point.noise[j], scatter_of(views, j));
+}
+
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -375,34 +398,33 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     const std::vector<int> free = free_parameters(problem);
     FitPoint point;
     QuadraticModel quadratic;
-    enum mk_status st = find_minimum(fit, problem, views, free, point, quadratic, err);
+    mk_model begun;
+    enum mk_status st = find_minimum(fit, problem, views, free, begun, point, quadratic, err);
     if (st != MK_OK)
         return st;
     const double process_noise = fit.options.process_noise[0];
     const std::vector<OwnValue> own = fit.own_values(point, quadratic);
-    const bool follows =
-        process_noise < SUSPICIOUS_PROCESS_NOISE && beyond_scatter(views, point.noise) < NOISY;
     RunCheck runs;
+    runs.beyond_scatter = beyond_scatter(views, point.noise);
+    const bool follows = process_noise < SUSPICIOUS_PROCESS_NOISE && runs.beyond_scatter < NOISY;
     if (!follows)
-        runs = check_by_runs(problem, free, options.threads, point, quadratic);
+        check_by_runs(problem, any_unknown(problem, free) ? begun : problem.model, free,
+                      options.threads, point, quadratic, runs);
     r.model = point.model;
     r.cost = quadratic.cost;
     r.iterations = fit.iterations;
     r.converged = fit.converged;
-    for (int j = 0; j < MK_MAX_JOINTS; j++)
-        r.noise[j] = j >= mk_model_joints(&r.model) ? UNKNOWN
-                     : runs.instead                 ? scatter_of(views, j)
-                                                    : point.noise[j];
+    tell_noise(views, point, follows, r);
     for (int i = 0; i < r.parameter_count; i++)
         r.parameter[i].value = mk_model_parameter(&r.model, i);
     for (const OwnValue &v : own)
         if (r.own_count < MK_MAX_OWN_VALUES)
             r.own[r.own_count++] = {v.number, (size_t)v.source, v.value, v.std_error};
     if (!follows)
-        warn_of_misfit(runs, process_noise, views, r);
+        warn_of_misfit(runs, process_noise, r);
     if (process_noise < SUSPICIOUS_PROCESS_NOISE)
         warn_of_repetition(views, r);
-    judge(point, quadratic, free, r);
+    judge(problem, point, quadratic, free, r);
     return refuse_hopeless(problem, process_noise, free, r, err);
 }
 
