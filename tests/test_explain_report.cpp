@@ -204,6 +204,143 @@ START_TEST(values_that_were_wrong_are_listed_with_those_of_given_effects)
 }
 END_TEST
 
+// What an explanation of no causes looks like; the caller adds to it.
+static mk_explanation with_cause(const char *effect, double confidence)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.cause_count = 1;
+    e.cause[0].effect = mk_effect_by_name(effect);
+    e.cause[0].joint = 1;
+    e.cause[0].confidence = confidence;
+    e.offered = true;
+    e.next.rival = -1;
+    return e;
+}
+
+static std::string html_of(const mk_explanation &e)
+{
+    mk_error err = MK_ERROR_INIT;
+    mk_log *log = record({}, 1, 1.0);
+    const char *path = scratch("claims.html");
+    ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
+    mk_log_free(log);
+    char *text = slurp_file(path);
+    const std::string html = text;
+    free(text);
+    return html;
+}
+
+static std::string text_of(const mk_explanation &e)
+{
+    char *text = nullptr;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    explanation_print(out, &e);
+    fclose(out);
+    const std::string printed = text;
+    free(text);
+    return printed;
+}
+
+static bool says(const std::string &text, const char *what)
+{
+    return text.find(what) != std::string::npos;
+}
+
+START_TEST(a_cause_that_is_not_offered_is_not_called_named)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    e.verdict = MK_VERDICT_UNKNOWN;
+    e.offered = false;
+    const std::string html = html_of(e);
+    ck_assert(!says(html, "named, confidence") &&
+              says(html, "not offered: it does not carry over"));
+    ck_assert(!says(html, "The formula is in extended.ini"));
+    // Where there is no formula either, it is not said to be in the model.
+    e.cause_count = 0;
+    ck_assert(!says(html_of(e), "The formula is in extended.ini"));
+    e.cause_count = 1;
+    e.offered = true;
+    ck_assert(says(html_of(e), "named, confidence 0.990"));
+}
+END_TEST
+
+START_TEST(a_cause_that_a_rival_equals_is_named_with_it)
+{
+    mk_explanation e = with_cause("base-compliance", 0.002);
+    e.verdict = MK_VERDICT_PARTIAL;
+    e.rival_count = 1;
+    e.rival[0].effect = mk_effect_by_name("cogging");
+    e.rival[0].joint = 1;
+    e.rival[0].delta_bic = -12.9;
+    const std::string html = html_of(e);
+    ck_assert(says(html, "base-compliance at joint 1 or cogging at joint 1; that is a part"));
+    ck_assert(says(html, "12.9 apart") && !says(html, "-12.9"));
+    ck_assert(says(html, "one of several that these data do not tell apart, confidence 0.002"));
+}
+END_TEST
+
+START_TEST(what_is_refused_is_said_in_the_unit_of_the_table)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    e.verdict = MK_VERDICT_UNKNOWN;
+    e.offered = false;
+    e.refitted[0] = 0.25, e.declined[0] = 0.5, e.budget.refit[0] = 0.0628;
+    ck_assert(says(text_of(e), "would leave 126 mrad at joint 1 where refitting leaves 62.8."));
+}
+END_TEST
+
+START_TEST(a_small_rest_is_called_small)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    e.verdict = MK_VERDICT_PARTIAL;
+    for (const bool small : {true, false}) {
+        e.budget.closed = small ? 0.99 : 0.6;
+        ck_assert(says(text_of(e), "a small rest has none") == small);
+        ck_assert(says(html_of(e), "a small rest has no name") == small);
+    }
+}
+END_TEST
+
+START_TEST(a_value_that_was_not_given_is_not_listed_as_given)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.verdict = MK_VERDICT_PARAMETERS;
+    e.unknown[1] = true;
+    ck_assert(says(html_of(e), "</td><td>?</td>"));
+    ck_assert(says(text_of(e), "p2: given ?, refitted 6.9") && says(text_of(e), "p1: given 0.06"));
+}
+END_TEST
+
+START_TEST(a_belief_that_never_held_has_no_figures)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    e.verdict = MK_VERDICT_EFFECT;
+    e.control_count = 1;
+    e.control[0].setup = "pendubot-mid";
+    e.control[0].runs = 5;
+    e.control[0].given.error = e.control[0].given.effort = std::nan("");
+    e.control[0].refit = e.control[0].extended = e.control[0].given;
+    ck_assert(!says(text_of(e), "nan"));
+}
+END_TEST
+
+START_TEST(what_is_an_angle_everywhere_is_in_rad_on_a_slide)
+{
+    mk_model m;
+    mk_model_default(MK_PLANT_CART_POLE, &m);
+    const mk_effect_info *tilt = mk_effect_by_name("base-tilt"),
+                         *cogging = mk_effect_by_name("cogging");
+    ck_assert_str_eq(mk_effect_parameter_unit(&m, 0, &tilt->parameter[0]), "rad");
+    const int phase = mk_effect_parameter_index(cogging, "phase");
+    ck_assert_str_eq(mk_effect_parameter_unit(&m, 1, &cogging->parameter[phase]), "rad");
+    const mk_effect_info *offset = mk_effect_by_name("encoder-offset");
+    ck_assert_str_eq(mk_effect_parameter_unit(&m, 1, &offset->parameter[0]), "m");
+}
+END_TEST
+
 // Before a search, too: where the report goes, and a hold-out that is none.
 START_TEST(a_report_that_could_not_be_written_is_not_made)
 {
@@ -342,6 +479,13 @@ Suite *suite_explain_report(void)
     tcase_add_test(t, logs_that_do_not_go_with_the_held_out_ones_are_doubted);
     tcase_add_test(t, readings_that_are_all_but_noise_are_said_to_be);
     tcase_add_test(t, values_that_were_wrong_are_listed_with_those_of_given_effects);
+    tcase_add_test(t, a_cause_that_is_not_offered_is_not_called_named);
+    tcase_add_test(t, a_cause_that_a_rival_equals_is_named_with_it);
+    tcase_add_test(t, what_is_refused_is_said_in_the_unit_of_the_table);
+    tcase_add_test(t, a_small_rest_is_called_small);
+    tcase_add_test(t, a_value_that_was_not_given_is_not_listed_as_given);
+    tcase_add_test(t, a_belief_that_never_held_has_no_figures);
+    tcase_add_test(t, what_is_an_angle_everywhere_is_in_rad_on_a_slide);
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);

@@ -240,6 +240,8 @@ struct mk_explanation {
      * those of causes too, and their standard errors are counted in it. */
     bool scale_free;
     int scale_holder;
+    /* Base parameters of which no value was given: in `given` they have what the fit began with. */
+    bool unknown[MK_MAX_PARAMETERS];
     double
         std_error[MK_MAX_PARAMETERS]; /* of the fitted base parameters (`extended`, or `refit`) */
     double noise[MK_MAX_JOINTS];      /* of the readings, rad */
@@ -278,7 +280,7 @@ struct mk_explanation {
     int detection_limit_count;
     struct mk_detection_limit detection_limit[MK_MAX_DETECTION_LIMITS];
     struct mk_next_experiment next;
-    /* Filled in by who has a virtual board to try controllers on; mk_explain leaves it at 0. */
+    /* Of trials of controllers on a virtual board, where options.control asks for them. */
     int control_count;
     struct mk_control_gain control[MK_MAX_CONTROL_GAINS];
     struct mk_data_check data_check; /* what is doubted of the logs */
@@ -319,6 +321,8 @@ bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
  * predicted ten times worse than they are read, and far worse than the training data are. At an
  * unstable equilibrium a free run grows from the smallest error at its start, in all logs alike. */
 bool mk_explanation_misses_held_out(const struct mk_explanation *explanation);
+/* Whether what has a name closes all but a tenth of the gap, so that what has none is small. */
+bool mk_explanation_leaves_little(const struct mk_explanation *explanation);
 
 /* Writes report.json (docs/formats.md, section 3). `holdout_names` are the files' names. */
 MK_NODISCARD enum mk_status mk_explanation_write_json(const struct mk_explanation *explanation,

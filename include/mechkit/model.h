@@ -293,6 +293,10 @@ bool mk_model_turns_freely(const struct mk_model *model, int joint);
  * for torques where the model is in units of the command ("u s/rad"; "u m s/rad" at a joint that
  * turns where the motor's slides). Static text. RT-safe. */
 const char *mk_model_unit(const struct mk_model *model, int joint, const char *unit);
+/* The unit of an effect's parameter at `joint` (1-based; 0: the rig). A phase is an angle wherever
+ * it stands, and so is that of the base. Static text. RT-safe. */
+const char *mk_effect_parameter_unit(const struct mk_model *model, int joint,
+                                     const struct mk_parameter_info *info);
 
 /* Index of parameter `name` of the plant; -1: none. */
 int mk_plant_parameter_index(const struct mk_plant_info *plant, const char *name);

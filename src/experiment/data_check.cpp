@@ -37,8 +37,10 @@ void check_length(const CheckedLog &c, enum mk_data_use use, Findings &out)
 void check_all(const CheckedLog &c, enum mk_data_use use, Findings &out)
 {
     check_extremes(c, out);
-    if (use == MK_DATA_SIMULATE)
+    if (use == MK_DATA_SIMULATE) {
+        check_metadata(c, out);
         return;
+    }
     check_columns(c, out);
     check_metadata(c, out);
     check_length(c, use, out);

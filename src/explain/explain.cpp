@@ -81,7 +81,8 @@ class Explainer
   public:
     Explainer(const mk_model &model_in, mk_explanation &out_in,
               const mk_explain_options &options_in)
-        : model(model_in), start(model_in), out(out_in), options(options_in), clock(out_in)
+        : asked(model_in), model(model_in), start(model_in), out(out_in), options(options_in),
+          clock(out_in)
     {
     }
 
@@ -164,7 +165,7 @@ class Explainer
         }
         Verdict verdict(values.model, *causes, last, correction, out);
         verdict.decide();
-        out.given = given;
+        tell_given();
         if (!values.found.empty() || out.input.changed)
             out.refit = given_refit; // without any of it
         describe_input(last.best, out.input);
@@ -191,6 +192,20 @@ class Explainer
         return measured;
     }
 
+    // Where values are unknown the fit began with others all over, which were not given.
+    void tell_given()
+    {
+        out.given = given;
+        const int count = mk_plant(given.plant)->parameter_count;
+        std::copy_n(options.unknown, count, out.unknown);
+        if (std::none_of(out.unknown, out.unknown + count, [](bool unknown) { return unknown; }))
+            return;
+        for (int i = 0; i < count; i++)
+            if (!out.unknown[i])
+                out.given.parameter[i] = asked.parameter[i];
+    }
+
+    const mk_model asked;        // as the caller gave it
     mk_model model;              // as given; where values of it are unknown, as the fit starts
     mk_model start;              // base parameters right to within a factor of some three
     MassRange masses;            // between `start` and the refitted model, and some way beyond
@@ -733,6 +748,11 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
     }
     return refitted > mk::policy::REFIT_BEHIND * before &&
            refitted > mk::policy::REFIT_OVER_NOISE * floor;
+}
+
+bool mk_explanation_leaves_little(const mk_explanation *e)
+{
+    return e->offered && e->budget.closed >= mk::policy::LEAVES_LITTLE;
 }
 
 bool mk_explanation_misses_held_out(const mk_explanation *e)

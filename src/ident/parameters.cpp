@@ -95,5 +95,6 @@ const char *mk_model_parameter_unit(const mk_model *model, int index)
         return mk_model_unit(model, plant->parameter_joint[p.parameter],
                              plant->parameter[p.parameter].unit);
     const mk_effect_use &use = model->effect[p.effect];
-    return mk_model_unit(model, use.joint - 1, mk_effect(use.index)->parameter[p.parameter].unit);
+    return mk_effect_parameter_unit(model, use.joint,
+                                    &mk_effect(use.index)->parameter[p.parameter]);
 }

@@ -280,7 +280,7 @@ static void name_cause(const struct mk_explanation *e, const struct mk_cause *c,
             n += snprintf(text + n, size - (size_t)n, " +- %.2g", c->std_error[k]);
         if (p->unit[0] && (size_t)n < size)
             n += snprintf(text + n, size - (size_t)n, " %s",
-                          mk_model_unit(&e->given, c->joint - 1, p->unit));
+                          mk_effect_parameter_unit(&e->given, c->joint, p));
     }
 }
 

@@ -60,6 +60,13 @@ const char *mk_model_unit(const mk_model *model, int joint, const char *unit)
     return unit;
 }
 
+const char *mk_effect_parameter_unit(const mk_model *model, int joint,
+                                     const mk_parameter_info *info)
+{
+    const bool angle = strcmp(info->unit, "rad") == 0 && (joint == 0 || info->fit == MK_FIT_ANGLE);
+    return angle ? info->unit : mk_model_unit(model, joint - 1, info->unit);
+}
+
 enum mk_status mk_model_set_linear(mk_model *model, int joint, bool linear, mk_error *err)
 {
     const mk_plant_info *plant = mk_plant(model->plant);

@@ -36,7 +36,8 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
         if (isfinite(c->std_error[k]))
             fprintf(out, " +- %.2g", c->std_error[k]);
         if (c->effect->parameter[k].unit[0])
-            fprintf(out, " %s", mk_model_unit(model, c->joint - 1, c->effect->parameter[k].unit));
+            fprintf(out, " %s",
+                    mk_effect_parameter_unit(model, c->joint, &c->effect->parameter[k]));
     }
     fprintf(out, "\n    evidence: BIC %.0f better with it than without; confidence %.3f\n",
             c->delta_bic, c->confidence);
@@ -54,7 +55,7 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
         if (c->joint > 0)
             fprintf(out, " at joint %d", c->joint);
         fprintf(out, " has another %s in every log, %.2g %s apart (standard deviation):\n   ",
-                info->name, c->spread[k], mk_model_unit(&e->given, c->joint - 1, info->unit));
+                info->name, c->spread[k], mk_effect_parameter_unit(&e->given, c->joint, info));
         const char *between = "";
         for (int i = 0; i < e->per_log_count; i++)
             if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint) {
@@ -126,8 +127,9 @@ static void print_values(FILE *out, const struct mk_explanation *e)
 {
     const struct mk_plant_info *plant = mk_plant(e->given.plant);
     for (int i = 0; i < plant->parameter_count; i++) {
-        fprintf(out, "  %s: given %.4g, refitted %.4g", plant->parameter[i].name,
-                e->given.parameter[i], e->refit.parameter[i]);
+        fprintf(out, "  %s: given ", plant->parameter[i].name);
+        fprintf(out, e->unknown[i] ? "?" : "%.4g", e->given.parameter[i]);
+        fprintf(out, ", refitted %.4g", e->refit.parameter[i]);
         if (isfinite(e->std_error[i]))
             fprintf(out, " +- %.2g", e->std_error[i]);
         fprintf(out, "\n");
@@ -161,6 +163,14 @@ static void print_one_step(FILE *out, const struct mk_explanation *e)
             p);
 }
 
+static void print_figure(FILE *out, double value, const char *after)
+{
+    if (isfinite(value))
+        fprintf(out, " %.3g%s", value, after);
+    else
+        fprintf(out, " -%s", after);
+}
+
 /* A line a setup; a belief that held in no run has no figures. */
 static void print_control(FILE *out, const struct mk_explanation *e)
 {
@@ -176,10 +186,10 @@ static void print_control(FILE *out, const struct mk_explanation *e)
                 f[1]->held * c->runs, f[2]->held * c->runs, c->runs,
                 tracks ? "speed error" : "sway");
         for (int k = 0; k < 3; k++)
-            fprintf(out, " %.3g%s", tracks ? f[k]->error : 1e3 * f[k]->error, k < 2 ? "," : "");
+            print_figure(out, tracks ? f[k]->error : 1e3 * f[k]->error, k < 2 ? "," : "");
         fprintf(out, " %s; rms command", mk_model_unit(&e->given, -1, tracks ? "rad/s" : "mrad"));
         for (int k = 0; k < 3; k++)
-            fprintf(out, " %.3g%s", f[k]->effort, k < 2 ? "," : "\n");
+            print_figure(out, f[k]->effort, k < 2 ? "," : "\n");
         const char *believing, *worse = mk_control_gain_worse(c, &believing);
         if (worse)
             fprintf(out,
@@ -197,8 +207,14 @@ static void print_declined(FILE *out, const struct mk_explanation *e)
         return;
     }
     fprintf(out, "  The extension found is not offered: it would leave");
-    for (int j = 0; j < mk_model_joints(&e->given); j++)
-        fprintf(out, "%s %.4g", j ? "," : "", e->declined[j]);
+    for (int j = 0; j < mk_model_joints(&e->given); j++) {
+        /* Both are shares of the same deviation of the readings, which the budget has in the unit.
+         */
+        const double refit = 1e3 * e->budget.refit[j];
+        fprintf(out, "%s %.3g %s at joint %d where refitting leaves %.3g", j ? "," : "",
+                refit * e->declined[j] / e->refitted[j], mk_model_unit(&e->given, j, "mrad"), j + 1,
+                refit);
+    }
     fprintf(out, ".\n");
 }
 
@@ -212,7 +228,7 @@ static void print_limits(FILE *out, const struct mk_explanation *e)
         fprintf(out, "%s%s", i ? "; " : "Would have been seen: ", l->effect->name);
         if (l->joint > 0)
             fprintf(out, " at joint %d", l->joint);
-        fprintf(out, " above %.2g %s", l->least, mk_model_unit(&e->given, l->joint - 1, p->unit));
+        fprintf(out, " above %.2g %s", l->least, mk_effect_parameter_unit(&e->given, l->joint, p));
     }
     if (e->detection_limit_count > 0)
         fprintf(out, "%s\n", e->detection_limit_count > SHOWN ? "; ..." : "");
@@ -226,6 +242,8 @@ static const char *sentence(const struct mk_explanation *e)
         "Something is missing in the model, and has a name.",
         "Something is missing in the model. A part of it has a name, a rest has none.",
         "Something is missing in the model that no known effect explains:"};
+    if (e->verdict == MK_VERDICT_PARTIAL && mk_explanation_leaves_little(e))
+        return "Something is missing in the model, and has a name; a small rest has none.";
     if (e->verdict != MK_VERDICT_UNKNOWN || e->cause_count == 0)
         return sentences[e->verdict];
     if (!e->offered)

@@ -9,6 +9,7 @@
 #include "console/commands/left_out.h"
 #include "console/commands/options.h"
 #include "ident/left_out_json.h"
+#include "mechkit/ident.h"
 #include "mechkit/json.h"
 #include "mechkit/signals.h"
 #include "mechkit/sim.h"
@@ -153,11 +154,17 @@ static enum mk_status write_figures(const struct options *o, const struct mk_mod
     return st;
 }
 
+/* Of a log that has both columns of the command it is said which one drove the model. */
 static void print_figures(const struct options *o, const struct mk_model *model,
-                          const struct mk_predict_figures *f, const double *noise, size_t failed)
+                          const struct mk_log *log, const struct mk_predict_figures *f,
+                          const double *noise, size_t failed)
 {
-    printf("%s: %zu rows, %zu window%s\n", o->input, f->rows, f->windows,
-           f->windows == 1 ? "" : "s");
+    printf("%s: %zu rows, %zu window%s", o->input, f->rows, f->windows, f->windows == 1 ? "" : "s");
+    if (mk_log_has_both_inputs(log, model))
+        printf(", driven by the %s command", model->input == MK_INPUT_COMMANDED
+                                                 ? "commanded (input = commanded in the model)"
+                                                 : "measured");
+    puts("");
     for (int i = 0; i < f->own_count; i++) {
         const struct mk_own_estimate *own = &f->own[i];
         const struct mk_effect_use *use = &model->effect[own->effect];
@@ -287,7 +294,7 @@ static enum mk_status write_outputs(const struct options *o, const struct mk_mod
         st = write_figures(o, model, figures, left, noise, failed, seconds, err);
     if (st == MK_OK && !is_standard_output(o->json)) {
         left_out_print(stdout, left->list, left->count);
-        print_figures(o, model, figures, noise, failed);
+        print_figures(o, model, log, figures, noise, failed);
     }
     return st;
 }

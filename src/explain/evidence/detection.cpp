@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "explain/policy.hpp"
 #include "explain/search/causes.hpp"
@@ -24,11 +25,16 @@ struct Limit {
     size_t starts = 0;
     double least = 0.0; // of all starts the largest: it would have been seen in any case
 
-    // One size, which the data say something of, within what a fit may come to.
-    bool is_known() const
+    // One size, which the data say something of, within what a fit may come to and what a rig can
+    // have: no torque beyond the motor's, no share beyond the whole.
+    bool is_known(const mk_model &model) const
     {
-        const double most =
-            std::min(candidate.most, candidate.effect->parameter[candidate.size].max);
+        const mk_parameter_info &size = candidate.effect->parameter[candidate.size];
+        double most = std::min(candidate.most, size.max);
+        if (std::strcmp(size.unit, "N m") == 0)
+            most = std::min(most, model.u_max);
+        if (size.unit[0] == '\0')
+            most = std::min(most, 1.0);
         return starts <= MOST_STARTS && std::isfinite(least) && least <= most;
     }
 };
@@ -79,7 +85,7 @@ void find_detection_limits(Search &search, const Hypothesis &best, mk_explanatio
             l.least = std::max(l.least, errors * search.error_at_nothing(best, c));
     }
     for (const Limit &l : limits)
-        if (l.is_known() && out.detection_limit_count < MK_MAX_DETECTION_LIMITS)
+        if (l.is_known(best.point.model) && out.detection_limit_count < MK_MAX_DETECTION_LIMITS)
             out.detection_limit[out.detection_limit_count++] = {
                 l.candidate.effect, l.candidate.joint, l.candidate.size, l.least};
 }

@@ -360,6 +360,21 @@ std::string residual_torque_plots(const mk_explanation &e)
     return s;
 }
 
+// A cause, and what these data cannot tell from it.
+std::string either(const mk_explanation &e, int cause)
+{
+    constexpr int SHOWN = 2;
+    std::string s = cause_name(e.cause[cause].effect, e.cause[cause].joint);
+    for (int i = 0, shown = 0; i < e.rival_count && shown < SHOWN; i++) {
+        const mk_rival &r = e.rival[i];
+        if (r.instead_of == cause && !r.distinguishable) {
+            s += " or " + cause_name(r.effect, r.joint);
+            shown++;
+        }
+    }
+    return s;
+}
+
 std::string sentence(const mk_explanation &e)
 {
     std::string s;
@@ -370,7 +385,7 @@ std::string sentence(const mk_explanation &e)
         return "Only the values of parameters were wrong; nothing is missing in the model.";
     case MK_VERDICT_EFFECT:
         for (int i = 0; i < e.cause_count; i++)
-            s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
+            s += (i ? ", and " : "") + either(e, i);
         for (int i = 0; i < e.log_value_count; i++)
             s += (s.empty() ? "" : ", and ") +
                  cause_name(e.log_value[i].effect, e.log_value[i].joint) +
@@ -382,8 +397,10 @@ std::string sentence(const mk_explanation &e)
         return "The model lacks " + s + ".";
     case MK_VERDICT_PARTIAL:
         for (int i = 0; i < e.cause_count - e.piece_count; i++)
-            s += (i ? ", and " : "") + cause_name(e.cause[i].effect, e.cause[i].joint);
-        return "The model lacks " + s + "; that is a part of what is missing.";
+            s += (i ? ", and " : "") + either(e, i);
+        return "The model lacks " + s + "; " +
+               (mk_explanation_leaves_little(&e) ? "a small rest has no name."
+                                                 : "that is a part of what is missing.");
     default:
         if (e.partly_named && e.offered)
             return "Known effects explain a part of what is missing; the rest has no name.";
@@ -430,11 +447,24 @@ std::string suspects_text(const mk_explanation &e)
     return s + "</ul>";
 }
 
+// What is claimed of a cause.
+std::string standing(const mk_explanation &e, const mk_cause &c)
+{
+    constexpr double MORE_LIKELY_THAN_NOT = 0.5;
+    if (!e.offered)
+        return "not offered: it does not carry over to held-out data";
+    std::string s = c.confidence > MORE_LIKELY_THAN_NOT
+                        ? "named"
+                        : "one of several that these data do not tell apart";
+    add(s, ", confidence %.3f", c.confidence);
+    return s;
+}
+
 std::string log_value_row(const mk_explanation &e, const mk_cause &c)
 {
     std::string s = "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b>, log by log</td><td>";
     for (int k = 0; k < c.effect->parameter_count; k++) {
-        const char *unit = mk_model_unit(&e.given, c.joint - 1, c.effect->parameter[k].unit);
+        const char *unit = mk_effect_parameter_unit(&e.given, c.joint, &c.effect->parameter[k]);
         if (!(c.spread[k] > 0.0))
             continue;
         add(s, "%s: %.2g %s from log to log", c.effect->parameter[k].name, c.spread[k], unit);
@@ -443,9 +473,8 @@ std::string log_value_row(const mk_explanation &e, const mk_cause &c)
                 add(s, "<br>log %d: %.3g &plusmn; %.1g %s", e.per_log[i].log + 1,
                     e.per_log[i].value, e.per_log[i].std_error, unit);
     }
-    add(s, "</td><td>%.0f better than one for all</td><td>named, confidence %.3f</td></tr>",
-        c.delta_bic, c.confidence);
-    return s;
+    add(s, "</td><td>%.0f better than one for all</td><td>", c.delta_bic);
+    return s + standing(e, c) + "</td></tr>";
 }
 
 std::string input_text(const mk_explanation &e)
@@ -471,19 +500,20 @@ std::string cause_table(const mk_explanation &e)
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
             if (std::isfinite(c.std_error[k]))
                 add(s, " &plusmn; %.2g", c.std_error[k]);
-            add(s, " %s", mk_model_unit(&e.given, c.joint - 1, c.effect->parameter[k].unit));
+            add(s, " %s", mk_effect_parameter_unit(&e.given, c.joint, &c.effect->parameter[k]));
         }
-        add(s, "</td><td>%.0f better with it</td><td>named, confidence %.3f</td></tr>", c.delta_bic,
-            c.confidence);
-        s += words_row(c.effect);
+        add(s, "</td><td>%.0f better with it</td><td>", c.delta_bic);
+        s += standing(e, c) + "</td></tr>" + words_row(c.effect);
     }
     for (int i = 0; i < e.log_value_count; i++)
         s += log_value_row(e, e.log_value[i]) + words_row(e.log_value[i].effect);
     for (int i = 0; i < e.rival_count; i++) {
         const mk_rival &r = e.rival[i];
         s += "<tr><td>" + cause_name(r.effect, r.joint) + "</td><td></td>";
-        add(s, "<td>%.1f worse</td><td>%s</td></tr>", r.delta_bic,
-            r.distinguishable ? "ruled out" : "cannot be told apart on these data");
+        r.distinguishable
+            ? add(s, "<td>%.0f worse</td><td>ruled out</td></tr>", r.delta_bic)
+            : add(s, "<td>%.1f apart</td><td>cannot be told apart on these data</td></tr>",
+                  std::fabs(r.delta_bic));
     }
     return s + "</table></div>";
 }
@@ -497,7 +527,9 @@ std::string parameter_table(const mk_explanation &e)
     const mk_plant_info *plant = mk_plant(e.given.plant);
     const mk_model &fitted = e.offered ? e.extended : e.refit;
     auto row = [&](const std::string &name, double given, double refit, double value, double half) {
-        add(s, "<tr><td>%s</td><td>%.5g</td><td>%.5g</td>", name.c_str(), given, refit);
+        s += "<tr><td>" + name + "</td>";
+        std::isfinite(given) ? add(s, "<td>%.5g</td>", given) : add(s, "<td>?</td>");
+        add(s, "<td>%.5g</td>", refit);
         if (e.offered)
             add(s, "<td>%.5g</td>", value);
         std::isfinite(half) ? add(s, "<td>%.5g .. %.5g</td></tr>", value - half, value + half)
@@ -505,7 +537,8 @@ std::string parameter_table(const mk_explanation &e)
     };
     for (int i = 0; i < plant->parameter_count; i++)
         row(plant->parameter[i].name + std::string(", ") + plant->parameter[i].help,
-            e.given.parameter[i], e.refit.parameter[i], fitted.parameter[i], 1.96 * e.std_error[i]);
+            e.unknown[i] ? std::nan("") : e.given.parameter[i], e.refit.parameter[i],
+            fitted.parameter[i], 1.96 * e.std_error[i]);
     for (int i = 0; i < e.given.effect_count; i++) {
         const mk_effect_use &given = e.given.effect[i];
         const mk_effect_info *info = mk_effect(given.index);
@@ -588,7 +621,7 @@ std::string control_table(const mk_explanation &e)
 
 std::string advice(const mk_explanation &e)
 {
-    if (e.next.why[0])
+    if (e.next.why[0] && e.next.rival >= 0)
         return std::string("To be tested next: ") + e.next.why + ".";
     bool tied = false;
     for (int i = 0; i < e.rival_count; i++)
@@ -602,6 +635,12 @@ std::string advice(const mk_explanation &e)
                "refitted "
                "model: it is not offered, and extended.ini is the refitted model. Record more "
                "data.";
+    if (e.verdict == MK_VERDICT_UNKNOWN && !e.offered)
+        return "Nothing of the catalogue and no term of the library explains what is left: "
+               "extended.ini is the refitted model, the best that there is. What the rest goes "
+               "with "
+               "and the suspects say where to look; free swings, slow ramps both ways and steps "
+               "tell more of drag, friction and play, slack and delay.";
     if (e.verdict == MK_VERDICT_UNKNOWN)
         return "Look for a mechanism that makes this torque. The formula is in extended.ini and "
                "can be "
@@ -623,7 +662,7 @@ std::string limits(const mk_explanation &e)
         const mk_parameter_info &p = l.effect->parameter[l.parameter];
         s += "<li>" + cause_name(l.effect, l.joint);
         add(s, ": %s above %.2g %s</li>", p.name, l.least,
-            mk_model_unit(&e.given, l.joint - 1, p.unit));
+            mk_effect_parameter_unit(&e.given, l.joint, &p));
     }
     return s + "</ul>";
 }
@@ -670,7 +709,7 @@ std::string origin_text(const mk_explanation &e)
                     "</td></tr><tr><th>program</th><td>mechkit " MK_VERSION
                     "</td></tr><tr><th>command</th><td><code>" +
                     escaped(e.origin->command) + "</code></td></tr><tr><th>model</th><td>" +
-                    escaped(e.origin->model) + "</td></tr><tr><th>logs</th><td>";
+                    escaped(e.origin->model) + "</td></tr><tr><th>learned from</th><td>";
     for (size_t i = 0; i < e.origin->log_count; i++)
         s += (i ? "<br>" : "") + escaped(e.origin->logs[i]);
     return s + "</td></tr></table></div>";

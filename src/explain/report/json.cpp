@@ -25,7 +25,7 @@ cJSON *parameters_of(const mk_model &model, const mk_cause &c)
         if (whole)
             cJSON_AddTrueToObject(p, "integer");
         cJSON_AddStringToObject(p, "unit",
-                                mk_model_unit(&model, c.joint - 1, c.effect->parameter[k].unit));
+                                mk_effect_parameter_unit(&model, c.joint, &c.effect->parameter[k]));
     }
     return all;
 }
@@ -189,7 +189,7 @@ cJSON *limits_json(const mk_explanation &e)
         cJSON_AddItemToObject(o, "joint", joint_of(l.joint));
         cJSON_AddStringToObject(o, "parameter", p.name);
         cJSON_AddItemToObject(o, "least", mk_json_number(l.least));
-        cJSON_AddStringToObject(o, "unit", mk_model_unit(&e.given, l.joint - 1, p.unit));
+        cJSON_AddStringToObject(o, "unit", mk_effect_parameter_unit(&e.given, l.joint, &p));
         cJSON_AddItemToArray(all, o);
     }
     return all;

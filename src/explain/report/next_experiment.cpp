@@ -253,8 +253,16 @@ void propose_experiment(const mk_model &model, const std::vector<const FitLog *>
         if (comparable && (asked || !out.rival[i].distinguishable))
             out.next.rival = i;
     }
-    if (out.next.rival < 0 || out.verdict != MK_VERDICT_EFFECT)
+    if (out.next.rival < 0 || out.verdict != MK_VERDICT_EFFECT) {
+        if (asked)
+            snprintf(out.next.why, sizeof out.next.why, "no experiment is proposed: %s",
+                     out.verdict == MK_VERDICT_EFFECT
+                         ? "no rival of what was named is left to tell it from"
+                         : "nothing was named that explains all of the data, so that there are no "
+                           "rivals to tell apart");
+        out.next.rival = -1;
         return;
+    }
     const mk_rival &rival = out.rival[out.next.rival];
     const mk_cause &cause = out.cause[rival.instead_of];
     Experiment e = most_telling(best, *rival_fit[out.next.rival], limits_of(model, training));

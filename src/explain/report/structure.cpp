@@ -124,7 +124,7 @@ void mk_budget_item_name(const mk_explanation *e, const mk_budget_item *item, ch
         if (own ? c.spread[i] > 0.0 : !std::isnan(c.std_error[i]))
             k = i;
     const mk_parameter_info &p = c.effect->parameter[k];
-    const char *unit = mk_model_unit(&e->given, c.joint - 1, p.unit);
+    const char *unit = mk_effect_parameter_unit(&e->given, c.joint, &p);
     char joint[32] = "", value[64];
     if (c.joint > 0)
         snprintf(joint, sizeof joint, " at joint %d", c.joint);
