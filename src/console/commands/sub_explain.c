@@ -43,7 +43,10 @@ static const struct option_row option_rows[] = {
     {"next", OPTION_FLAG(explain.next), NULL,
      "propose an experiment even where no rival is left open"},
     {"window", OPTION_NUMBER(explain.window_s), "S",
-     "length of the free runs that are compared; default 1", .wants = "seconds above 0"},
+     "length of the free runs that are compared, how far ahead the model has to predict; default "
+     "1, "
+     "better 0.25 for a rig that is held upright",
+     .wants = "seconds above 0"},
     {"seconds", OPTION_CALL(explain.most_s), "S|all",
      "most data to search in, in windows spread over the logs; default 30", .take = take_seconds,
      .wants = "seconds above 0, or all"},
