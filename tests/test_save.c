@@ -205,6 +205,51 @@ START_TEST(a_signal_in_mid_run_leaves_a_complete_log)
 }
 END_TEST
 
+/* Starts a script that would go on for hours and sends a signal once its log grows. */
+static struct outcome interrupted(const char *lines, int number)
+{
+    char dir[256], out[256], err[256], log[300], script[256];
+    snprintf(script, sizeof script, "%s", scratch_text("i.cmd", lines));
+    snprintf(dir, sizeof dir, "%s", scratch("i"));
+    snprintf(out, sizeof out, "/dev/null");
+    snprintf(err, sizeof err, "%s", scratch("i.err"));
+    snprintf(log, sizeof log, "%s/run-001.csv", dir);
+    unlink(log);
+    const char *const argv[] = {"mechkit", "run", script, "--out", dir, NULL};
+    pid_t child = spawn(argv, out, err);
+    struct stat info = {0};
+    for (int i = 0; i < 2000 && (stat(log, &info) != 0 || info.st_size < 20000); i++)
+        usleep(10000);
+    kill(child, number);
+    alarm(10); /* or the test ends here, and the script goes on */
+    struct outcome o = finish(child, out, err);
+    alarm(0);
+    return o;
+}
+
+/* Nothing in the block waits, so no command of it looks whether it is to stop. */
+START_TEST(a_signal_ends_a_block_that_does_not_wait)
+{
+    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP};
+    static const char *const bodies[] = {"", "echo x\n", "set kp 0.02\n"};
+    char script[200];
+    snprintf(script, sizeof script,
+             "setup pi-speed\nref 20\nstart\nrepeat 1000000\nrepeat 1000000\n%send\nend\nhalt\n",
+             bodies[_i]);
+    struct outcome o = interrupted(script, numbers[_i]);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "i.cmd:") &&
+                      strstr(o.err, "interrupted; the motor is off"),
+                  "%d %s", o.code, o.err);
+    char log[300];
+    snprintf(log, sizeof log, "%s/run-001.csv", scratch("i"));
+    struct mk_log *read;
+    struct mk_error why = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(log, &read, &why) == MK_OK, "%s", why.message);
+    ck_assert(!read->truncated);
+    mk_log_free(read);
+}
+END_TEST
+
 Suite *suite_save(void)
 {
     Suite *s = suite_create("save");
@@ -218,6 +263,7 @@ Suite *suite_save(void)
     tcase_add_test(t, names_that_are_too_long_are_refused_and_not_cut);
     tcase_add_test(t, the_same_seed_gives_byte_identical_logs);
     tcase_add_test(t, a_signal_in_mid_run_leaves_a_complete_log);
+    tcase_add_loop_test(t, a_signal_ends_a_block_that_does_not_wait, 0, 3);
     suite_add_tcase(s, t);
     return s;
 }

@@ -380,12 +380,29 @@ static int execute_step(const struct step *step, struct session *s, struct mk_er
     return st;
 }
 
+/* Only some commands look at the flag: a block of others, or an empty one, would not end. */
+static enum mk_status stop_if_cancelled(const struct step *step, struct session *s,
+                                        struct mk_error *err)
+{
+    struct mk_error late = MK_ERROR_INIT;
+    if (session_cancelled(s) == SESSION_GO)
+        return MK_OK;
+    if (session_halt(s, &late) != MK_OK)
+        return mk_error_at(err, MK_ERR_INTR, step->file, step->line, 0, "interrupted; the halt: %s",
+                           late.message);
+    return mk_error_at(err, MK_ERR_INTR, step->file, step->line, 0,
+                       "interrupted; the motor is off");
+}
+
 enum mk_status cmdfile_execute(const struct cmdfile *file, struct session *s, struct mk_error *err)
 {
     long left[MAX_BLOCKS];
     int depth = 0;
     for (size_t i = 0; i < file->count; i++) {
         const struct step *step = &file->steps[i];
+        enum mk_status go_on = stop_if_cancelled(step, s, err);
+        if (go_on != MK_OK)
+            return go_on;
         if (step->kind == STEP_REPEAT) {
             left[depth++] = step->count;
         } else if (step->kind == STEP_END) {

@@ -28,7 +28,8 @@ MK_NODISCARD enum mk_status cmdfile_source(const char *path, const struct cmd_kn
 void cmdfile_free(struct cmdfile *file);
 size_t cmdfile_command_count(const struct cmdfile *file);
 
-/* Executes it. The first failing command ends it: *err has the script's file and line. */
+/* Executes it. The first failing command ends it: *err has the script's file and line. So does a
+ * session that is cancelled, before the next step: MK_ERR_INTR, the motor is off. */
 MK_NODISCARD enum mk_status cmdfile_execute(const struct cmdfile *file, struct session *s,
                                             struct mk_error *err);
 
