@@ -64,6 +64,28 @@ START_TEST(other_people_s_line_ends_and_marks_are_understood)
 }
 END_TEST
 
+START_TEST(when_a_run_began_is_a_time_before_its_rows)
+{
+    static const char *const no_times[] = {"nan", "inf", "-inf", "abc", "0x10", "", "1 s"};
+    static const char *const far[] = {"1e300", "-1e18", "5.001", "-99999996"};
+    static const char *const good[] = {"5", "0", "-3.5", "-99999994"};
+    char text[200];
+    for (size_t i = 0; i < sizeof no_times / sizeof no_times[0]; i++) {
+        snprintf(text, sizeof text, "# rig: pendulum\n# begins_s: %s\nt,q1\n5,0\n6,1\n",
+                 no_times[i]);
+        expect_error(text, MK_ERR_PARSE, 2, 0, "expected when the run began");
+    }
+    for (size_t i = 0; i < sizeof far / sizeof far[0]; i++) {
+        snprintf(text, sizeof text, "# rig: pendulum\n# begins_s: %s\nt,q1\n5,0\n6,1\n", far[i]);
+        expect_error(text, MK_ERR_PARSE, 2, 0, "not later than the first row (5 s)");
+    }
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        snprintf(text, sizeof text, "# begins_s: %s\nt,q1\n5,0\n6,1\n", good[i]);
+        mk_log_free(read_text(text));
+    }
+}
+END_TEST
+
 START_TEST(metadata_and_comments_may_stand_between_rows)
 {
     struct mk_log *log = read_text("# a plain comment\nt,q1\n0,1\n#event:gains 1 2: 3\n"
@@ -664,6 +686,7 @@ Suite *suite_log(void)
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_log_is_read_with_metadata_and_gaps);
     tcase_add_test(t, other_people_s_line_ends_and_marks_are_understood);
+    tcase_add_test(t, when_a_run_began_is_a_time_before_its_rows);
     tcase_add_test(t, metadata_and_comments_may_stand_between_rows);
     tcase_add_test(t, numbers_of_every_form_are_read);
     tcase_add_test(t, bad_logs_are_refused_with_line_and_column);

@@ -15,6 +15,9 @@
 #define META_MAX_LINES 100000
 #define META_MAX_BYTES (1u << 24)
 #define COLUMNS_MAX 4096
+/* s, over three years: no rig runs for so long, and times that far apart are not seconds. */
+#define BEGAN_BEFORE_MAX 1e8
+#define BEGINS_KEY "begins_s"
 
 struct reader {
     struct mk_line_source source;
@@ -25,8 +28,10 @@ struct reader {
     size_t room_rows;
     size_t taken;      /* fields of the current row that are stored */
     size_t meta_bytes; /* of keys and values so far */
-    bool ours;         /* says mechkit-log: its complete lines end in a newline */
-    bool start_again;  /* a column turned out to be text after rows of numbers */
+    double begins;     /* of the run, s; where begins_line is not 0 */
+    int begins_line;
+    bool ours;        /* says mechkit-log: its complete lines end in a newline */
+    bool start_again; /* a column turned out to be text after rows of numbers */
 };
 
 #define FAIL(r, field, ...)                                                                        \
@@ -78,6 +83,20 @@ static size_t count_fields(struct mk_span line)
 
 /* --- metadata and header -------------------------------------------------------------- */
 
+/* `# begins_s: T`; the first one counts. */
+static enum mk_status take_begins(struct reader *r, struct mk_span value)
+{
+    if (r->begins_line)
+        return MK_OK;
+    r->begins_line = r->source.line;
+    if (mk_parse_double(value.begin, value.end, &r->begins) && isfinite(r->begins))
+        return MK_OK;
+    return FAIL(r, 0,
+                BEGINS_KEY ": '%s' is no time: expected when the run began, in s on the axis of t, "
+                           "or no such line",
+                shown(value, (char[SHOWN + 4]){0}));
+}
+
 /* `line` begins with '#'. Without a colon it is a plain comment: kept, with an empty key. */
 static enum mk_status take_meta(struct reader *r, struct mk_span line)
 {
@@ -99,6 +118,8 @@ static enum mk_status take_meta(struct reader *r, struct mk_span line)
     if (mk_log_append_meta(r->log, key.begin, key_length, all.begin, length) != MK_OK)
         return no_memory(r);
     const struct mk_log_meta *m = &r->log->meta[r->log->meta_count - 1];
+    if (strcmp(m->key, BEGINS_KEY) == 0)
+        return take_begins(r, all);
     if (strcmp(m->key, MK_LOG_VERSION_KEY) != 0)
         return MK_OK;
     r->ours = true;
@@ -424,6 +445,22 @@ static void clear_empty_marks(struct mk_log *log)
     }
 }
 
+/* A run that begins behind its first row, or ages before it, is on another axis than t. */
+static enum mk_status check_begins(const struct reader *r)
+{
+    const double first = r->log->columns[r->time_column].data[0];
+    char begins[MK_NUMBER_MAX], first_row[MK_NUMBER_MAX];
+    if (!r->begins_line || (r->begins <= first && r->begins >= first - BEGAN_BEFORE_MAX))
+        return MK_OK;
+    mk_format_double(begins, r->begins);
+    mk_format_double(first_row, first);
+    return mk_error_at(r->source.err, MK_ERR_PARSE, r->source.path, r->begins_line, 0,
+                       BEGINS_KEY ": %s s is %s: expected a time on the axis of t, not later than "
+                                  "the first row (%s s) and at most %g s before it",
+                       begins, r->begins > first ? "later than the first row" : "too long ago",
+                       first_row, BEGAN_BEFORE_MAX);
+}
+
 static enum mk_status end_log(struct reader *r)
 {
     const char *missing = NULL;
@@ -435,6 +472,9 @@ static enum mk_status end_log(struct reader *r)
         missing = "the log has no rows";
     if (missing)
         return mk_error_at(r->source.err, MK_ERR_PARSE, r->source.path, 0, 0, "%s", missing);
+    enum mk_status st = check_begins(r);
+    if (st != MK_OK)
+        return st;
     clear_empty_marks(r->log);
     return resize(r->log, r->log->rows) ? MK_OK : no_memory(r);
 }
@@ -468,6 +508,7 @@ static enum mk_status read_log(struct reader *r)
         r->room_rows = 0;
         r->start_again = r->ours = false;
         r->meta_bytes = 0;
+        r->begins_line = 0;
     }
 }
 

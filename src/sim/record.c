@@ -180,6 +180,18 @@ static enum mk_status check_units(const struct mk_log *log, const struct mk_mode
     return MK_OK;
 }
 
+/* When the run began; a log that was read has been checked, one that was made in memory has not. */
+static enum mk_status take_begins(const struct mk_log *log, struct mk_record *out,
+                                  struct mk_error *err)
+{
+    const char *begins = mk_log_find_meta(log, "begins_s");
+    out->begins = log->rows > 0 ? out->t[0] : 0.0;
+    if (!begins || (mk_parse_double_z(begins, &out->begins) && isfinite(out->begins)))
+        return MK_OK;
+    return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                       "begins_s: '%.40s' is no time: expected when the run began, in s", begins);
+}
+
 enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,
                                   struct mk_record *out, struct mk_error *err)
 {
@@ -196,9 +208,9 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     out->t = mk_log_get(log, "t");
     if (!out->t)
         return missing(log, err, "t");
-    const char *begins = mk_log_find_meta(log, "begins_s");
-    if (!begins || !mk_parse_double_z(begins, &out->begins))
-        out->begins = log->rows > 0 ? out->t[0] : 0.0;
+    st = take_begins(log, out, err);
+    if (st != MK_OK)
+        return st;
     static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     for (int j = 0; j < plant->joints; j++) {
         out->q[j] = mk_log_get(log, angles[j]);
