@@ -232,6 +232,16 @@ START_TEST(bad_models_are_refused_with_their_line)
                        "cycles_spread = 1\nphase = 0\n",
                  MK_ERR_PARSE, 11, "cannot differ from log to log");
     expect_error(WHEEL "[effect.warp]\nx = 1\n", MK_ERR_PARSE, 8, "no effect 'warp'");
+    expect_error(WHEEL "[bogus]\n", MK_ERR_PARSE, 7, "unknown section [bogus]");
+    expect_error(WHEEL "[effect.backlash]\n", MK_ERR_PARSE, 7, "backlash");
+    expect_error(WHEEL "[effect.warp] ; none\n[simulation]\nrtol = 1e-6\n", MK_ERR_PARSE, 7,
+                 "no effect 'warp'");
+    expect_error(WHEEL "[effect.input-delay]\n", MK_ERR_PARSE, 7, "delay is missing");
+    expect_error(WHEEL "[effect.viscous] joint = 1\ncoefficient = 1\n", MK_ERR_PARSE, 7,
+                 "nothing else in the line");
+    expect_error(WHEEL "[effect.a-name-that-is-longer-than-any-there-is-by-far]\n", MK_ERR_PARSE, 7,
+                 "longer than 49 characters");
+    read_text(WHEEL "[stderr]\n[simulation]\n");
     expect_error(WHEEL "[effect.viscous]\njoint = 1\n", MK_ERR_PARSE, 8, "coefficient is missing");
     expect_error(WHEEL "[effect.viscous]\njoint = 3\ncoefficient = 1\n", MK_ERR_PARSE, 8, "joint");
     expect_error(WHEEL "[effect.viscous]\njoint = 1\ncoefficient = 1\nspeed = 2\n", MK_ERR_PARSE,

@@ -367,6 +367,7 @@ static const struct {
     {HEAD "[spread]\nmass = 1\n", "bad.ini:6: unknown key 'mass' in [spread]; a sweep of"},
     {HEAD "[spread]\nfrction = 0.1\n",
      "bad.ini:6: unknown key 'frction' in [spread]: did you mean friction?; a sweep of"},
+    {HEAD "[colour]\n", "bad.ini:5: unknown section [colour]"},
     {HEAD "[colour]\nred = 1\n", "bad.ini:6: unknown key 'red' in unknown section [colour]"},
     {HEAD "[gains]\nk9 = 1\n", "bad.ini:6: gains.k9: setup furuta has no parameter 'k9'"},
     {HEAD "[gains]\nlevel = 0.5, 2\n", "bad.ini:6: gains.level: "},

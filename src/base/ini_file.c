@@ -9,6 +9,7 @@
 #include <string.h>
 
 #define LONGEST_LINE 180
+#define LONGEST_SECTION 49 /* inih cuts longer names off */
 
 struct reader {
     FILE *file;
@@ -23,6 +24,33 @@ static void fail(struct reader *r, const char *what)
 {
     if (r->status == MK_OK)
         r->status = mk_error_at(r->err, MK_ERR_PARSE, r->ini->path, r->line, 0, "%s", what);
+}
+
+/* inih says nothing of a section that has no keys. */
+static bool take_section(struct reader *r, const char *text)
+{
+    const char *end = strchr(text, ']');
+    struct mk_ini *ini = r->ini;
+    char name[LONGEST_SECTION + 1];
+    if (!end || end[1 + strspn(end + 1, " \t")]) {
+        fail(r, "expected `[section]` and nothing else in the line");
+        return false;
+    }
+    size_t length = (size_t)(end - text - 1);
+    if (length > LONGEST_SECTION || ini->sections == MK_INI_ENTRIES) {
+        fail(r, length > LONGEST_SECTION ? "the name of the section is longer than 49 characters"
+                                         : "more than 256 sections");
+        return false;
+    }
+    memcpy(name, text + 1, length);
+    name[length] = '\0';
+    for (int i = 0; i < ini->sections; i++)
+        if (strcmp(ini->section[i].name, name) == 0)
+            return true;
+    struct mk_ini_section *s = &ini->section[ini->sections++];
+    strcpy(s->name, name);
+    s->line = r->line;
+    return true;
 }
 
 /* fgets for inih: one line at a time, comments and leading blanks gone (inih would take an indented
@@ -47,6 +75,8 @@ static char *next_line(char *out, int size, void *stream)
         fail(r, "expected `key = value` or `[section]`");
         return NULL;
     }
+    if (text[0] == '[' && !take_section(r, text))
+        return NULL;
     sprintf(out, "%s\n", text);
     return out;
 }
@@ -123,6 +153,14 @@ struct mk_ini_entry *mk_ini_find(struct mk_ini *ini, const char *section, const 
 {
     for (int i = 0; i < ini->count; i++)
         if (strcmp(ini->entry[i].section, section) == 0 && strcmp(ini->entry[i].key, key) == 0)
+            return &ini->entry[i];
+    return NULL;
+}
+
+const struct mk_ini_entry *mk_ini_first(const struct mk_ini *ini, const char *section)
+{
+    for (int i = 0; i < ini->count; i++)
+        if (strcmp(ini->entry[i].section, section) == 0)
             return &ini->entry[i];
     return NULL;
 }

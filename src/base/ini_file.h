@@ -1,5 +1,6 @@
 /* INI files with the lines that things were in: `[section]`, `key = value`, comments from # or ; to
- * the end of the line. A key that is there twice in a section is an error. */
+ * the end of the line. A key that is there twice in a section is an error, and so is text behind
+ * the ] of a section. */
 #ifndef MECHKIT_BASE_INI_FILE_H
 #define MECHKIT_BASE_INI_FILE_H
 
@@ -20,10 +21,17 @@ struct mk_ini_entry {
     bool used; /* for the caller: what is left unused was not understood */
 };
 
+/* Also one without keys. */
+struct mk_ini_section {
+    char name[MK_INI_TEXT];
+    int line; /* the first one of this name */
+};
+
 struct mk_ini {
     const char *path; /* the caller's */
-    int count;
-    struct mk_ini_entry entry[MK_INI_ENTRIES]; /* as in the file */
+    int count, sections;
+    struct mk_ini_entry entry[MK_INI_ENTRIES];     /* as in the file */
+    struct mk_ini_section section[MK_INI_ENTRIES]; /* each once, as in the file */
 };
 
 /* Reads a whole file; `what` it is goes into messages ("the model"). The caller frees *out, which
@@ -34,6 +42,9 @@ void mk_ini_free(struct mk_ini *ini); /* NULL allowed */
 
 /* NULL when it is not there. */
 struct mk_ini_entry *mk_ini_find(struct mk_ini *ini, const char *section, const char *key);
+
+/* The first entry of a section; NULL when it has none. */
+const struct mk_ini_entry *mk_ini_first(const struct mk_ini *ini, const char *section);
 
 /* MK_ERR_PARSE: "key = 'value': expected WANT", with the file and line. */
 enum mk_status mk_ini_refuse(const struct mk_ini *ini, const struct mk_ini_entry *e,

@@ -42,9 +42,50 @@ struct reader {
     int line;
     struct mk_import_map map;
     bool has_rig;
+    char section[32]; /* of a column, and no key of it has come yet; "": none */
+    int section_line;
     enum mk_status status;
     struct mk_error *err;
 };
+
+/* inih says nothing of a section that has no keys: a column that somebody forgot to fill in. */
+static bool ends_section(struct reader *r)
+{
+    if (r->section[0] && r->status == MK_OK && !mk_import_map_find(&r->map, r->section))
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->section_line, 0,
+                                "[%s] column is missing: the section has no keys", r->section);
+    r->section[0] = '\0';
+    return r->status == MK_OK;
+}
+
+static bool begins_section(struct reader *r, const char *line)
+{
+    const char *end = strchr(line, ']');
+    if (!ends_section(r))
+        return false;
+    size_t length = end ? (size_t)(end - line - 1) : 0;
+    if (length == 0)
+        return true; /* inih tells */
+    if (length >= sizeof r->section) {
+        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0,
+                                "too long a name of a column: at most 31 characters");
+        return false;
+    }
+    memcpy(r->section, line + 1, length);
+    r->section[length] = '\0';
+    r->section_line = r->line;
+    if (strcmp(r->section, "rig") == 0 || strcmp(r->section, "source") == 0)
+        r->section[0] = '\0';
+    return true;
+}
+
+/* Blanks, and what some editors put before the first line. */
+static void drop_beginning(char *line, bool is_first)
+{
+    size_t mark = is_first && strncmp(line, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
+    size_t blanks = mark + strspn(line + mark, " \t\r\n\v\f");
+    memmove(line, line + blanks, strlen(line) - blanks + 1);
+}
 
 /* fgets for inih: leading blanks gone (inih would take an indented line as the continuation of the
  * one before), and never a part of a line as if it were one. */
@@ -57,8 +98,7 @@ static char *next_line(char *buffer, int size, void *user)
     r->line++;
     bool whole = strchr(buffer, '\n') || feof(r->file);
     bool filled = buffer[size - 1] == '\0' && buffer[size - 2] != '\n';
-    size_t blanks = strspn(buffer, " \t\r\n\v\f");
-    memmove(buffer, buffer + blanks, strlen(buffer) - blanks + 1);
+    drop_beginning(buffer, r->line == 1);
     bool comment = *buffer == '#' || *buffer == ';';
     if (!whole && !(filled && comment)) {
         r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "%s",
@@ -68,7 +108,7 @@ static char *next_line(char *buffer, int size, void *user)
     }
     for (int c = whole ? '\n' : 0; c != '\n' && c != EOF;) /* the rest of a comment */
         c = getc(r->file);
-    return buffer;
+    return *buffer != '[' || begins_section(r, buffer) ? buffer : NULL;
 }
 
 /* inih goes on after a failure; the first one is told. */
@@ -368,7 +408,7 @@ enum mk_status mk_import_map_read(const char *path, struct mk_import_map *out, s
         r.status = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r.line, 0,
                                "expected `key = value` or `[section]`");
     fclose(r.file);
-    if (r.status == MK_OK)
+    if (ends_section(&r))
         r.status = check(&r);
     if (r.status == MK_OK)
         *out = r.map;

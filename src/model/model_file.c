@@ -290,8 +290,7 @@ static bool effect_name(const char *section, char name[MK_INI_TEXT])
     return true;
 }
 
-static enum mk_status unknown_effect(struct reader *r, const struct mk_ini_entry *e,
-                                     const char *name)
+static enum mk_status unknown_effect(struct reader *r, int line, const char *name)
 {
     char known[1000] = "", text[80];
     struct mk_meant meant = {.word = name};
@@ -300,7 +299,7 @@ static enum mk_status unknown_effect(struct reader *r, const struct mk_ini_entry
         snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", mk_effect(i)->name);
         mk_meant_try(&meant, mk_effect(i)->name);
     }
-    return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0, "there is no effect '%s'%s%s %s",
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, line, 0, "there is no effect '%s'%s%s %s",
                        name, mk_meant_text(&meant, text, sizeof text),
                        meant.name ? " There are" : "; there are", known);
 }
@@ -325,31 +324,38 @@ static enum mk_status get_spread(struct reader *r, const char *section,
     return st == MK_OK && *out > MK_PARAMETER_MOST ? too_large(r, e, "") : st;
 }
 
+/* Where a section says what it is: its first key, or itself when it has none. */
+static int line_of(const struct reader *r, const struct mk_ini_section *section)
+{
+    const struct mk_ini_entry *first = mk_ini_first(r->file, section->name);
+    return first ? first->line : section->line;
+}
+
 /* A parameter of an effect that the file does not have, unless under a name that is near to it. */
-static enum mk_status missing(struct reader *r, const struct mk_ini_entry *first,
+static enum mk_status missing(struct reader *r, const struct mk_ini_section *section,
                               const struct mk_parameter_info *p)
 {
     struct mk_meant meant = {.word = p->name};
     for (int i = 0; i < r->file->count; i++) {
         const struct mk_ini_entry *e = &r->file->entry[i];
-        if (!e->used && strcmp(e->section, first->section) == 0)
+        if (!e->used && strcmp(e->section, section->name) == 0)
             mk_meant_try(&meant, e->key);
     }
     if (meant.name)
-        return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0,
-                           "[%s] has an unknown key '%s': did you mean %s? (%s)", first->section,
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, line_of(r, section), 0,
+                           "[%s] has an unknown key '%s': did you mean %s? (%s)", section->name,
                            meant.name, p->name, p->help);
-    return mk_error_at(r->err, MK_ERR_PARSE, r->path, first->line, 0, "[%s] %s is missing (%s)",
-                       first->section, p->name, p->help);
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, line_of(r, section), 0,
+                       "[%s] %s is missing (%s)", section->name, p->name, p->help);
 }
 
 /* Adds the effect of a section to the model, at the joint that the section gives. */
 static enum mk_status add_effect(struct reader *r, struct mk_model *m,
-                                 const struct mk_ini_entry *first, const char *name)
+                                 const struct mk_ini_section *section, const char *name)
 {
     double joint = 0.0;
     struct mk_error why = MK_ERROR_INIT;
-    struct mk_ini_entry *e = find(r, first->section, "joint");
+    struct mk_ini_entry *e = find(r, section->name, "joint");
     enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
     if (st != MK_OK)
         return st;
@@ -358,7 +364,7 @@ static enum mk_status add_effect(struct reader *r, struct mk_model *m,
     st = mk_model_add_effect(m, name, (int)joint, &why);
     return st == MK_OK ? MK_OK
                        : mk_error_at(r->err, st == MK_ERR_INVALID ? MK_ERR_PARSE : st, r->path,
-                                     e ? e->line : first->line, 0, "%s", why.message);
+                                     e ? e->line : line_of(r, section), 0, "%s", why.message);
 }
 
 /* Number (mechkit/ident.h) of the first parameter of the effect that was added last. */
@@ -370,44 +376,43 @@ static int first_number_of_last(const struct mk_model *m)
     return number;
 }
 
-static enum mk_status read_effect(struct reader *r, struct mk_model *m, struct mk_ini_entry *first)
+static enum mk_status read_effect(struct reader *r, struct mk_model *m,
+                                  const struct mk_ini_section *section)
 {
     char name[MK_INI_TEXT];
-    effect_name(first->section, name);
+    effect_name(section->name, name);
     const struct mk_effect_info *info = mk_effect_by_name(name);
     if (!info)
-        return unknown_effect(r, first, name);
-    enum mk_status st = add_effect(r, m, first, name);
+        return unknown_effect(r, line_of(r, section), name);
+    enum mk_status st = add_effect(r, m, section, name);
     if (st != MK_OK)
         return st;
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
     const int first_number = first_number_of_last(m);
     for (int i = 0; i < info->parameter_count; i++) {
-        struct mk_ini_entry *e = find(r, first->section, info->parameter[i].name);
+        struct mk_ini_entry *e = find(r, section->name, info->parameter[i].name);
         if (!e && info->parameter[i].optional)
             continue;
         if (!e)
-            return missing(r, first, &info->parameter[i]);
+            return missing(r, section, &info->parameter[i]);
         st = get_ranged(r, e, &info->parameter[i], first_number + i, &use->value[i]);
         if (st == MK_OK)
-            st = get_spread(r, first->section, &info->parameter[i], &use->spread[i]);
+            st = get_spread(r, section->name, &info->parameter[i], &use->spread[i]);
         if (st != MK_OK)
             return st;
     }
     return MK_OK;
 }
 
+/* A section without keys is an effect as well: whose parameters are missing, or all left out. */
 static enum mk_status read_effects(struct reader *r, struct mk_model *m)
 {
     char name[MK_INI_TEXT];
-    for (int i = 0; i < r->file->count; i++) {
-        struct mk_ini_entry *e = &r->file->entry[i];
-        bool seen = false;
-        for (int k = 0; k < i && !seen; k++)
-            seen = strcmp(r->file->entry[k].section, e->section) == 0;
-        if (seen || !effect_name(e->section, name))
+    for (int i = 0; i < r->file->sections; i++) {
+        const struct mk_ini_section *section = &r->file->section[i];
+        if (!effect_name(section->name, name))
             continue;
-        enum mk_status st = read_effect(r, m, e);
+        enum mk_status st = read_effect(r, m, section);
         if (st != MK_OK)
             return st;
     }
@@ -446,23 +451,36 @@ static enum mk_status unknown_key(struct reader *r, const struct mk_model *m,
                        e->key, e->section, mk_meant_text(&meant, text, sizeof text));
 }
 
-static enum mk_status reject_unused(struct reader *r, const struct mk_model *m)
+static bool known_section(const char *section)
 {
     static const char *const sections[] = {"rig", "parameters", "stderr", "simulation"};
+    char name[MK_INI_TEXT];
+    for (size_t k = 0; k < sizeof sections / sizeof sections[0]; k++)
+        if (strcmp(sections[k], section) == 0)
+            return true;
+    return effect_name(section, name);
+}
+
+static enum mk_status unknown_section(struct reader *r, int line, const char *section)
+{
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, line, 0,
+                       "unknown section [%s]: expected rig, parameters, stderr, simulation or "
+                       "effect.NAME",
+                       section);
+}
+
+static enum mk_status reject_unused(struct reader *r, const struct mk_model *m)
+{
     for (int i = 0; i < r->file->count; i++) {
         const struct mk_ini_entry *e = &r->file->entry[i];
-        if (e->used)
-            continue;
-        char name[MK_INI_TEXT];
-        bool known = effect_name(e->section, name);
-        for (size_t k = 0; k < sizeof sections / sizeof sections[0]; k++)
-            known = known || strcmp(sections[k], e->section) == 0;
-        if (!known)
-            return mk_error_at(r->err, MK_ERR_PARSE, r->path, e->line, 0,
-                               "unknown section [%s]: expected rig, parameters, stderr, "
-                               "simulation or effect.NAME",
-                               e->section);
-        return unknown_key(r, m, e);
+        if (!e->used)
+            return known_section(e->section) ? unknown_key(r, m, e)
+                                             : unknown_section(r, e->line, e->section);
+    }
+    for (int i = 0; i < r->file->sections; i++) {
+        const struct mk_ini_section *s = &r->file->section[i];
+        if (!known_section(s->name))
+            return unknown_section(r, s->line, s->name);
     }
     return MK_OK;
 }

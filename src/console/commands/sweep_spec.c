@@ -174,6 +174,27 @@ static enum mk_status read_axes(struct sweep *s, struct mk_ini *ini, struct mk_e
     return st;
 }
 
+static bool known_section(const struct sweep *s, const char *section)
+{
+    bool known = strcmp(section, "sweep") == 0 || strcmp(section, "rig") == 0 ||
+                 (s->kind->free_section && strcmp(section, s->kind->free_section) == 0);
+    for (const struct sweep_key *k = s->kind->key; k->section && !known; k++)
+        known = strcmp(section, k->section) == 0;
+    return known;
+}
+
+/* One without keys has no entry that could be found wrong. */
+static enum mk_status check_sections(const struct sweep *s, const struct mk_ini *ini,
+                                     struct mk_error *err)
+{
+    for (int i = 0; i < ini->sections; i++)
+        if (!known_section(s, ini->section[i].name))
+            return mk_error_at(err, MK_ERR_PARSE, s->path, ini->section[i].line, 0,
+                               "unknown section [%s]: a sweep of %s has no such",
+                               ini->section[i].name, s->kind->name);
+    return MK_OK;
+}
+
 static enum mk_status read_whole(struct mk_ini *ini, const char *key, double min, double max,
                                  double *out, struct mk_error *err)
 {
@@ -325,6 +346,8 @@ enum mk_status sweep_read(const char *path, struct sweep *out, struct mk_error *
         st = read_models(out, ini, err);
     if (st == MK_OK)
         st = read_axes(out, ini, err);
+    if (st == MK_OK)
+        st = check_sections(out, ini, err);
     if (st == MK_OK)
         st = out->kind->prepare(out, err);
     if (st == MK_OK)
