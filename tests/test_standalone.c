@@ -3,6 +3,7 @@
 #include "suites.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -13,6 +14,7 @@
 #include "mechkit/rig.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 
 static struct mk_model model;
 static struct mk_clock clock_;
@@ -273,6 +275,29 @@ START_TEST(the_recorded_arrays_last_for_the_whole_run_or_it_is_refused_before_it
 }
 END_TEST
 
+START_TEST(a_signal_halts_the_board_and_what_it_recorded_is_kept)
+{
+    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP};
+    char csv[256], out[256], errors[256];
+    snprintf(csv, sizeof csv, "%s", scratch("i.csv"));
+    snprintf(out, sizeof out, "%s", scratch("i.out"));
+    snprintf(errors, sizeof errors, "%s", scratch("i.err"));
+    const char *const argv[] = {"mechkit", "standalone", "pi-speed", "--seconds",
+                                "60",      "--out",      csv,        NULL};
+    pid_t child = spawn(argv, out, errors);
+    usleep(3000000); /* rest is looked for first, for half a second */
+    kill(child, numbers[_i]);
+    struct outcome o = finish(child, out, errors);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "interrupted; the motor is off"), "%d %s", o.code,
+                  o.err);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_log_read(csv, &log, NULL), MK_OK);
+    double end = mk_log_get(log, "t")[log->rows - 1];
+    ck_assert_msg(end > 0.5 && end < 30.0, "%g", end);
+    mk_log_free(log);
+}
+END_TEST
+
 Suite *suite_standalone(void)
 {
     Suite *s = suite_create("standalone");
@@ -291,6 +316,8 @@ Suite *suite_standalone(void)
     TCase *commands = tcase_create("commands");
     tcase_add_test(commands,
                    the_recorded_arrays_last_for_the_whole_run_or_it_is_refused_before_it_begins);
+    tcase_add_loop_test(commands, a_signal_halts_the_board_and_what_it_recorded_is_kept, 0, 3);
+    tcase_set_timeout(commands, 30);
     suite_add_tcase(s, commands);
     return s;
 }

@@ -154,7 +154,8 @@ static enum mk_status prepare(struct mk_board *board, struct mk_wire *w, const s
     return st == MK_OK ? send_gains(w, o->gains, gains, err) : st;
 }
 
-/* Looks after the run; the board stops by itself when nobody does. */
+/* Looks after the run; the board stops by itself when nobody does. MK_ERR_INTR: a signal ended it.
+ */
 static enum mk_status guard(struct mk_board *board, struct mk_wire *w, double seconds,
                             struct mk_error *err)
 {
@@ -171,7 +172,7 @@ static enum mk_status guard(struct mk_board *board, struct mk_wire *w, double se
         int64_t next_ns = mk_clock_now_ns(board->clock) + GUARD_NS;
         mk_clock_sleep_until(board->clock, next_ns < end_ns ? next_ns : end_ns);
     }
-    return MK_OK;
+    return interrupted ? MK_ERR_INTR : MK_OK;
 }
 
 /* --- the arrays --------------------------------------------------------------------------------
@@ -297,9 +298,14 @@ static enum mk_status run_board(struct mk_board *board, const struct mk_model *m
     /* What was recorded is worth having whatever ended the run. */
     if (st == MK_OK)
         st = fetch(w, model, o, &late);
-    if (ran == MK_OK && st != MK_OK)
+    const bool halted = ran == MK_OK || ran == MK_ERR_INTR;
+    if (halted && st != MK_OK)
         *err = late;
-    return ran != MK_OK ? ran : st;
+    else if (ran == MK_ERR_INTR)
+        mk_error_set(err, MK_ERR_INTR,
+                     "interrupted; the motor is off, and what was recorded until then is in %s",
+                     o->out);
+    return halted && st != MK_OK ? st : ran;
 }
 
 static int run(int argc, char **argv)
