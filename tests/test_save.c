@@ -74,6 +74,52 @@ START_TEST(saving_over_a_file_replaces_files_only)
 }
 END_TEST
 
+/* Whether a file begins as gzip does; it must read as a log in any case. */
+static bool is_compressed(const char *path)
+{
+    unsigned char head[2] = {0};
+    FILE *f = fopen(path, "rb");
+    ck_assert_msg(f && fread(head, 1, 2, f) == 2, "%s", path);
+    fclose(f);
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s: %s", path, err.message);
+    ck_assert(!log->truncated && log->rows >= 50);
+    mk_log_free(log);
+    return head[0] == 0x1f && head[1] == 0x8b;
+}
+
+START_TEST(the_name_says_whether_the_log_is_compressed)
+{
+    const char *script =
+        scratch_text("z.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\nsave z.csv.gz\n"
+                              "save z.csv\nsave z.csv.gz\nsave! y.csv.gz\nsave! y.csv.gz\n"
+                              "save! y.csv\n");
+    static const struct {
+        const char *name;
+        bool compressed;
+    } files[] = {{"z.csv.gz", true},
+                 {"z-2.csv.gz", true},
+                 {"z.csv", false},
+                 {"y.csv.gz", true},
+                 {"y.csv", false}};
+    char out[256], path[300];
+    snprintf(out, sizeof out, "%s", scratch("z"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+    ck_assert_msg(o.code == 0, "%d %s", o.code, o.err);
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        snprintf(path, sizeof path, "%s/%s", out, files[i].name);
+        ck_assert_msg(is_compressed(path) == files[i].compressed, "%s", path);
+    }
+    struct dirent **left;
+    int count = scandir(out, &left, NULL, NULL);
+    for (int i = 0; i < count; i++)
+        free(left[i]);
+    free(left);
+    ck_assert_int_eq(count, 2 + 5); /* nothing else is left */
+}
+END_TEST
+
 START_TEST(programs_that_share_a_folder_lose_no_log)
 {
     enum { PROGRAMS = 3, RUNS = 12 };
@@ -257,6 +303,7 @@ Suite *suite_save(void)
     tcase_set_timeout(t, 40);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, the_name_says_whether_the_log_is_compressed);
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);
     tcase_add_test(t, a_log_can_be_filed_by_what_it_says);

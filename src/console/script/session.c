@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/log_copy.h"
 #include "base/out_file.h"
 #include "console/script/log_origin.h"
 
@@ -520,21 +521,35 @@ enum mk_status session_set_swingup(struct session *s, const char *path, struct m
 
 /* --- saving ------------------------------------------------------------------------------ */
 
+/* Where a name's ending begins: ".csv", ".csv.gz", or its end. */
+static const char *ending(const char *path)
+{
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    const char *end = name + strlen(name), *dot = strrchr(name, '.');
+    if (!dot || strcmp(dot, ".gz") != 0)
+        return dot ? dot : end;
+    for (const char *at = dot; at > name; at--)
+        if (at[-1] == '.')
+            return at - 1;
+    return dot;
+}
+
 /* "dir/name.csv" with `n` (from 2 on) to "dir/name-2.csv". */
 static void numbered(const char *path, int n, char *out, size_t size)
 {
-    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
-    if (!dot || (slash && dot < slash))
-        dot = path + strlen(path);
+    const char *dot = ending(path);
     if (n < 2)
         snprintf(out, size, "%s", path);
     else
         snprintf(out, size, "%.*s-%d%s", (int)(dot - path), path, n, dot);
 }
 
-/* Another name for the same data; a copy where the file system has no links. */
-static int link_or_copy(const char *from, const char *to)
+/* Another name for the same data; a copy where the file system has no links, or where `name`, which
+ * `to` is going to have, says that the log is compressed, or no longer is. */
+static int link_or_copy(const char *from, const char *to, const char *name)
 {
+    if (!mk_log_paths_agree(from, name))
+        return mk_log_copy_new(from, to, name);
     if (link(from, to) == 0)
         return 0;
     return errno == EEXIST ? EEXIST : mk_copy_new(from, to);
@@ -553,13 +568,13 @@ static int replace(const char *log, const char *path)
 {
     struct stat old;
     if (lstat(path, &old) != 0)
-        return errno == ENOENT ? link_or_copy(log, path) : errno;
+        return errno == ENOENT ? link_or_copy(log, path, path) : errno;
     if (!S_ISREG(old.st_mode))
         return EINVAL;
     char beside[SESSION_PATH + 32];
     snprintf(beside, sizeof beside, "%s.%ld-0.tmp", path, (long)getpid());
     mk_out_file_clean(path);
-    int why = link_or_copy(log, beside);
+    int why = link_or_copy(log, beside, path);
     if (!why && rename(beside, path) != 0)
         why = errno;
     if (why && why != EEXIST)
@@ -573,7 +588,7 @@ static int link_under_free_name(const char *log, const char *path, char *saved, 
     int why = EEXIST;
     for (int n = 1; why == EEXIST && n < 10000; n++) {
         numbered(path, n, saved, size);
-        why = link_or_copy(log, saved);
+        why = link_or_copy(log, saved, path);
     }
     return why;
 }
