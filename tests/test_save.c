@@ -74,6 +74,34 @@ START_TEST(saving_over_a_file_replaces_files_only)
 }
 END_TEST
 
+START_TEST(a_name_that_is_no_file_is_refused_and_not_numbered)
+{
+    static const char *const names[] = {"/dev/full", "/dev/null", "/",    ".",
+                                        "..",        "sub",       "sub/", "pipe"};
+    char out[256], path[300], text[400], script[300];
+    snprintf(out, sizeof out, "%s", scratch("kinds"));
+    ck_assert_int_eq(mkdir(out, 0700), 0);
+    snprintf(path, sizeof path, "%s/sub", out);
+    ck_assert_int_eq(mkdir(path, 0700), 0);
+    snprintf(path, sizeof path, "%s/pipe", out);
+    ck_assert_int_eq(mkfifo(path, 0600), 0);
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        snprintf(text, sizeof text, "setup pi-speed\nstart\nwait 0.1\nhalt\nsave %s\n", names[i]);
+        snprintf(script, sizeof script, "%s", scratch_text("kind.cmd", text));
+        struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+        ck_assert_msg(o.code == 1 && strstr(o.err, "no regular file"), "%s: %d %s", names[i],
+                      o.code, o.err);
+    }
+    struct dirent **left;
+    int count = scandir(out, &left, NULL, NULL);
+    for (int i = 0; i < count; i++) {
+        ck_assert_msg(!strstr(left[i]->d_name, "-2"), "%s", left[i]->d_name);
+        free(left[i]);
+    }
+    free(left);
+}
+END_TEST
+
 /* Whether a file begins as gzip does; it must read as a log in any case. */
 static bool is_compressed(const char *path)
 {
@@ -303,6 +331,7 @@ Suite *suite_save(void)
     tcase_set_timeout(t, 40);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, a_name_that_is_no_file_is_refused_and_not_numbered);
     tcase_add_test(t, the_name_says_whether_the_log_is_compressed);
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);
     tcase_add_test(t, a_folder_for_logs_that_cannot_be_is_refused_before_anything_moves);

@@ -582,10 +582,14 @@ static int replace(const char *log, const char *path)
     return why;
 }
 
-/* Saves under the first of name, name-2, name-3 ... that is free. */
+/* Saves under the first of name, name-2, name-3 ... that is free. A number at the name of a folder
+ * or a device would make a file that nobody meant. */
 static int link_under_free_name(const char *log, const char *path, char *saved, size_t size)
 {
     int why = EEXIST;
+    struct stat old;
+    if (stat(path, &old) == 0 && !S_ISREG(old.st_mode))
+        return EINVAL;
     for (int n = 1; why == EEXIST && n < 10000; n++) {
         numbered(path, n, saved, size);
         why = link_or_copy(log, saved, path);
@@ -609,7 +613,7 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     int why = there       ? 0
               : overwrite ? replace(s->log_path, path)
                           : link_under_free_name(s->log_path, path, saved, size);
-    if (overwrite && why == EINVAL)
+    if (why == EINVAL)
         return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
                            "this is no regular file and is not replaced: choose another name");
     if (why)
