@@ -2,6 +2,7 @@
  * spec file gets told that is wrong. */
 #include "suites.h"
 
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -94,27 +95,50 @@ static int lines_of(const char *path)
     return n;
 }
 
-/* Starts a sweep and kills it once its journal has some results. */
-static void kill_midway(const char *spec, const char *csv)
+/* Starts a sweep and sends it a signal once its journal has some results. Returns how it ended. */
+static int signal_midway(const char *spec, const char *csv, int number, const char *errors)
 {
     char journal[600];
     snprintf(journal, sizeof journal, "%s.journal", csv);
     pid_t child = fork();
     ck_assert_int_ge(child, 0);
     if (child == 0) {
+        dup2(open(errors, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), STDERR_FILENO);
         execl(MK_TEST_APP, "mechkit", "sweep", spec, "--out", csv, "--threads", "1", "--quiet",
               (char *)NULL);
         _exit(127);
     }
     for (int i = 0; i < 30000 && lines_of(journal) < 4; i++)
         nanosleep(&(struct timespec){0, 1000000}, NULL);
-    kill(child, SIGKILL);
+    kill(child, number);
     int status = 0;
     waitpid(child, &status, 0);
-    ck_assert_msg(WIFSIGNALED(status), "it ended before it was killed");
     ck_assert_int_ge(lines_of(journal), 4);
     ck_assert_int_ne(access(csv, F_OK), 0);
+    return status;
 }
+
+static void kill_midway(const char *spec, const char *csv)
+{
+    int status = signal_midway(spec, csv, SIGKILL, "/dev/null");
+    ck_assert_msg(WIFSIGNALED(status), "it ended before it was killed");
+}
+
+START_TEST(a_signal_stops_a_sweep_which_says_what_is_kept)
+{
+    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP};
+    char csv[512], spec[512], errors[512];
+    snprintf(spec, sizeof spec, "%s", scratch_text("s.ini", small));
+    snprintf(csv, sizeof csv, "%s", scratch("stopped.csv"));
+    snprintf(errors, sizeof errors, "%s", scratch("stopped.err"));
+    int status = signal_midway(spec, csv, numbers[_i], errors);
+    char *said = slurp_file(errors);
+    ck_assert_msg(WIFEXITED(status) && WEXITSTATUS(status) == 1 && strstr(said, "stopped: ") &&
+                      strstr(said, "runs are done and kept in"),
+                  "%d %s", status, said);
+    free(said);
+}
+END_TEST
 
 START_TEST(a_killed_sweep_goes_on_and_gives_the_same_file)
 {
@@ -533,6 +557,7 @@ Suite *suite_sweep(void)
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "long");
     tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
+    tcase_add_loop_test(t, a_signal_stops_a_sweep_which_says_what_is_kept, 0, 3);
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, a_hidden_delay_is_named_and_nothing_where_there_is_none);
     tcase_add_test(t, a_picture_is_drawn);

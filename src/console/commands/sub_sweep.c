@@ -31,6 +31,14 @@ static void on_signal(int number)
     stopped = 1;
 }
 
+static void catch_signals(void)
+{
+    signal(SIGINT, on_signal);
+    signal(SIGTERM, on_signal);
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* of nohup: it goes on without a terminal */
+        signal(SIGHUP, on_signal);
+}
+
 static const struct option_row option_rows[] = {
     {"out", OPTION_TEXT(out), "FILE.csv",
      "default: the spec's name with .csv, in the current directory"},
@@ -244,8 +252,7 @@ static int run(int argc, char **argv)
         mk_error_set(&err, MK_ERR_NOMEM, "no memory for a sweep");
         return report_error(&err);
     }
-    signal(SIGINT, on_signal);
-    signal(SIGTERM, on_signal);
+    catch_signals();
     enum mk_status st = sweep_read(o.spec, s, &err);
     int threads = o.threads ? o.threads : usable_processors(&ranks);
     if (ranks.rank == 0)
