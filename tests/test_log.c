@@ -559,6 +559,52 @@ START_TEST(a_log_of_comments_or_columns_without_end_is_refused_at_its_line)
 }
 END_TEST
 
+START_TEST(a_log_of_nothing_without_end_is_refused_but_gaps_are_none)
+{
+    enum { MB = 1 << 20 };
+    static char empty[MB];
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    static const struct {
+        const char *line;
+        int mb;
+        bool good;
+    } rows[] = {{"\n", 15, true}, {"\n", 17, false}, {",\n", 15, true}, {",\n", 17, false}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        size_t length = strlen(rows[i].line);
+        for (size_t k = 0; k < MB; k++)
+            empty[k] = rows[i].line[k % length];
+        const char *path = scratch("empty.csv");
+        FILE *f = fopen(path, "w");
+        fputs("t,q1\n0,1\n", f);
+        for (int k = 0; k < rows[i].mb; k++)
+            fwrite(empty, 1, MB, f);
+        fputs("1,2\n", f);
+        fclose(f);
+        enum mk_status st = mk_log_read(path, &log, &err);
+        ck_assert_msg(st == (rows[i].good ? MK_OK : MK_ERR_PARSE), "%zu: %s", i, err.message);
+        ck_assert_msg(rows[i].good || (strstr(err.message, "16 MB of empty lines") &&
+                                       err.line > (16 << 20) / (int)length),
+                      "%s", err.message);
+        if (rows[i].good)
+            ck_assert_uint_eq(log->rows, 2);
+        mk_log_free(log);
+    }
+    /* Where every row has some, there may be more of them in all. */
+    const char *path = scratch("gaps.csv");
+    FILE *f = fopen(path, "w");
+    fputs("t,q1\n", f);
+    for (int k = 0; k < 40000; k++) {
+        fprintf(f, "%d,1\n", k);
+        fwrite(empty, 1, 600, f); /* commas: 24 MB of them */
+    }
+    fclose(f);
+    ck_assert_msg(mk_log_read(path, &log, &err) == MK_OK, "%s", err.message);
+    ck_assert_uint_eq(log->rows, 40000);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(a_wide_log_is_read_and_written)
 {
     enum { COLUMNS = 2000 };
@@ -708,6 +754,7 @@ Suite *suite_log(void)
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_line_as_long_as_none_is_refused);
     tcase_add_test(t, a_log_of_comments_or_columns_without_end_is_refused_at_its_line);
+    tcase_add_test(t, a_log_of_nothing_without_end_is_refused_but_gaps_are_none);
     tcase_add_test(t, a_wide_log_is_read_and_written);
     tcase_add_test(t, a_full_disk_keeps_the_old_file);
     tcase_add_test(t, what_a_killed_program_left_is_removed_the_next_time);

@@ -15,6 +15,9 @@
 #define META_MAX_LINES 100000
 #define META_MAX_BYTES (1u << 24)
 #define COLUMNS_MAX 4096
+/* Of empty lines, and lines of commas alone: as much as metadata, and for every row another KB. */
+#define SKIPPED_MAX_BYTES META_MAX_BYTES
+#define SKIPPED_A_ROW 1024u
 /* s, over three years: no rig runs for so long, and times that far apart are not seconds. */
 #define BEGAN_BEFORE_MAX 1e8
 #define BEGINS_KEY "begins_s"
@@ -26,9 +29,10 @@ struct reader {
     bool *textual; /* by column: text from the first row on */
     size_t time_column;
     size_t room_rows;
-    size_t taken;      /* fields of the current row that are stored */
-    size_t meta_bytes; /* of keys and values so far */
-    double begins;     /* of the run, s; where begins_line is not 0 */
+    size_t taken;         /* fields of the current row that are stored */
+    size_t meta_bytes;    /* of keys and values so far */
+    size_t skipped_bytes; /* of lines that say nothing */
+    double begins;        /* of the run, s; where begins_line is not 0 */
     int begins_line;
     bool ours;        /* says mechkit-log: its complete lines end in a newline */
     bool start_again; /* a column turned out to be text after rows of numbers */
@@ -45,6 +49,16 @@ static enum mk_status no_memory(struct reader *r)
 {
     return mk_error_at(r->source.err, MK_ERR_NOMEM, r->source.path, r->source.line, 0,
                        "out of memory");
+}
+
+/* A line that says nothing. A small compressed file can have gigabytes of them. */
+static enum mk_status skip(struct reader *r, struct mk_span line)
+{
+    r->skipped_bytes += (size_t)(line.end - line.begin) + 1;
+    if (r->skipped_bytes / SKIPPED_A_ROW <= SKIPPED_MAX_BYTES / SKIPPED_A_ROW + r->log->rows)
+        return MK_OK;
+    return FAIL(r, 0, "more than %u MB of empty lines: a log has rows of numbers",
+                SKIPPED_MAX_BYTES >> 20);
 }
 
 /* Text of the file for a message: short and printable. */
@@ -405,7 +419,7 @@ static enum mk_status take_row(struct reader *r, struct mk_span line)
     if (memchr(line.begin, '\0', (size_t)(line.end - line.begin)))
         return FAIL(r, 0, "a zero byte in the row: the file is damaged here, or is no text file");
     if (is_blank(line) && count_fields(line) == r->log->column_count)
-        return MK_OK;
+        return skip(r, line);
     r->taken = 0;
     enum mk_status st = take_fields(r, line);
     if (st == MK_OK && !r->start_again)
@@ -423,7 +437,7 @@ static enum mk_status take_line(struct reader *r, struct mk_span line)
 {
     struct mk_span content = trimmed(line);
     if (content.begin == content.end)
-        return MK_OK;
+        return skip(r, line);
     if (*content.begin != '#')
         return r->log->column_count ? take_row(r, line) : take_header(r, line);
     if (!r->source.unterminated || !r->ours)
@@ -508,6 +522,7 @@ static enum mk_status read_log(struct reader *r)
         r->room_rows = 0;
         r->start_again = r->ours = false;
         r->meta_bytes = 0;
+        r->skipped_bytes = 0;
         r->begins_line = 0;
     }
 }
