@@ -129,6 +129,21 @@ START_TEST(a_good_file_is_understood)
 }
 END_TEST
 
+START_TEST(a_mark_that_an_editor_puts_first_is_no_command)
+{
+    struct complaints c;
+    char text[300];
+    snprintf(text, sizeof text, "\xef\xbb\xbfsource %s\n",
+             scratch_text("marked.cmd", "\xef\xbb\xbfsetup pi-speed\r\n"));
+    struct cmdfile *file = parse(text, &c);
+    ck_assert_msg(c.count == 0, "%s", c.first);
+    ck_assert_uint_eq(cmdfile_command_count(file), 1);
+    cmdfile_free(file);
+    cmdfile_free(parse("setup pi-speed\n\xef\xbb\xbfhalt\n", &c)); /* in mid file it is text */
+    ck_assert_int_eq(c.count, 1);
+}
+END_TEST
+
 START_TEST(every_mistake_is_reported_with_its_line)
 {
     struct complaints c;
@@ -295,6 +310,7 @@ Suite *suite_script(void)
     tcase_add_test(t, conditions_mean_what_they_say);
     tcase_add_test(t, bad_conditions_are_refused_at_their_character);
     tcase_add_test(t, a_good_file_is_understood);
+    tcase_add_test(t, a_mark_that_an_editor_puts_first_is_no_command);
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
     tcase_add_test(t, files_that_source_each_other_come_to_an_end);
     tcase_add_test(t, what_is_sourced_is_a_file);

@@ -189,6 +189,15 @@ static void on_command(struct reader *r, const char *path, int line, const char 
     }
 }
 
+/* What some editors put before the first line of UTF-8. */
+static void drop_byte_order_mark(char *line)
+{
+    static const char mark[] = "\xef\xbb\xbf";
+    const size_t length = sizeof mark - 1;
+    if (strncmp(line, mark, length) == 0)
+        memmove(line, line + length, strlen(line + length) + 1);
+}
+
 /* fgets into a line of MAX_LINE characters. */
 static bool next_line(char *line, FILE *in, bool *has_zeros)
 {
@@ -200,6 +209,19 @@ static bool next_line(char *line, FILE *in, bool *has_zeros)
         end--;
     *has_zeros = strlen(line) < end;
     return true;
+}
+
+static void read_line(struct reader *r, const char *line, const char *path, int number, int floor)
+{
+    const char *rest;
+    if ((rest = after_word(line, "source")))
+        on_source(r, path, number, rest);
+    else if ((rest = after_word(line, "repeat")))
+        on_repeat(r, path, number, rest);
+    else if (after_word(line, "end"))
+        on_end(r, path, number, floor);
+    else
+        on_command(r, path, number, line);
 }
 
 static void read_lines(struct reader *r, FILE *in, const char *path)
@@ -223,15 +245,9 @@ static void read_lines(struct reader *r, FILE *in, const char *path)
             return;
         }
         line[strcspn(line, "\r\n")] = '\0';
-        const char *rest;
-        if ((rest = after_word(line, "source")))
-            on_source(r, path, number, rest);
-        else if ((rest = after_word(line, "repeat")))
-            on_repeat(r, path, number, rest);
-        else if (after_word(line, "end"))
-            on_end(r, path, number, floor);
-        else
-            on_command(r, path, number, line);
+        if (number == 1)
+            drop_byte_order_mark(line);
+        read_line(r, line, path, number, floor);
     }
     if (r->open_count > floor) {
         complain_at(r, path, r->file->steps[r->open[r->open_count - 1]].line,
