@@ -215,7 +215,7 @@ START_TEST(bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal)
     ck_assert_ptr_nonnull(strstr(o.err, "zeros.cmd:2: a zero byte: this is no text file"));
     o = MECHKIT("run", scratch_text("steer.cmd", "\x1b[2J\x07\n"), "--fast");
     ck_assert_int_eq(o.code, 3);
-    ck_assert_ptr_nonnull(strstr(o.err, "there is no command '?[2J?'"));
+    ck_assert_ptr_nonnull(strstr(o.err, "there is no command '\\x1b[2J\\x07'"));
 }
 END_TEST
 

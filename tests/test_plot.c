@@ -280,6 +280,45 @@ START_TEST(the_summary_of_a_run_has_its_steps)
 }
 END_TEST
 
+START_TEST(the_summary_of_a_log_has_its_command_whatever_it_is_called)
+{
+    static const struct {
+        const char *log, *says;
+    } logs[] = {
+        {"t,q1,u\n0,0,1\n1,0,-2.5\n", "|u| <= 2.50\n"},
+        {"# rig: pendulum\nt,q1,tau\n0,0,0.0125\n1,0,-0.001\n", "|tau| <= 0.0125 N m\n"},
+        {"# rig: cart-pole\n# joint_unit: m rad\nt,q1,q2,tau1\n0,0,0,3\n1,0,0,1\n",
+         "|tau1| <= 3 N\n"},
+        {"t,q1,q2,tau1,tau2\n0,0,0,3,1\n1,0,0,1,0.5\n", "|tau1| <= 3 N m  |tau2| <= 1 N m\n"},
+        {"t,q1,tau_cmd\n0,0,\n1,0,1\n", "|tau_cmd| <= 1 N m (1 missing)\n"},
+        {"t,q1,u\n0,0,\n1,0,nan\n", "u has no values\n"},
+        {"t,q1\n0,0\n1,0\n", "no column for the command\n"},
+        {"# input: none\nt,q1\n0,0\n1,0\n", "nothing drives it\n"},
+        {"t,q1,u,flags\n0,0,0,4\n1,0,0,0\n", " 1 sample lost or late\n"},
+    };
+    char out[4096];
+    for (size_t i = 0; i < sizeof logs / sizeof logs[0]; i++) {
+        int code = run_mechkit(out, sizeof out, "summary %s", scratch_text("c.csv", logs[i].log));
+        ck_assert_msg(code == 0 && strstr(out, logs[i].says), "%s: %d %s", logs[i].log, code, out);
+    }
+}
+END_TEST
+
+START_TEST(what_a_log_says_of_itself_does_not_steer_the_terminal)
+{
+    char out[4096];
+    const char *log = scratch_text("esc.csv", "# setup: a\x1b]0;b\x07\n# fault: \xff\xfe\xc2\x9b\n"
+                                              "t,q1,u\n0,0,0\n1,0,0\n");
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "summary %s", log), 0);
+    ck_assert_msg(strstr(out, "a\\x1b]0;b\\x07 ") && strstr(out, "FAULT \\xff\\xfe\\xc2\\x9b"),
+                  "%s", out);
+    log = scratch_text("esc.csv", "# rig: \xff\x1bm\nt,q1,u\n0,0,0\n1,0,0\n");
+    ck_assert_int_eq(
+        run_mechkit(out, sizeof out, "simulate --model models/pendulum.ini --input %s", log), 3);
+    ck_assert_msg(strstr(out, "the rig \\xff\\x1bm, the model"), "%s", out);
+}
+END_TEST
+
 /* The line of the catch is drawn after the label beside it, and columns are rounded. */
 START_TEST(the_line_of_the_catch_leaves_its_label_alone)
 {
@@ -390,6 +429,8 @@ Suite *suite_plot(void)
     tcase_add_test(c, the_overshoot_of_a_step_has_its_textbook_s_size);
     tcase_add_test(c, a_ramp_is_no_step_and_what_never_arrives_is_not_settled);
     tcase_add_test(c, the_summary_of_a_run_has_its_steps);
+    tcase_add_test(c, the_summary_of_a_log_has_its_command_whatever_it_is_called);
+    tcase_add_test(c, what_a_log_says_of_itself_does_not_steer_the_terminal);
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
     tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);

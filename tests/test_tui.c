@@ -250,18 +250,19 @@ START_TEST(after_a_run_its_summary_is_shown)
     status.snap.state = MK_LOOP_IDLE;
     snprintf(status.log_path, sizeof status.log_path, "runs/run-001.csv");
     status.have_summary = true;
-    status.summary = (struct run_summary){.setup = "pendubot-mid",
-                                          .rig = "pendubot",
-                                          .seconds = 3.998,
-                                          .caught_t = 2.0,
-                                          .held_s = 1.998,
-                                          .balanced_at_end = true,
-                                          .rms = {0.0123, 0.0045},
-                                          .track_rms = (double)NAN,
-                                          .u_peak = 10.0,
-                                          .u_rms = 3.21,
-                                          .late_max_us = 133.0,
-                                          .rows = 2000};
+    status.summary =
+        (struct run_summary){.setup = "pendubot-mid",
+                             .rig = "pendubot",
+                             .seconds = 3.998,
+                             .caught_t = 2.0,
+                             .held_s = 1.998,
+                             .balanced_at_end = true,
+                             .rms = {0.0123, 0.0045},
+                             .track_rms = (double)NAN,
+                             .command = {{.name = "u", .unit = "", .peak = 10.0, .rms = 3.21}},
+                             .commands = 1,
+                             .late_max_us = 133.0,
+                             .rows = 2000};
     news();
     golden("summary", 24, 80);
     press("\x1b");

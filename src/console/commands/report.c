@@ -3,22 +3,18 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "console/commands/sub.h"
 
-/* What a file had in it may be part of the message: it must not steer the terminal. */
-static void drop_controls(char *text)
-{
-    for (char *c = text; *c; c++)
-        if (((unsigned char)*c < ' ' && *c != '\n' && *c != '\t') || *c == 0x7f)
-            *c = '?';
-}
-
+/* What a file had in it may be part of the message: it must not steer the terminal, and must be
+ * text. */
 static void print(const struct mk_error *err)
 {
-    char text[1024];
+    char text[1024], shown[4 * sizeof text], *rest = text, *line;
     mk_error_format(err, text, sizeof text);
-    drop_controls(text);
-    fprintf(stderr, "mechkit: %s\n", text);
+    fputs("mechkit: ", stderr);
+    while ((line = strsep(&rest, "\n")) != NULL)
+        fprintf(stderr, "%s\n", mk_show_text(shown, sizeof shown, line));
 }
 
 int report_output_error(const struct mk_error *err)

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "mechkit/ctrl.h"
 #include "mechkit/loop.h"
 #include "mechkit/sim.h"
@@ -13,7 +14,7 @@
 static void copy_meta(const struct mk_log *log, const char *key, char *out, size_t size)
 {
     const char *value = mk_log_find_meta(log, key);
-    snprintf(out, size, "%s", value ? value : "");
+    mk_show_text(out, size, value ? value : "");
 }
 
 /* Rows [first, last) of the last stretch in phase balance. */
@@ -91,24 +92,63 @@ static void summarise_tracking(const struct mk_log *log, struct run_summary *r)
         r->track_rms = sqrt(squares / (double)n);
 }
 
-static void summarise_command(const struct mk_log *log, struct run_summary *r)
+static void summarise_loop(const struct mk_log *log, struct run_summary *r)
 {
-    const double *u = mk_log_get(log, "u"), *late = mk_log_get(log, "late_us");
-    const double *flags = mk_log_get(log, "flags");
-    double squares = 0.0;
-    size_t n = 0;
+    const double *late = mk_log_get(log, "late_us"), *flags = mk_log_get(log, "flags");
     for (size_t i = 0; i < log->rows; i++) {
-        if (u && !isnan(u[i])) {
-            r->u_peak = fmax(r->u_peak, fabs(u[i]));
-            squares += u[i] * u[i];
-            n++;
-        }
         if (late && !isnan(late[i]))
             r->late_max_us = fmax(r->late_max_us, late[i]);
         if (flags && !isnan(flags[i]))
             r->lost += ((unsigned)flags[i] & (MK_FLAG_LOST | MK_FLAG_OVERRUN)) != 0;
     }
-    r->u_rms = n ? sqrt(squares / (double)n) : 0.0;
+}
+
+static void summarise_column(const double *u, size_t rows, struct summary_command *c)
+{
+    double squares = 0.0;
+    size_t n = 0;
+    c->peak = c->rms = (double)NAN;
+    for (size_t i = 0; i < rows; i++) {
+        if (isnan(u[i]))
+            continue;
+        c->peak = n ? fmax(c->peak, fabs(u[i])) : fabs(u[i]);
+        squares += u[i] * u[i];
+        n++;
+    }
+    if (n)
+        c->rms = sqrt(squares / (double)n);
+    c->missing = rows - n;
+}
+
+/* The command under any of the names that a log may have it (docs/formats.md); what was measured
+ * comes before what was sent. */
+static void summarise_command(const struct mk_log *log, struct run_summary *r)
+{
+    static const struct {
+        const char *name[MK_MAX_INPUTS];
+        bool torque;
+    } names[] = {{{"u1", "u2"}, false},
+                 {{"tau1", "tau2"}, true},
+                 {{"u"}, false},
+                 {{"tau"}, true},
+                 {{"u1_cmd", "u2_cmd"}, false},
+                 {{"tau1_cmd", "tau2_cmd"}, true},
+                 {{"u_cmd"}, false},
+                 {{"tau_cmd"}, true}};
+    const struct mk_plant_info *plant = mk_plant_by_name(r->rig);
+    const char *input = mk_log_find_meta(log, "input");
+    for (size_t i = 0; i < sizeof names / sizeof names[0] && r->commands == 0; i++)
+        for (int k = 0; k < MK_MAX_INPUTS && names[i].name[k]; k++) {
+            const double *u = mk_log_get(log, names[i].name[k]);
+            if (!u)
+                continue;
+            struct summary_command *c = &r->command[r->commands++];
+            const int joint = k == 0 && plant ? plant->motor_joint : k;
+            snprintf(c->name, sizeof c->name, "%s", names[i].name[k]);
+            c->unit = !names[i].torque ? "" : r->slides[joint] ? " N" : " N m";
+            summarise_column(u, log->rows, c);
+        }
+    r->undriven = r->commands == 0 && input && strcmp(input, "none") == 0;
 }
 
 enum mk_status summarise(const char *path, struct run_summary *out, struct mk_error *err)
@@ -130,6 +170,7 @@ enum mk_status summarise(const char *path, struct run_summary *out, struct mk_er
     summarise_balance(log, out);
     summarise_tracking(log, out);
     summarise_command(log, out);
+    summarise_loop(log, out);
     mk_log_free(log);
     return MK_OK;
 }
@@ -148,6 +189,28 @@ const char *summary_unit(const struct run_summary *r, int j)
 const char *summary_speed_unit(const struct run_summary *r)
 {
     return r->slides[0] ? "m/s" : "rad/s";
+}
+
+static size_t add_commands(const struct run_summary *r, char *buf, size_t size, size_t used)
+{
+    char part[80];
+    if (r->commands == 0)
+        return add(buf, size, used,
+                   r->undriven ? "  nothing drives it" : "  no column for the command");
+    for (int i = 0; i < r->commands; i++) {
+        const struct summary_command *c = &r->command[i];
+        if (isnan(c->peak))
+            snprintf(part, sizeof part, "  %s has no values", c->name);
+        else
+            snprintf(part, sizeof part, c->unit[0] ? "  |%s| <= %.3g%s" : "  |%s| <= %.2f%s",
+                     c->name, c->peak, c->unit);
+        used = add(buf, size, used, part);
+        if (c->missing > 0 && !isnan(c->peak)) {
+            snprintf(part, sizeof part, " (%zu missing)", c->missing);
+            used = add(buf, size, used, part);
+        }
+    }
+    return used;
 }
 
 const char *summary_line(const struct run_summary *r, char *buf, size_t size)
@@ -173,14 +236,14 @@ const char *summary_line(const struct run_summary *r, char *buf, size_t size)
                  summary_speed_unit(r));
         used = add(buf, size, used, part);
     }
-    snprintf(part, sizeof part, "  |u| <= %.2f", r->u_peak);
-    used = add(buf, size, used, part);
+    used = add_commands(r, buf, size, used);
     if (r->late_max_us > 0.0) {
         snprintf(part, sizeof part, "  late %.0f us at most", r->late_max_us);
         used = add(buf, size, used, part);
     }
     if (r->lost) {
-        snprintf(part, sizeof part, "  %zu samples lost or late", r->lost);
+        snprintf(part, sizeof part, "  %zu sample%s lost or late", r->lost,
+                 r->lost == 1 ? "" : "s");
         used = add(buf, size, used, part);
     }
     if (r->fault[0]) {

@@ -10,6 +10,14 @@
 
 #define SUMMARY_STEPS 8
 
+/* One column of the command. */
+struct summary_command {
+    char name[10];    /* u, tau1, u_cmd ... */
+    const char *unit; /* "": a command has none */
+    double peak, rms; /* of the values that are there; NAN: there are none */
+    size_t missing;   /* values that are not */
+};
+
 struct run_summary {
     char setup[40], rig[40];
     double seconds;
@@ -21,7 +29,9 @@ struct run_summary {
     double track_rms; /* rms of motor speed against ref, over the last tenth; NAN: no reference */
     struct step_response step[SUMMARY_STEPS]; /* the first of them, of motor speed */
     size_t steps;                             /* all of them */
-    double u_peak, u_rms;
+    struct summary_command command[MK_MAX_INPUTS];
+    int commands;  /* 0: the log has no column for it */
+    bool undriven; /* and says that there is none: nothing drives the rig */
     double late_max_us;
     size_t rows, lost;
     char fault[160]; /* "" : none */
@@ -31,9 +41,9 @@ MK_NODISCARD enum mk_status summarise(const char *path, struct run_summary *out,
                                       struct mk_error *err);
 /* Unit of the position of joint j (0-based). */
 const char *summary_unit(const struct run_summary *r, int j);
-/* One line for people; returns buf. */
 /* Unit of the reference that steps are given in. */
 const char *summary_speed_unit(const struct run_summary *r);
+/* One line for people; returns buf. */
 const char *summary_line(const struct run_summary *r, char *buf, size_t size);
 
 #endif

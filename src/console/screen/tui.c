@@ -86,7 +86,8 @@ static void show_summary(struct tui *t)
         card_line(card, "tracking  speed error %.3f %s rms at the end", r->track_rms,
                   summary_speed_unit(r));
     show_steps(card, r);
-    card_line(card, "command   %.2f rms, %.2f at most", r->u_rms, r->u_peak);
+    if (r->commands > 0)
+        card_line(card, "command   %.2f rms, %.2f at most", r->command[0].rms, r->command[0].peak);
     card_line(card, "loop      %.0f us late at most; %zu of %zu late or lost", r->late_max_us,
               r->lost, r->rows);
     card_line(card, "log       %.180s", t->status.log_path);
