@@ -144,6 +144,39 @@ START_TEST(a_mark_that_an_editor_puts_first_is_no_command)
 }
 END_TEST
 
+/* A command that is no number is 0 in the loop, which nobody would see. */
+START_TEST(a_signal_that_is_no_number_during_the_run_is_refused_with_its_time)
+{
+    static const struct {
+        const char *lines;
+        int line; /* 0: it is well */
+        const char *says;
+    } scripts[] = {
+        {"input 1/0\n", 2, "1/0 is not a finite number at t = 0 s"},
+        {"input 0/0\nstart\nwait 1\nhalt\n", 2, "at t = 0 s"},
+        {"input sqrt(0-t)\nstart\nwait 0.3\nhalt\n", 4, "at t = 0.001 s"},
+        {"input sqrt(2-t)\nstart\nwait 1\nwait 0.9\nhalt\nstart\nwait 1.9\nhalt\n", 0, ""},
+        {"input sqrt(2-t)\nstart\nwait 1\nwait-until t > 9 within 20\nwait 1.5\nhalt\n", 6,
+         "at t = 2.001 s"},
+        {"start\nwait 1\ninput 1/t\nwait 1\nhalt\n", 0, ""},
+        {"start\nwait 1\ninput 1/(t-1)\nwait 1\nhalt\n", 4, "at t = 1 s"},
+        {"input sqrt(2-t)\nsetup pendubot-mid\nstart\nwait 5\nhalt\n", 0, ""},
+        {"input sqrt(2-t)\nsetup pi-speed\nstart\nwait 5\nhalt\n", 5, "at t = 2.001 s"},
+        {"input sqrt(2e6-t)\nstart\nwait 1000000\nhalt\n", 0, ""},
+    };
+    char text[400];
+    for (size_t i = 0; i < sizeof scripts / sizeof scripts[0]; i++) {
+        struct complaints c;
+        snprintf(text, sizeof text, "setup pi-speed\n%s", scripts[i].lines);
+        cmdfile_free(parse(text, &c));
+        ck_assert_msg(c.count == (scripts[i].line > 0), "%s: %d %s", text, c.count, c.first);
+        ck_assert_msg(c.count == 0 ||
+                          (c.line[0] == scripts[i].line && strstr(c.first, scripts[i].says)),
+                      "%s: %d %s", text, c.line[0], c.first);
+    }
+}
+END_TEST
+
 START_TEST(every_mistake_is_reported_with_its_line)
 {
     struct complaints c;
@@ -311,6 +344,7 @@ Suite *suite_script(void)
     tcase_add_test(t, bad_conditions_are_refused_at_their_character);
     tcase_add_test(t, a_good_file_is_understood);
     tcase_add_test(t, a_mark_that_an_editor_puts_first_is_no_command);
+    tcase_add_test(t, a_signal_that_is_no_number_during_the_run_is_refused_with_its_time);
     tcase_add_test(t, every_mistake_is_reported_with_its_line);
     tcase_add_test(t, files_that_source_each_other_come_to_an_end);
     tcase_add_test(t, what_is_sourced_is_a_file);

@@ -7,6 +7,7 @@
 #include "console/script/session.h"
 
 #define CMD_MAX_ARGS 40
+#define CMD_TEXT 1024 /* of a line */
 
 /* What the lines before have chosen, as far as it is known without a board. */
 struct cmd_known {
@@ -16,6 +17,9 @@ struct cmd_known {
     const struct mk_ctrl_ops *setup;             /* NULL: not known which */
     const struct mk_plant_info *model, *nominal; /* their rigs; NULL: not known */
     bool may_write_logs, may_write_models;       /* which later lines read */
+    bool running;                                /* between start and halt */
+    double run_s;                                /* how far the run is at least */
+    char signal[CMD_TEXT]; /* expression that `input` or `ref` gave; "": none, or a file */
 };
 
 struct cmd {

@@ -29,15 +29,32 @@ static bool read_seconds(const char *text, double *out)
     return mk_parse_double_z(text, out) && *out >= 0.0 && *out <= MK_LOOP_WAIT_MAX_S;
 }
 
+/* The run goes on for so long: what its signal is then is known before it begins. */
+static enum mk_status go_on(struct cmd_known *known, double seconds, struct mk_error *err)
+{
+    struct mk_signal *signal;
+    const double from_s = known->run_s;
+    known->run_s += seconds;
+    if (!known->signal[0] || (known->setup && !known->setup->takes_signal))
+        return MK_OK;
+    enum mk_status st = mk_signal_create(known->signal, &signal, err);
+    if (st == MK_OK)
+        st = session_check_signal(signal, from_s, known->run_s, err);
+    mk_signal_destroy(signal);
+    if (st != MK_OK)
+        known->signal[0] = '\0'; /* once is enough */
+    return st;
+}
+
 enum mk_status cmd_check_seconds(struct cmd_known *known, int argc, char **argv,
                                  struct mk_error *err)
 {
     double seconds;
-    (void)known, (void)argc;
-    if (read_seconds(argv[0], &seconds))
-        return MK_OK;
-    return mk_error_set(err, MK_ERR_PARSE, "expected seconds from 0 to %.0f, not '%s'",
-                        MK_LOOP_WAIT_MAX_S, argv[0]);
+    (void)argc;
+    if (!read_seconds(argv[0], &seconds))
+        return mk_error_set(err, MK_ERR_PARSE, "expected seconds from 0 to %.0f, not '%s'",
+                            MK_LOOP_WAIT_MAX_S, argv[0]);
+    return known && known->running ? go_on(known, seconds, err) : MK_OK;
 }
 
 /* --- words ------------------------------------------------------------------------------- */
@@ -146,6 +163,7 @@ enum mk_status cmd_check_setup(struct cmd_known *known, int argc, char **argv, s
         return st;
     known->have_setup = true;
     known->setup = setup;
+    known->running = false;
     return st == MK_OK ? check_rig(known, setup, err) : st;
 }
 
@@ -197,9 +215,19 @@ enum mk_status cmd_check_start(struct cmd_known *known, int argc, char **argv, s
 {
     const struct mk_ctrl_ops *setup;
     (void)argc, (void)argv;
-    if (known)
-        known->may_write_logs = true;
+    if (known) {
+        known->may_write_logs = known->running = true;
+        known->run_s = 0.0;
+    }
     return find_setup(known, &setup, err);
+}
+
+enum mk_status cmd_check_halt(struct cmd_known *known, int argc, char **argv, struct mk_error *err)
+{
+    (void)argc, (void)argv, (void)err;
+    if (known)
+        known->running = false;
+    return MK_OK;
 }
 
 /* --- files ------------------------------------------------------------------------------- */
@@ -272,10 +300,17 @@ enum mk_status cmd_check_signal(struct cmd_known *known, int argc, char **argv,
     if (st != MK_OK)
         return st;
     bool in_file = argv[0][strspn(argv[0], " \t")] == '@';
+    if (known)
+        known->signal[0] = '\0';
     if (in_file && (!known || known->may_write_logs))
         return MK_OK; /* it may not exist yet */
     const char *folder = known ? known->folder : NULL;
     st = mk_signal_create(session_signal(folder, argv[0], found, sizeof found), &made, err);
+    const double now = known && known->running ? known->run_s : 0.0;
+    if (st == MK_OK && known)
+        st = session_check_signal(made, now, now, err);
+    if (st == MK_OK && known)
+        snprintf(known->signal, sizeof known->signal, "%s", in_file ? "" : argv[0]);
     mk_signal_destroy(made);
     return st;
 }

@@ -47,6 +47,7 @@ enum mk_status cmd_check_limit(struct cmd_known *known, int argc, char **argv,
 enum mk_status cmd_check_show(struct cmd_known *known, int argc, char **argv, struct mk_error *err);
 enum mk_status cmd_check_start(struct cmd_known *known, int argc, char **argv,
                                struct mk_error *err);
+enum mk_status cmd_check_halt(struct cmd_known *known, int argc, char **argv, struct mk_error *err);
 enum mk_status cmd_check_writes_model(struct cmd_known *known, int argc, char **argv,
                                       struct mk_error *err);
 enum mk_status cmd_check_model(struct cmd_known *known, int argc, char **argv,

@@ -304,6 +304,8 @@ static int execute_file(struct host *h, const char *path, struct mk_error *err)
         .have_setup = s->ctrl != NULL,
         .have_model = s->have_model,
         .have_nominal = s->have_nominal,
+        .running = s->running,
+        .run_s = session_run_time(s),
         .setup = s->setup,
         .model = s->have_model ? mk_plant(s->model.plant) : NULL,
         .nominal = s->have_nominal ? mk_plant(s->nominal.plant) : NULL,

@@ -19,6 +19,8 @@
 #include "mechkit/swingup.h"
 
 #define TICK_S 0.05 /* how often options.tick is called during waits */
+#define LOOK_S 1e-3 /* between two looks at a signal that is checked */
+#define LOOKS 1e5   /* at most; of a longer time there are longer steps */
 
 void session_say(struct session *s, const char *fmt, ...)
 {
@@ -478,6 +480,30 @@ static enum mk_status exchange_signal(struct session *s, const struct mk_signal 
     return st;
 }
 
+enum mk_status session_check_signal(const struct mk_signal *signal, double from_s, double to_s,
+                                    struct mk_error *err)
+{
+    const double looks = fmin(ceil((to_s - from_s) / LOOK_S), LOOKS);
+    for (double i = 0.0; i <= looks; i++) {
+        const double t = looks > 0.0 ? from_s + (to_s - from_s) * i / looks : from_s;
+        if (!isfinite(mk_signal_at(signal, t)))
+            return mk_error_set(err, MK_ERR_RANGE,
+                                "%.200s is not a finite number at t = %.6g s: expected one at any "
+                                "time of the run",
+                                mk_signal_text(signal), t);
+    }
+    return MK_OK;
+}
+
+double session_run_time(const struct session *s)
+{
+    struct mk_loop_snapshot snap;
+    if (!s->running)
+        return 0.0;
+    mk_loop_get_snapshot(s->loop, &snap);
+    return snap.ticks ? snap.sample.t : 0.0;
+}
+
 enum mk_status session_set_signal(struct session *s, const char *text, struct mk_error *err)
 {
     struct mk_signal *made;
@@ -486,6 +512,8 @@ enum mk_status session_set_signal(struct session *s, const char *text, struct mk
     if (st != MK_OK)
         return st;
     st = mk_signal_create(session_signal(s->script_dir, text, found, sizeof found), &made, err);
+    if (st == MK_OK)
+        st = session_check_signal(made, session_run_time(s), session_run_time(s), err);
     if (st == MK_OK && s->running)
         st = exchange_signal(s, made, err);
     if (st != MK_OK) {

@@ -106,7 +106,13 @@ MK_NODISCARD enum mk_status session_apply(struct session *s, struct mk_error *er
 /* Gives the newest log a name: a name that exists gets -2, -3, ... unless `overwrite`. */
 MK_NODISCARD enum mk_status session_save(struct session *s, const char *name, bool overwrite,
                                          char *saved, size_t size, struct mk_error *err);
-/* Between runs or in flight: between two samples then. */
+/* Of the run that goes on, s; 0 where none does. */
+double session_run_time(const struct session *s);
+/* Whether a signal is a finite number from one time to another, s, as far as a look every
+ * millisecond tells; MK_ERR_RANGE names the first time at which it is not. */
+MK_NODISCARD enum mk_status session_check_signal(const struct mk_signal *signal, double from_s,
+                                                 double to_s, struct mk_error *err);
+/* Between runs or in flight: between two samples then. MK_ERR_RANGE: it is no number there. */
 MK_NODISCARD enum mk_status session_set_signal(struct session *s, const char *text,
                                                struct mk_error *err);
 /* The trajectory that setups follow from now on, also the one that is chosen; NULL: none. Errors as
