@@ -242,6 +242,10 @@ START_TEST(bad_models_are_refused_with_their_line)
     expect_error(WHEEL "[effect.a-name-that-is-longer-than-any-there-is-by-far]\n", MK_ERR_PARSE, 7,
                  "longer than 49 characters");
     read_text(WHEEL "[stderr]\n[simulation]\n");
+    read_text(WHEEL "[simulation]\nrtol = 0.1\natol = 0.1\n");
+    expect_error(WHEEL "[simulation]\nrtol = 1e300\n", MK_ERR_RANGE, 8, "at most 0.1");
+    expect_error(WHEEL "[simulation]\natol = 1\n", MK_ERR_RANGE, 8, "at most 0.1");
+    expect_error(WHEEL "[simulation]\natol = 0\n", MK_ERR_RANGE, 8, "must be positive");
     expect_error(WHEEL "[effect.viscous]\njoint = 1\n", MK_ERR_PARSE, 8, "coefficient is missing");
     expect_error(WHEEL "[effect.viscous]\njoint = 3\ncoefficient = 1\n", MK_ERR_PARSE, 8, "joint");
     expect_error(WHEEL "[effect.viscous]\njoint = 1\ncoefficient = 1\nspeed = 2\n", MK_ERR_PARSE,

@@ -122,6 +122,32 @@ START_TEST(simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command)
 }
 END_TEST
 
+/* A solver that gives up after a minute says neither which effect it was nor what to do. */
+START_TEST(a_model_that_is_too_stiff_is_refused_with_what_makes_it_so)
+{
+    static const struct {
+        const char *part, *says;
+    } models[] = {
+        {"p1 = 0.06\np2 = 7\np3 = 0.01\np4 = 0.3\n[effect.stiction]\njoint = 1\nstiffness = 1e9\n"
+         "damping = 1\nlevel = 1\n",
+         "too stiff to be simulated: effect stiction makes it change at "},
+        {"p1 = 1e-9\np2 = 7\np3 = 0.01\np4 = 0.3\n",
+         "too stiff to be simulated: the plant's parameters make it change at "},
+    };
+    char text[400], log[300];
+    snprintf(log, sizeof log, "%s",
+             scratch_text("stiff.csv", "t,q1,u\n0,0,0\n0.01,0,0\n0.02,0,0\n"));
+    for (size_t i = 0; i < sizeof models / sizeof models[0]; i++) {
+        snprintf(text, sizeof text, "[rig]\nkind = pendulum\n[parameters]\n%s", models[i].part);
+        struct outcome o =
+            MECHKIT("simulate", "--model", scratch_text("stiff.ini", text), "--input", log);
+        ck_assert_msg(o.code == 3 && strstr(o.err, "stiff.ini: the model is") &&
+                          strstr(o.err, models[i].says),
+                      "%d %s", o.code, o.err);
+    }
+}
+END_TEST
+
 Suite *suite_simulate_cli(void)
 {
     Suite *s = suite_create("simulate_cli");
@@ -131,6 +157,7 @@ Suite *suite_simulate_cli(void)
     tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
     tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
+    tcase_add_test(t, a_model_that_is_too_stiff_is_refused_with_what_makes_it_so);
     suite_add_tcase(s, t);
     return s;
 }

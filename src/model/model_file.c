@@ -215,6 +215,22 @@ static enum mk_status get_input(struct reader *r, struct mk_model *m)
     return mk_ini_refuse(r->file, e, r->err, "measured or commanded");
 }
 
+/* Beyond these a simulation says nothing of the model, and its steps know no bound. */
+#define MOST_RTOL 0.1 /* share of a state */
+#define MOST_ATOL 0.1 /* in a state's unit: rad, rad/s, m, m/s */
+
+static enum mk_status get_tolerance(struct reader *r, const char *key, double most, double *out)
+{
+    struct mk_ini_entry *e = find(r, "simulation", key);
+    if (!e)
+        return MK_OK;
+    enum mk_status st = get_number(r, e, out);
+    if (st == MK_OK && !(*out > 0.0 && *out <= most))
+        return mk_error_at(r->err, MK_ERR_RANGE, r->path, e->line, 0,
+                           "%s = %s: must be positive, and at most %g", key, e->value, most);
+    return st;
+}
+
 /* --- sections ---------------------------------------------------------------------------- */
 
 static enum mk_status read_rig(struct reader *r, struct mk_model *m)
@@ -246,9 +262,9 @@ static enum mk_status read_rig(struct reader *r, struct mk_model *m)
     if (st == MK_OK)
         st = get_input(r, m);
     if (st == MK_OK)
-        st = get_positive(r, "simulation", "rtol", HUGE_VAL, &m->rtol);
+        st = get_tolerance(r, "rtol", MOST_RTOL, &m->rtol);
     if (st == MK_OK)
-        st = get_positive(r, "simulation", "atol", HUGE_VAL, &m->atol);
+        st = get_tolerance(r, "atol", MOST_ATOL, &m->atol);
     return st;
 }
 

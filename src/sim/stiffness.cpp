@@ -100,10 +100,11 @@ enum mk_status mk_model_check_stiffness(const mk_model *model, mk_error *err)
     if (rate <= MK_FASTEST_RATE)
         return MK_OK;
     int i = culprit(model);
-    return mk_error_set(
-        err, MK_ERR_RANGE,
-        "the model is too stiff for a virtual rig: %s%s makes it change at %.2g /s, "
-        "at most %.2g /s can be followed",
-        i < 0 ? "the plant's parameters" : "effect ",
-        i < 0 ? "" : mk_effect(model->effect[i].index)->name, rate, MK_FASTEST_RATE);
+    return mk_error_set(err, MK_ERR_RANGE,
+                        "the model is too stiff to be simulated: %s%s %s it change at %.2g /s, at "
+                        "most %.2g /s can be "
+                        "followed",
+                        i < 0 ? "the plant's parameters" : "effect ",
+                        i < 0 ? "" : mk_effect(model->effect[i].index)->name,
+                        i < 0 ? "make" : "makes", rate, MK_FASTEST_RATE);
 }

@@ -14,6 +14,7 @@
 #include "mechkit/signals.h"
 #include "mechkit/sim.h"
 #include "sim/predict.h"
+#include "sim/stiffness.h"
 
 struct left_out {
     struct mk_left_out list[MK_MAX_LEFT_OUT];
@@ -264,11 +265,22 @@ static enum mk_status leave_out(const struct options *o, const struct mk_model *
     return st == MK_OK ? left_out_apply(log, 1, 0, left->list, left->count, err) : st;
 }
 
+/* The solver would give up after minutes, and could not say why. */
+static enum mk_status check_stiffness(const struct options *o, const struct mk_model *model,
+                                      struct mk_error *err)
+{
+    struct mk_error why = MK_ERROR_INIT;
+    enum mk_status st = mk_model_check_stiffness(model, &why);
+    return st == MK_OK ? MK_OK : mk_error_at(err, st, o->model, 0, 0, "%s", why.message);
+}
+
 /* Reads model and log, and looks whether the log is fit to drive the model. */
 static enum mk_status read_inputs(const struct options *o, struct mk_model *model,
                                   struct mk_log **log, struct left_out *left, struct mk_error *err)
 {
     enum mk_status st = mk_model_read(o->model, model, err);
+    if (st == MK_OK)
+        st = check_stiffness(o, model, err);
     if (st == MK_OK)
         st = mk_log_read(o->input, log, err);
     if (st == MK_OK && (*log)->truncated)
