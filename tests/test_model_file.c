@@ -233,7 +233,7 @@ START_TEST(bad_models_are_refused_with_their_line)
                  MK_ERR_PARSE, 11, "cannot differ from log to log");
     expect_error(WHEEL "[effect.warp]\nx = 1\n", MK_ERR_PARSE, 8, "no effect 'warp'");
     expect_error(WHEEL "[bogus]\n", MK_ERR_PARSE, 7, "unknown section [bogus]");
-    expect_error(WHEEL "[effect.backlash]\n", MK_ERR_PARSE, 7, "backlash");
+    expect_error(WHEEL "[effect.backlash]\n", MK_ERR_PARSE, 7, "joint is missing");
     expect_error(WHEEL "[effect.warp] ; none\n[simulation]\nrtol = 1e-6\n", MK_ERR_PARSE, 7,
                  "no effect 'warp'");
     expect_error(WHEEL "[effect.input-delay]\n", MK_ERR_PARSE, 7, "delay is missing");
@@ -241,6 +241,14 @@ START_TEST(bad_models_are_refused_with_their_line)
                  "nothing else in the line");
     expect_error(WHEEL "[effect.a-name-that-is-longer-than-any-there-is-by-far]\n", MK_ERR_PARSE, 7,
                  "longer than 49 characters");
+    expect_error(WHEEL "[effect.coulomb]\nlevel = 0.1\n", MK_ERR_PARSE, 8,
+                 "[effect.coulomb] joint is missing: joint = 1");
+    expect_error(WHEEL "[effect.coulomb]\njoint = 0\nlevel = 0.1\n", MK_ERR_PARSE, 8,
+                 "needs joint = 1, not 0");
+    expect_error(WHEEL "[effect.cogging]\njoint = 1\namplitude = 0.1\ncycles = 1.5\nphase = 0\n",
+                 MK_ERR_PARSE, 10, "cycles = '1.5': expected a whole number");
+    expect_error(WHEEL "[effect.coulomb.99999999999999999999]\njoint = 1\nlevel = 0.1\n",
+                 MK_ERR_PARSE, 8, "unknown section [effect.coulomb.9999");
     read_text(WHEEL "[stderr]\n[simulation]\n");
     read_text(WHEEL "[simulation]\nrtol = 0.1\natol = 0.1\n");
     expect_error(WHEEL "[simulation]\nrtol = 1e300\n", MK_ERR_RANGE, 8, "at most 0.1");

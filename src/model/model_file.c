@@ -69,6 +69,8 @@ static enum mk_status get_ranged(struct reader *r, struct mk_ini_entry *e,
     enum mk_status st = get_number(r, e, out);
     if (st != MK_OK)
         return st;
+    if (p->fit == MK_FIT_INTEGER && *out != floor(*out))
+        return mk_ini_refuse(r->file, e, r->err, "a whole number");
     if (*out >= p->min && *out <= p->max)
         return MK_OK;
     if (p->max >= MK_PARAMETER_MOST && fabs(*out) > MK_PARAMETER_MOST)
@@ -291,6 +293,8 @@ static enum mk_status read_parameters(struct reader *r, struct mk_model *m)
     return MK_OK;
 }
 
+#define EFFECT_DIGITS 3 /* of the number of a second effect of the same name, at most */
+
 /* "effect.NAME" or "effect.NAME.2" to NAME; false when it is no such section. */
 static bool effect_name(const char *section, char name[MK_INI_TEXT])
 {
@@ -299,7 +303,8 @@ static bool effect_name(const char *section, char name[MK_INI_TEXT])
     strcpy(name, section + 7);
     char *dot = strchr(name, '.');
     if (dot) {
-        if (!dot[1] || dot[1 + strspn(dot + 1, "0123456789")])
+        const size_t digits = strspn(dot + 1, "0123456789");
+        if (digits == 0 || digits > EFFECT_DIGITS || dot[1 + digits])
             return false;
         *dot = '\0';
     }
@@ -365,6 +370,14 @@ static enum mk_status missing(struct reader *r, const struct mk_ini_section *sec
                        "[%s] %s is missing (%s)", section->name, p->name, p->help);
 }
 
+static enum mk_status missing_joint(struct reader *r, const struct mk_model *m,
+                                    const struct mk_ini_section *section)
+{
+    return mk_error_at(r->err, MK_ERR_PARSE, r->path, line_of(r, section), 0,
+                       "[%s] joint is missing: joint = 1%s", section->name,
+                       mk_model_joints(m) > 1 ? " or 2" : "");
+}
+
 /* Adds the effect of a section to the model, at the joint that the section gives. */
 static enum mk_status add_effect(struct reader *r, struct mk_model *m,
                                  const struct mk_ini_section *section, const char *name)
@@ -375,6 +388,8 @@ static enum mk_status add_effect(struct reader *r, struct mk_model *m,
     enum mk_status st = e ? get_number(r, e, &joint) : MK_OK;
     if (st != MK_OK)
         return st;
+    if (!e && mk_effect_by_name(name)->joint_rule == MK_EFFECT_JOINT_ANY)
+        return missing_joint(r, m, section);
     if (joint != floor(joint) || fabs(joint) > 100.0)
         return mk_ini_refuse(r->file, e, r->err, "a joint number");
     st = mk_model_add_effect(m, name, (int)joint, &why);
@@ -480,8 +495,8 @@ static bool known_section(const char *section)
 static enum mk_status unknown_section(struct reader *r, int line, const char *section)
 {
     return mk_error_at(r->err, MK_ERR_PARSE, r->path, line, 0,
-                       "unknown section [%s]: expected rig, parameters, stderr, simulation or "
-                       "effect.NAME",
+                       "unknown section [%s]: expected rig, parameters, stderr, simulation, "
+                       "effect.NAME or effect.NAME.2 (to .999)",
                        section);
 }
 
