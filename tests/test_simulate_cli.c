@@ -119,6 +119,7 @@ START_TEST(simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command)
     o = MECHKIT("simulate", "--model", model, "--input", with_flipped_command(log));
     ck_assert_msg(o.code == 0 && strstr(o.out, "q1: rms error "), "%s", o.out);
     ck_assert_msg(strstr(o.err, "[u] sign = -1") && !strstr(o.err, "--force"), "%s", o.err);
+    ck_assert_msg(strstr(o.err, "mechkit: certain: ") && !strstr(o.err, "fatal"), "%s", o.err);
 }
 END_TEST
 

@@ -15,9 +15,10 @@ enum mk_status log_read_all(const char *const *paths, size_t count, struct mk_lo
     return st;
 }
 
-static void print_finding(FILE *out, const char *before, const struct mk_data_finding *f)
+static void print_finding(FILE *out, const char *before, const struct mk_data_finding *f,
+                          const char *severity)
 {
-    fprintf(out, "%s%s: %s", before, mk_data_severity_name(f->severity), f->file);
+    fprintf(out, "%s%s: %s", before, severity, f->file);
     if (f->line > 0)
         fprintf(out, ":%d", f->line);
     fprintf(out, ": %s\n%s  to do: %s\n", f->what, before, f->remedy);
@@ -28,13 +29,23 @@ void data_checks_print(FILE *out, const struct mk_data_check *check)
     if (check->count > 0)
         fprintf(out, "Data check:\n");
     for (int i = 0; i < check->count; i++)
-        print_finding(out, "  ", &check->finding[i]);
+        print_finding(out, "  ", &check->finding[i],
+                      mk_data_severity_name(check->finding[i].severity));
 }
 
 void data_checks_warn(const struct mk_data_check *check)
 {
     for (int i = 0; i < check->count; i++)
-        print_finding(stderr, "mechkit: ", &check->finding[i]);
+        print_finding(stderr, "mechkit: ", &check->finding[i],
+                      mk_data_severity_name(check->finding[i].severity));
+}
+
+void data_checks_tell(const struct mk_data_check *check)
+{
+    for (int i = 0; i < check->count; i++) {
+        const struct mk_data_finding *f = &check->finding[i];
+        print_finding(stderr, "mechkit: ", f, f->severity == MK_DATA_FATAL ? "certain" : "doubt");
+    }
 }
 
 int data_checks_say(const struct mk_data_check *check, bool force)

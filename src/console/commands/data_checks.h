@@ -14,8 +14,10 @@ MK_NODISCARD enum mk_status log_read_all(const char *const *paths, size_t count,
 /* Two lines a finding: what is wrong, where, and what to do. Nothing where there is none. */
 void data_checks_print(FILE *out, const struct mk_data_check *check);
 
-/* Says the findings on standard error, for what goes on whatever they are. */
+/* Says the findings on standard error. */
 void data_checks_warn(const struct mk_data_check *check);
+/* The same for what goes on whatever they are: nothing is fatal there, but some is certain. */
+void data_checks_tell(const struct mk_data_check *check);
 
 /* Says the findings on standard error at once, before a fit or a search takes its time. An exit
  * code: EXIT_RUN_FAILED where one is fatal and nothing is forced. */

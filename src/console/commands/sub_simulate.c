@@ -198,7 +198,7 @@ static enum mk_status say_extremes(const struct mk_model *model, const struct mk
     static struct mk_data_check check;
     enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, &check, err);
     if (st == MK_OK)
-        data_checks_warn(&check);
+        data_checks_tell(&check);
     return st;
 }
 
@@ -219,7 +219,7 @@ static void say_why_useless(const struct mk_model *model, const struct mk_log *l
     if (useless &&
         mk_data_check_logs(model, &log, 1, MK_DATA_IDENTIFY, &check, &ignored) == MK_OK &&
         mk_data_check_fatal(&check))
-        data_checks_warn(&check);
+        data_checks_tell(&check);
 }
 
 /* A few commands that are missing are held from before; of more, the prediction would be made up.
