@@ -465,6 +465,8 @@ START_TEST(what_needs_a_run_or_a_screen_says_so)
                 {"compare nowhere.csv\n", "nowhere.csv"},
                 {"replay\n", "there is no screen"},
                 {"record off\n", "nothing is recorded"},
+                {"record /tmp\n", "/tmp: this is a folder: record to a file"},
+                {"record /dev/null\n", "/dev/null: this is no regular file"},
                 {"setup pi-speed\nstart\nidentify\n", "halt first"}};
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         char script[256];

@@ -65,9 +65,20 @@ END_TEST
 
 START_TEST(bad_conditions_are_refused_at_their_character)
 {
-    const char *bad[] = {"",        "q3 < 1",         "q1",           "q1 <",  "q1 < 1 or q2",
-                         "|q1 < 1", "q1 within 2 50", "balanced and", "1 = 1", "q1 << 1",
-                         "((((",    "q1 < 1 2"};
+    const char *bad[] = {"",
+                         "q3 < 1",
+                         "q1",
+                         "q1 <",
+                         "q1 < 1 or q2",
+                         "|q1 < 1",
+                         "q1 within 2 50",
+                         "balanced and",
+                         "1 = 1",
+                         "q1 << 1",
+                         "((((",
+                         "q1 < 1 2",
+                         "q1 within -5% of 0",
+                         "q1 within - 0.1 of 2"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         struct mk_error err = MK_ERROR_INIT;
         ck_assert_msg(condition_check(bad[i], &err) == MK_ERR_PARSE, "%s", bad[i]);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "console/commands/explanation.h"
 #include "console/script/cmd_priv.h"
@@ -239,6 +240,19 @@ static void stop_recording(struct session *s)
     s->record_path[0] = '\0';
 }
 
+static enum mk_status cannot_record(const char *path, int why, struct mk_error *err)
+{
+    struct stat info;
+    if (why != EEXIST || stat(path, &info) != 0)
+        return mk_error_errno(err, why, path, "cannot record there");
+    if (S_ISREG(info.st_mode))
+        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                           "the file exists and is not overwritten: choose another name");
+    return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                       "this is %s: record to a file that is not there yet",
+                       S_ISDIR(info.st_mode) ? "a folder" : "no regular file");
+}
+
 enum mk_status cmd_do_record(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     (void)argc;
@@ -253,7 +267,7 @@ enum mk_status cmd_do_record(struct session *s, int argc, char **argv, struct mk
     stop_recording(s);
     s->record = fopen(argv[0], "wx");
     if (!s->record)
-        return mk_error_errno(err, errno, argv[0], "cannot record there");
+        return cannot_record(argv[0], errno, err);
     setvbuf(s->record, NULL, _IOLBF, 0); /* whole lines, whatever happens */
     snprintf(s->record_path, sizeof s->record_path, "%s", argv[0]);
     if (s->setup && s->ctrl)

@@ -205,6 +205,9 @@ static bool state_word(struct parser *p, bool *truth)
 
 static bool within(struct parser *p, double value)
 {
+    skip_blanks(p);
+    if (*p->at == '-')
+        return fail(p, "a tolerance is not negative"), false;
     double tolerance = sum(p);
     skip_blanks(p);
     bool percent = *p->at == '%';
