@@ -256,6 +256,41 @@ START_TEST(thinned_logs_and_rounded_times_are_named)
 }
 END_TEST
 
+START_TEST(one_row_is_said_to_be_too_few)
+{
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log log = record(m, 6.0);
+    const mk_log *logs[] = {log.get()};
+    auto check = std::make_unique<mk_data_check>();
+    mk_error err = MK_ERROR_INIT;
+    const size_t rows = log->rows;
+    log->rows = 1;
+    ck_assert_int_ne(mk_data_check_logs(&m, logs, 1, MK_DATA_IDENTIFY, check.get(), &err), MK_OK);
+    log->rows = rows;
+    ck_assert_msg(strstr(err.message, "1 row is too few to learn anything from") != nullptr, "%s",
+                  err.message);
+}
+END_TEST
+
+// A number of counts that cannot be is not taken for none given.
+START_TEST(counts_that_cannot_be_are_doubted)
+{
+    static const char *const wrong[] = {"0", "-4000", "nan", "inf", "many", "1e9", "4000x"};
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log log = record(m, 6.0);
+    for (const char *word : wrong) {
+        ck_assert_int_eq(mk_log_set_meta(log.get(), "encoder_cpr", word), MK_OK);
+        ck_assert_msg(says(*check_of(m, log), "is no number of counts a revolution"), "%s", word);
+    }
+    for (const char *word : {"4000", "", " 4000 "}) {
+        ck_assert_int_eq(mk_log_set_meta(log.get(), "encoder_cpr", word), MK_OK);
+        ck_assert_msg(!says(*check_of(m, log), "encoder_cpr"), "%s", word);
+    }
+    ck_assert_int_eq(mk_log_set_meta(log.get(), "encoder_resolution", "-1"), MK_OK);
+    ck_assert(says(*check_of(m, log), "is no size of a count above 0"));
+}
+END_TEST
+
 // Findings go to the head of the report, of its JSON and of the terminal.
 START_TEST(what_is_doubted_heads_everything)
 {
@@ -350,6 +385,8 @@ extern "C" Suite *suite_data_check(void)
     tcase_set_tags(t, "long");
     tcase_add_test(t, a_fatal_finding_ends_a_fit_and_forced_it_goes_with_the_result);
     tcase_add_test(t, what_is_doubted_heads_everything);
+    tcase_add_test(t, counts_that_cannot_be_are_doubted);
+    tcase_add_test(t, one_row_is_said_to_be_too_few);
     tcase_add_loop_test(t, what_would_have_been_seen_is_seen_from_there_on, 0, 5);
     suite_add_tcase(s, t);
     return s;

@@ -123,6 +123,14 @@ START_TEST(a_rig_that_cannot_be_caught_is_told_so)
 }
 END_TEST
 
+START_TEST(one_rig_is_not_called_rigs)
+{
+    char out[8192];
+    ck_assert_int_eq(run_mechkit(out, sizeof out, "robustness --setup furuta --seeds 1"), 0);
+    ck_assert_msg(strstr(out, "1 rig a setup: ") != NULL, "%s", out);
+}
+END_TEST
+
 START_TEST(figures_on_standard_output_are_json_alone)
 {
     static char out[20000];
@@ -145,6 +153,7 @@ Suite *suite_robustness(void)
     tcase_add_loop_test(t, the_nominal_rig_is_caught_in_four_seconds_and_held_for_twenty, 0, 1);
     tcase_add_loop_test(t, faster_and_slower_loops_balance_too, 0, 1);
     tcase_add_loop_test(t, a_seed_means_the_same_rig_and_the_same_run, 0, 1);
+    tcase_add_test(t, one_rig_is_not_called_rigs);
     tcase_add_test(t, figures_on_standard_output_are_json_alone);
     tcase_add_test(t, rigs_are_off_by_no_more_than_was_said);
     tcase_add_loop_test(t, a_rig_that_cannot_be_caught_is_told_so, 0, BALANCING_COUNT);

@@ -310,6 +310,27 @@ void check_extremes(const CheckedLog &c, Findings &out)
     }
 }
 
+// What is listed of each joint must be a number of the range that listed() takes; it passes over
+// the rest.
+static void check_list(const CheckedLog &c, const char *key, const char *wanted, double least,
+                       Findings &out)
+{
+    const char *text_of_list = mk_log_find_meta(&c.log, key), *at = text_of_list;
+    for (int j = 0; at && j < mk_model_joints(&c.model); j++) {
+        at += std::strspn(at, " \t,");
+        if (!*at)
+            return;
+        const size_t length = std::strcspn(at, " \t,");
+        double value = 0.0;
+        if (!mk_parse_double(at, at + length, &value) || !(value >= least && value <= 1e8)) {
+            out.doubt(text("%s: '%.40s' is no %s for each joint", key, text_of_list, wanted),
+                      "correct or remove the line; the model's is taken");
+            return;
+        }
+        at += length;
+    }
+}
+
 void check_metadata(const CheckedLog &c, Findings &out)
 {
     const char *meta = mk_log_find_meta(&c.log, "u_to_torque");
@@ -323,6 +344,8 @@ void check_metadata(const CheckedLog &c, Findings &out)
                       "correct the one that is wrong: torques in N m differ by as much. The "
                       "model's is taken");
     }
+    check_list(c, "encoder_cpr", "number of counts a revolution, 1 .. 1e8,", 1.0, out);
+    check_list(c, "encoder_resolution", "size of a count above 0", 1e-12, out);
     for (int j = 0; j < mk_model_joints(&c.model); j++) {
         const double here = count_of(c, j), there = mk_model_count(&c.model, j);
         const char *remedy = "correct the one that is wrong; the model's is taken";

@@ -69,8 +69,8 @@ enum mk_status check_record(const mk_record &record, const mk_model &model, cons
     static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     if (record.rows < fewest)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
-                           "%zu rows are too few to learn anything from: %zu at least", record.rows,
-                           fewest);
+                           "%zu row%s too few to learn anything from: %zu at least", record.rows,
+                           record.rows == 1 ? " is" : "s are", fewest);
     const double period = median_period(record.t, record.rows);
     if (period > LONGEST_PERIOD)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,

@@ -94,8 +94,11 @@ int on_jacobian(sunrealtype t, N_Vector y, N_Vector, SUNMatrix jac, void *user, 
 
 enum mk_status gave_up(mk_error *err, const char *what, int flag, double t)
 {
-    enum mk_status st =
-        mk_error_set(err, MK_ERR_NUMERIC, "%s gave up at t = %.6g s (code %d)", what, t, flag);
+    enum mk_status st = mk_error_set(
+        err, MK_ERR_NUMERIC,
+        "%s gave up at t = %.6g s (code %d): the model changes too fast there, as one with a "
+        "stiff effect or a small inertia does",
+        what, t, flag);
     if (err)
         err->os_code = flag;
     return st;

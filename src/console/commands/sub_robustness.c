@@ -130,13 +130,14 @@ static void print_heading(const struct options *o)
 {
     const struct trial_spread *s = &o->spread;
     printf(
-        "%d rigs a setup: parameters +-%g %%, friction +-%g %%, encoder zero +-%g counts, "
+        "%d rig%s a setup: parameters +-%g %%, friction +-%g %%, encoder zero +-%g counts, "
         "%d sample%s more delay, %g Hz\n"
         "held: caught within %g s and then held for %g s; nominal: caught, then held for 20 s\n\n"
         "%-15s %8s %9s %9s %7s %7s %7s %6s %6s %8s\n",
-        o->seeds, 100.0 * s->parameters, 100.0 * s->friction, s->offset_counts, s->delay_samples,
-        s->delay_samples == 1 ? "" : "s", s->rate_hz, s->catch_s, s->hold_s, "setup", "nominal",
-        "held", "share", "median", "p95", "longest", "falls", "peak", "took");
+        o->seeds, o->seeds == 1 ? "" : "s", 100.0 * s->parameters, 100.0 * s->friction,
+        s->offset_counts, s->delay_samples, s->delay_samples == 1 ? "" : "s", s->rate_hz,
+        s->catch_s, s->hold_s, "setup", "nominal", "held", "share", "median", "p95", "longest",
+        "falls", "peak", "took");
 }
 
 static void print_outcome(const struct outcome *o)
