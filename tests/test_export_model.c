@@ -575,6 +575,25 @@ START_TEST(a_file_name_that_is_no_function_name_is_refused)
 }
 END_TEST
 
+/* Its limit holds for one file; the source is larger than the header. */
+START_TEST(a_full_disk_leaves_neither_half_of_an_export)
+{
+    char out[2048], folder[300];
+    snprintf(folder, sizeof folder, "%s", scratch("full"));
+    int code = run_command(out, sizeof out,
+                           "mkdir -p %s && cd %s && (ulimit -f 8; trap '' XFSZ; "
+                           "exec %s export --model %s/models/pendubot.ini --out rig.c)",
+                           folder, folder, MK_TEST_APP, MK_SOURCE_DIR);
+    ck_assert_msg(code == 1 && strstr(out, "rig.c: cannot write"), "%d %s", code, out);
+    ck_assert_int_eq(count_files("full/*"), 0);
+    code = run_command(out, sizeof out,
+                       "cd %s && %s export --model %s/models/pendubot.ini --out rig.c", folder,
+                       MK_TEST_APP, MK_SOURCE_DIR);
+    ck_assert_msg(code == 0, "%s", out);
+    ck_assert_int_eq(count_files("full/*"), 2);
+}
+END_TEST
+
 Suite *suite_export_model(void)
 {
     Suite *s = suite_create("export_model");
@@ -584,6 +603,7 @@ Suite *suite_export_model(void)
                         MK_PLANT_COUNT);
     tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, 7);
     tcase_add_test(c, parameters_are_labelled_in_the_units_that_they_have);
+    tcase_add_test(c, a_full_disk_leaves_neither_half_of_an_export);
     tcase_add_test(c, a_file_name_that_is_no_function_name_is_refused);
     suite_add_tcase(s, c);
     c = tcase_create("fmu");

@@ -16,6 +16,29 @@ enum mk_status write_text(const std::string &path, const std::string &text, mk_e
     return mk_out_file_save(path.c_str(), text.data(), text.size(), err);
 }
 
+// Two files of which neither is of use without the other: both are on the disk before the first
+// gets its name.
+static enum mk_status write_both(const std::string &path, const std::string &text,
+                                 const std::string &other_path, const std::string &other_text,
+                                 mk_error *err)
+{
+    mk_out_file file, other;
+    enum mk_status st = mk_out_file_open(&file, path.c_str(), err);
+    if (st != MK_OK)
+        return st;
+    st = mk_out_file_open(&other, other_path.c_str(), err);
+    if (st != MK_OK)
+        return mk_out_file_finish(&file, st, err);
+    st = mk_out_file_write(&file, text.data(), text.size(), err);
+    if (st == MK_OK)
+        st = mk_out_file_write(&other, other_text.data(), other_text.size(), err);
+    const int failure = st == MK_OK ? mk_sync(other.fd) : 0;
+    if (failure)
+        st = mk_error_errno(err, failure, other_path.c_str(), "cannot write");
+    st = mk_out_file_finish(&file, st, err);
+    return mk_out_file_finish(&other, st, err);
+}
+
 // Words of C, MATLAB or Octave, of which no function can be called.
 static bool is_keyword(const std::string &name)
 {
@@ -83,8 +106,7 @@ try {
         return st;
     SymbolicModel s;
     symbolic_model(*model, s);
-    st = write_text(folder + name + ".h", c_header(s, name), err);
-    return st == MK_OK ? write_text(path, c_source(s, name), err) : st;
+    return write_both(folder + name + ".h", c_header(s, name), path, c_source(s, name), err);
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
 }
