@@ -242,9 +242,9 @@ enum mk_status TrainingData::hold_back(const mk_log &log, const mk_record &recor
     last = end - (end - begin) / 4;
     if (end == kept && last - begin < FEWEST)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
-                           "%zu rows are too few to explain anything and hold a quarter of them "
+                           "%zu row%s too few to explain anything and hold a quarter of them "
                            "back: %zu without those, or give another log with --holdout",
-                           record.rows, FEWEST);
+                           record.rows, record.rows == 1 ? " is" : "s are", FEWEST);
     const double seconds = record.t[end - 1] - record.t[last], least = least_to_hold_out(model);
     if (seconds < least)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
