@@ -25,8 +25,10 @@ static const struct {
                          {"furuta", MK_PLANT_FURUTA}};
 
 /* Runs a setup on the nominal virtual rig under a fault script for at most `seconds`. */
-static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *faults, double seconds)
+static struct mk_loop_snapshot run_setup(const char *name, double rate_hz, const char *faults,
+                                         double seconds)
 {
+    const struct mk_ctrl_ops *setup = mk_ctrl_setup_by_name(name);
     struct mk_error err = MK_ERROR_INIT;
     struct mk_model model;
     struct mk_clock clock;
@@ -35,7 +37,7 @@ static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *fau
     struct mk_loop *loop = NULL;
     struct mk_loop_config config;
     struct mk_loop_snapshot last;
-    mk_model_default(setups[setup].plant, &model);
+    mk_model_default(mk_ctrl_first_rig(setup), &model);
     mk_clock_init_simulated(&clock);
     mk_loop_config_default(&model, &config);
     config.rate_hz = rate_hz;
@@ -43,9 +45,7 @@ static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *fau
         .model = &model, .clock = &clock, .fault_script = faults};
     ck_assert_int_eq(
         mk_board_open(mk_board_backend_by_name("virtual"), &board_config, &board, &err), MK_OK);
-    ck_assert_int_eq(mk_ctrl_create(mk_ctrl_setup_by_name(setups[setup].setup), &model,
-                                    1.0 / rate_hz, NULL, &ctrl, &err),
-                     MK_OK);
+    ck_assert_int_eq(mk_ctrl_create(setup, &model, 1.0 / rate_hz, NULL, &ctrl, &err), MK_OK);
     ck_assert_int_eq(mk_loop_create(board, ctrl, &config, &loop, &err), MK_OK);
     ck_assert_int_eq(mk_loop_start(loop, NULL, NULL, 0, &err), MK_OK);
     enum mk_status st = mk_loop_wait(loop, seconds, NULL, NULL, NULL, &err);
@@ -55,6 +55,11 @@ static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *fau
     mk_ctrl_destroy(ctrl);
     mk_board_close(board);
     return last;
+}
+
+static struct mk_loop_snapshot run_at(double rate_hz, int setup, const char *faults, double seconds)
+{
+    return run_setup(setups[setup].setup, rate_hz, faults, seconds);
 }
 
 static struct mk_loop_snapshot run_with(int setup, const char *faults, double seconds)
@@ -67,6 +72,12 @@ static struct mk_loop_snapshot run_with(int setup, const char *faults, double se
 #define FOUND_SWINGING_S 0.35
 #define FOUND_HELD_S 6.0
 
+/* Where the other encoder has not counted for a while either, nobody can tell which is dead. */
+static bool is_named(const struct mk_loop_snapshot *end, int joint)
+{
+    return end->fault_joint == joint || end->fault_joint == 0;
+}
+
 START_TEST(a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor)
 {
     static const int at[] = {500, 1500, 4000};
@@ -76,13 +87,35 @@ START_TEST(a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor)
             snprintf(script, sizeof script, "at %d stuck %d", at[k], joint);
             struct mk_loop_snapshot end = run_with(_i, script, at[k] * DT + FOUND_HELD_S);
             double took_s = end.fault_t - at[k] * DT;
-            ck_assert_msg(end.fault == MK_FAULT_STUCK && end.fault_joint == joint,
+            ck_assert_msg(end.fault == MK_FAULT_STUCK && is_named(&end, joint),
                           "%s, %s: %s, joint %d", setups[_i].setup, script,
                           mk_fault_name(end.fault), end.fault_joint);
             ck_assert_msg(took_s <= (at[k] == 500 ? FOUND_SWINGING_S : FOUND_HELD_S),
                           "%s, %s: after %.3f s", setups[_i].setup, script, took_s);
             ck_assert_double_eq(end.sample.u, 0.0);
         }
+}
+END_TEST
+
+/* A supply that fails takes both encoders with it. */
+#define FOUND_BOTH_S 3.5
+
+static const char *const balancing[] = {"furuta",  "pendubot-mid",   "pendubot-top",
+                                        "acrobot", "reaction-wheel", "cart-pole"};
+#define BALANCING_COUNT ((int)(sizeof balancing / sizeof balancing[0]))
+
+START_TEST(encoders_that_die_together_stop_the_motor_of_every_setup)
+{
+    static const int at[] = {0, 400, 1500, 3000};
+    for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
+        char script[60];
+        snprintf(script, sizeof script, "at %d stuck 1; at %d stuck 2", at[k], at[k]);
+        struct mk_loop_snapshot end =
+            run_setup(balancing[_i], 1.0 / DT, script, at[k] * DT + FOUND_BOTH_S);
+        ck_assert_msg(end.fault == MK_FAULT_STUCK, "%s, %s: %s", balancing[_i], script,
+                      mk_fault_name(end.fault));
+        ck_assert_double_eq(end.sample.u, 0.0);
+    }
 }
 END_TEST
 
@@ -147,7 +180,7 @@ START_TEST(a_dead_encoder_stops_the_motor_at_the_slowest_and_the_fastest_rate)
             char script[40];
             snprintf(script, sizeof script, "at %d stuck %d", (int)(died_s * rate_hz), joint);
             struct mk_loop_snapshot end = run_at(rate_hz, setup, script, died_s + FOUND_HELD_S);
-            ck_assert_msg(end.fault == MK_FAULT_STUCK && end.fault_joint == joint,
+            ck_assert_msg(end.fault == MK_FAULT_STUCK && is_named(&end, joint),
                           "%g Hz, %s, %s: %s, joint %d", rate_hz, setups[setup].setup, script,
                           mk_fault_name(end.fault), end.fault_joint);
         }
@@ -258,6 +291,79 @@ START_TEST(links_that_rest_where_the_model_has_them_pulled_a_little_are_left_alo
 }
 END_TEST
 
+/* Both links of the pendubot, or the acrobot, at rest as they hang, said to stay there. */
+START_TEST(links_that_hang_cannot_rest_while_the_motor_drives)
+{
+    static const enum mk_plant_kind kinds[] = {MK_PLANT_PENDUBOT, MK_PLANT_ACROBOT};
+    static const double u[] = {1.0, 2.0, 3.33, 4.4, 6.0, 7.5, -7.5};
+    for (size_t k = 0; k < 2; k++)
+        for (size_t i = 0; i < sizeof u / sizeof u[0]; i++) {
+            int joint = -1;
+            watch(kinds[k]);
+            int n = samples_until(MK_FAULT_STUCK, -M_PI_2, 0.0, u[i], &joint);
+            ck_assert_msg(n * DT < 0.2, "%s, u %g: after %.3f s", mk_plant(kinds[k])->name, u[i],
+                          n * DT);
+            ck_assert_int_eq(joint, 0);
+        }
+}
+END_TEST
+
+/* Gravity holds link 1 against the motor, and the model knows that. */
+START_TEST(links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    const double q[MK_MAX_JOINTS] = {-M_PI_2 + 0.5, -0.5}; /* link 2 hangs straight down */
+    const double held = model.parameter[3] * model.g * cos(q[0]);
+    ck_assert_double_gt(held, 3.0);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, q[0], q[1], held, &joint), 2000);
+}
+END_TEST
+
+START_TEST(a_link_that_stands_upright_without_a_count_has_no_encoder)
+{
+    int joint = -1;
+    watch(MK_PLANT_PENDUBOT);
+    residual.balances = true;
+    int n = samples_until(MK_FAULT_STUCK, -M_PI_2, M_PI, 0.0, &joint);
+    ck_assert_int_eq(joint, 0);
+    ck_assert(n * DT > 1.0 && n * DT < 3.0);
+    watch(MK_PLANT_PENDUBOT); /* by hand, with the motor off */
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2, M_PI, 0.0, &joint), 2000);
+}
+END_TEST
+
+/* One count within a second, of whichever joint, says that somebody is there. */
+START_TEST(a_link_that_stands_upright_and_counts_now_and_then_is_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    const double count = mk_model_count(&model, 1);
+    residual.balances = true;
+    for (int k = 0; k < 5000; k++)
+        ck_assert_int_eq(look(DT, -M_PI_2, M_PI + count * (k / 500 % 2), 0.0, &joint),
+                         MK_FAULT_NONE);
+}
+END_TEST
+
+/* The model says that dry friction in the bearing may hold the link; viscous friction may not. */
+START_TEST(a_link_that_its_bearing_holds_upright_is_left_alone)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    static const char *const effects[] = {"coulomb", "viscous"};
+    for (int k = 0; k < 2; k++) {
+        int joint = 0;
+        watch(MK_PLANT_PENDUBOT);
+        ck_assert_int_eq(mk_model_add_effect(&model, effects[k], 2, &err), MK_OK);
+        model.effect[0].value[0] = 0.005;
+        mk_residual_init(&residual, &model, &limits);
+        residual.balances = true;
+        int n = samples_until(MK_FAULT_STUCK, -M_PI_2, M_PI, 0.0, &joint);
+        ck_assert_msg(k == 0 ? n == 2000 : n < 1500, "%s: %d", effects[k], n);
+    }
+}
+END_TEST
+
 START_TEST(lost_samples_do_not_clear_what_is_known_of_a_dead_encoder)
 {
     int joint = 0, n = 0;
@@ -319,6 +425,8 @@ Suite *suite_residual(void)
     tcase_add_checked_fixture(t, bench_setup, bench_teardown);
     tcase_set_timeout(t, 60);
     tcase_add_loop_test(t, a_dead_encoder_of_either_joint_of_every_setup_stops_the_motor, 0, 1);
+    tcase_add_loop_test(t, encoders_that_die_together_stop_the_motor_of_every_setup, 0,
+                        BALANCING_COUNT);
     tcase_add_loop_test(t, an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once, 0,
                         SETUP_COUNT);
     tcase_add_loop_test(t, rigs_are_not_stopped_at_the_slowest_and_the_fastest_rate, 0, RATE_COUNT);
@@ -341,6 +449,11 @@ Suite *suite_residual(void)
     tcase_add_test(t, a_rig_that_is_held_by_hand_with_the_motor_off_is_left_alone);
     tcase_add_test(t, links_at_rest_under_a_weak_command_are_left_alone);
     tcase_add_test(t, links_that_rest_where_the_model_has_them_pulled_a_little_are_left_alone);
+    tcase_add_test(t, links_that_hang_cannot_rest_while_the_motor_drives);
+    tcase_add_test(t, links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone);
+    tcase_add_test(t, a_link_that_stands_upright_without_a_count_has_no_encoder);
+    tcase_add_test(t, a_link_that_stands_upright_and_counts_now_and_then_is_left_alone);
+    tcase_add_test(t, a_link_that_its_bearing_holds_upright_is_left_alone);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);

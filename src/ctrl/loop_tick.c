@@ -243,6 +243,7 @@ static void check_link(struct mk_loop *loop, enum mk_status st, uint32_t board_s
 static void check_model(struct mk_loop *loop, const struct mk_sample *s)
 {
     int joint = 0;
+    loop->residual.balances = loop->run.shown.sample.phase == MK_PHASE_BALANCE;
     enum mk_fault fault =
         mk_residual_step(&loop->residual, s->t, loop->run.since_good, s->q, s->v, s->u, &joint);
     mk_safety_latch(&loop->safety, fault, s->t, joint);

@@ -59,6 +59,10 @@
 #define DRIVES_SHARE 0.02
 #define DRIVES_S 0.5
 
+/* A joint that nothing holds does not come nearer to an upright than this share of a count, from
+ * where it falls. Measured over 4.4 h of balancing, on 1200 rigs of six setups: 0.003. */
+#define NEAREST_COUNTS 1e-4
+
 /* An acceleration, how far it may be off, and how much of it the motor can make. */
 struct bounded {
     double a, off, authority;
@@ -73,7 +77,9 @@ struct sway_of {
 void mk_residual_reset(struct mk_residual *r)
 {
     memset(r->joint, 0, sizeof r->joint);
+    memset(&r->rest, 0, sizeof r->rest);
     r->u = r->drives_for = 0.0;
+    r->balances = false;
 }
 
 void mk_residual_init(struct mk_residual *r, const struct mk_model *model,
@@ -297,6 +303,109 @@ static bool must_have_swayed(const struct mk_residual *r, struct mk_residual_swa
     return moved || (s->still_s >= SWAY_S && s->square > least * least);
 }
 
+/* --- readings that all stand still
+ *
+ * Then nothing is known of any joint's motion but that there should be none: M a + h = tau with
+ * v = 0, and each row says what torque is left to set the rig in motion. Integrated once that is
+ * the row's momentum, (M v)_i, and twice M q, of which the readings allow no more than every joint
+ * has within still_way. A rig that nothing sets in motion may stand all the same where it cannot:
+ * a joint without a motor falls from an upright, at a rate that is known. */
+
+/* Torques in the rows, of what effects do. */
+struct effects {
+    double most[MK_MAX_JOINTS];     /* at rest and in slow motion either way */
+    double friction[MK_MAX_JOINTS]; /* of it, what depends on which way */
+};
+
+/* What all effects do to each row in a motion w. */
+static void effects_torque(const struct mk_residual *r, double t, const double *q, const double *w,
+                           const double *mass, double *torque)
+{
+    double u[MK_MAX_INPUTS] = {r->u, 0.0}, a[MK_MAX_JOINTS];
+    double x[MK_MAX_STATES], dx[MK_MAX_STATES];
+    int n = mk_plant(r->plant.plant)->joints;
+    plant_acceleration(r, q, w, a);
+    mk_model_initial_state(r->model, q, w, x);
+    mk_model_rhs(r->model, t, x, u, dx);
+    for (int i = 0; i < n; i++) {
+        torque[i] = 0.0;
+        for (int j = 0; j < n; j++)
+            torque[i] += mass[n * i + j] * (dx[n + j] - a[j]);
+    }
+}
+
+/* Of two joints, in slow motion at a share of SPEED_OFFSET. */
+static struct effects slow_effects(const struct mk_residual *r, double t, const double *q,
+                                   const double *mass, double share)
+{
+    struct effects e = {{0.0, 0.0}, {0.0, 0.0}};
+    for (int side = -1; side <= 1 && r->model->effect_count > 0; side += 2) {
+        double speed = share * SPEED_OFFSET, there[MK_MAX_JOINTS], back[MK_MAX_JOINTS];
+        const double w[MK_MAX_JOINTS] = {speed * mk_model_joint_scale(r->model, 0),
+                                         side * speed * mk_model_joint_scale(r->model, 1)};
+        const double against[MK_MAX_JOINTS] = {-w[0], -w[1]};
+        effects_torque(r, t, q, w, mass, there);
+        effects_torque(r, t, q, against, mass, back);
+        for (int i = 0; i < MK_MAX_JOINTS; i++) {
+            e.most[i] = fmax(e.most[i], fmax(fabs(there[i]), fabs(back[i])));
+            e.friction[i] = fmax(e.friction[i], fabs(there[i] - back[i]) / 2.0);
+        }
+    }
+    return e;
+}
+
+/* What of the friction in row i does not go with the speed: it holds a joint at rest. */
+static double dry_friction(const struct effects *slow, const struct effects *slower, int i)
+{
+    return fmax(2.0 * slower->friction[i] - slow->friction[i], 0.0);
+}
+
+/* How fast the joint without a motor leaves an upright, 1/s; 0 where gravity brings it back or
+ * friction may hold it. */
+static double fall_rate(const struct mk_residual *r, const double *q, const double *mass,
+                        double friction)
+{
+    const double still[MK_MAX_JOINTS] = {0.0, 0.0};
+    double h[2][MK_MAX_JOINTS], ignored[MK_MAX_JOINTS * MK_MAX_JOINTS];
+    int j = 1 - mk_plant(r->plant.plant)->motor_joint;
+    double share = r->limits->model_share, way = r->limits->still_way[j];
+    for (int side = 0; side < 2; side++) {
+        double p[MK_MAX_JOINTS] = {q[0], q[1]};
+        p[j] += side ? way : -way;
+        mk_plant_mass(&r->plant, p, still, ignored, h[side]);
+    }
+    double falls = (h[0][j] - h[1][j]) / (2.0 * way);
+    if (!r->smooth || falls * NEAREST_COUNTS * mk_model_count(r->model, j) <= friction)
+        return 0.0;
+    return sqrt(falls * (1.0 - share) / (mass[3 * j] * (1.0 + share)));
+}
+
+/* Whether a rig, with no reading changed for one more sample, must have moved. */
+static bool cannot_rest(struct mk_residual *r, double t, double dt, const double *q)
+{
+    const double still[MK_MAX_JOINTS] = {0.0, 0.0};
+    double mass[MK_MAX_JOINTS * MK_MAX_JOINTS], h[MK_MAX_JOINTS];
+    double off[MK_MAX_JOINTS] = {0.0, 0.0};
+    int n = mk_plant(r->plant.plant)->joints, motor = mk_plant(r->plant.plant)->motor_joint;
+    bool moved = false;
+    mk_plant_mass(&r->plant, q, still, mass, h);
+    torque_off(r, q, still, still, off);
+    struct effects slow = slow_effects(r, t, q, mass, 1.0);
+    struct effects slower = slow_effects(r, t, q, mass, 0.5);
+    for (int i = 0; i < n; i++) {
+        double push = (i == motor ? r->u : 0.0) - h[i], allowed = 0.0;
+        for (int j = 0; j < n; j++)
+            allowed += fabs(mass[n * i + j]) * r->limits->still_way[j];
+        double swing = r->plant.u_max * (TURNING_SAMPLES * dt) * (TURNING_SAMPLES * dt);
+        double way = go_on(r->rest.row[i], push * dt, (off[i] + slow.most[i]) * dt, dt, r);
+        moved = moved || way > fmax(allowed, swing);
+    }
+    int free = 1 - motor;
+    r->rest.fallen += dt * fall_rate(r, q, mass, dry_friction(&slow, &slower, free));
+    double far = r->limits->still_way[free] / (NEAREST_COUNTS * mk_model_count(r->model, free));
+    return moved || r->rest.fallen > log(far);
+}
+
 /* --- a reading that jumps -------------------------------------------------------------------- */
 
 static bool jumps(const struct mk_residual *r, struct mk_residual_joint *s, double t, double dt,
@@ -390,6 +499,22 @@ static enum mk_fault check(struct mk_residual *r, double t, double dt, const dou
     return moved || swayed ? MK_FAULT_STUCK : MK_FAULT_NONE;
 }
 
+static bool all_stand_still(const struct mk_residual *r, const double *q)
+{
+    bool still = true;
+    for (int j = 0; j < mk_model_joints(r->model); j++)
+        still = still && r->joint[j].known > 0 && q[j] == r->joint[j].past[0];
+    return still;
+}
+
+/* Of a single joint must_have_moved() says it all. */
+static bool check_rest(struct mk_residual *r, double t, double dt, const double *q)
+{
+    if (mk_model_joints(r->model) == 1)
+        return false;
+    return is_regular(r, dt) && cannot_rest(r, t, dt, q);
+}
+
 enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const double *q,
                                const double *v, double u, int *joint)
 {
@@ -402,6 +527,11 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
         fault = MK_FAULT_DRIVEN;
         *joint = motor + 1;
     }
+    /* A controller that holds an upright moves it, even where it needs next to nothing. */
+    bool watched = r->limits->model_share < 1.0 && (checks || r->balances);
+    bool still = watched && all_stand_still(r, q), rests = !still || !check_rest(r, t, dt, q);
+    if (!still)
+        memset(&r->rest, 0, sizeof r->rest);
     for (int j = 0; j < mk_model_joints(r->model); j++) {
         enum mk_fault found = checks ? check(r, t, dt, q, v, j) : skip(&r->joint[j]);
         if (fault == MK_FAULT_NONE && found != MK_FAULT_NONE) {
@@ -409,6 +539,10 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
             *joint = j + 1;
         }
         remember(&r->joint[j], q[j], is_regular(r, dt));
+    }
+    if (!rests && fault == MK_FAULT_NONE) {
+        fault = MK_FAULT_STUCK;
+        *joint = 0;
     }
     r->u = u;
     return fault;

@@ -9,6 +9,10 @@
  *    have moved by many counts and has moved by none, its encoder is dead, its coupling loose, or
  *    the joint is blocked. A joint that was moving when its reading froze begins with the speed
  *    that it had.
+ *  - All encoders that stand still at once, as when their common supply fails. Then no reading says
+ *    that anything moves, and the rig is taken at its word: it is at rest. So gravity, friction and
+ *    the command must be in balance in every equation of motion, and a joint without a motor must
+ *    not stand upright for longer than it takes to fall.
  *  - A motor joint that something else drives: it gains speed that neither the command nor the
  *    model gives it.
  *  - An encoder that jumps. From one sample to the next a joint goes on at its speed, give or take
@@ -48,12 +52,20 @@ struct mk_residual_joint {
     double noise2;   /* mean square of what the last readings do not lead to */
 };
 
+/* Readings of which none has changed. */
+struct mk_residual_rest {
+    struct mk_residual_sure row[MK_MAX_JOINTS][2]; /* of each equation of motion: up, down */
+    double fallen; /* by so much has a fall from an upright grown, as a logarithm */
+};
+
 struct mk_residual {
     const struct mk_model *model; /* borrowed */
     const struct mk_safety_limits *limits;
     struct mk_model plant; /* the same without its effects */
     bool smooth;           /* none of them has states of its own */
     struct mk_residual_joint joint[MK_MAX_JOINTS];
+    struct mk_residual_rest rest;
+    bool balances;     /* the controller says that it holds an equilibrium; the caller's to say */
     double u;          /* in force since the last sample */
     double drives_for; /* s that the motor still counts as driving */
 };
@@ -64,7 +76,8 @@ void mk_residual_init(struct mk_residual *r, const struct mk_model *model,
 /* Begins anew, as at the start of a run. */
 void mk_residual_reset(struct mk_residual *r);
 /* One good sample at `t`: readings, their speeds, and the command in force from now on; `dt` is the
- * time since the last good one. STUCK, JUMP or DRIVEN and its joint (1-based), or NONE. */
+ * time since the last good one. STUCK, JUMP or DRIVEN and its joint (1-based; 0: of all), or NONE.
+ */
 enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const double *q,
                                const double *v, double u, int *joint);
 

@@ -8,6 +8,11 @@ const char *fault_value(const struct mk_loop_snapshot *snap, const struct mk_saf
     const struct mk_sample *s = &snap->at_fault;
     const int j = snap->fault_joint - 1;
     buf[0] = '\0';
+    if (snap->fault == MK_FAULT_STUCK && j < 0)
+        snprintf(buf, size,
+                 "no encoder counts, u %.4g, and by the model the rig cannot rest so: see whether "
+                 "they have their supply",
+                 s->u);
     if (j < 0 || j >= mk_model_joints(model))
         return buf;
     const char *unit = mk_model_unit(model, j, "rad");
