@@ -133,6 +133,43 @@ START_TEST(an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once)
 }
 END_TEST
 
+/* Samples get lost when counts do: before the slip, with it, or every now and then all the time. */
+START_TEST(an_encoder_that_slips_while_samples_are_lost_stops_the_motor_at_once)
+{
+    static const char *const lost[] = {
+        "at 3999 drop 2", "at 4000 drop", "at 3998 drop; at 4000 drop",
+        "at 4000 drop 3", "at 3995 mute", "at 3999 drop"};
+    for (size_t k = 0; k < sizeof lost / sizeof lost[0]; k++)
+        for (int joint = 1; joint <= 2; joint++) {
+            char script[80];
+            /* What the motor can do to a wheel within three samples is more than a hundred counts.
+             */
+            bool wheel = mk_plant(setups[_i].plant)->joint_is_wheel[joint - 1];
+            snprintf(script, sizeof script, "%s; at 4000 jump %d by %d", lost[k], joint,
+                     wheel ? -300 : -80);
+            struct mk_loop_snapshot end = run_with(_i, script, 9.0);
+            ck_assert_msg(end.fault == MK_FAULT_JUMP && end.fault_joint == joint, "%s, %s: %s",
+                          setups[_i].setup, script, mk_fault_name(end.fault));
+            ck_assert_double_le(end.fault_t, 8.0 + 3 * DT + 1e-9);
+        }
+}
+END_TEST
+
+/* Three in a row and a single one behind them, again and again from the start to the catch. */
+START_TEST(lost_samples_are_no_jump)
+{
+    enum { RULES = 60, APART = 73 };
+    static char script[40 * RULES];
+    size_t n = 0;
+    for (int k = 0; k < RULES; k++)
+        n += (size_t)snprintf(script + n, sizeof script - n, "%sat %d drop %d", k ? ";" : "",
+                              20 + APART * (k / 2) + k % 2 * 5, k % 2 ? 1 : 3);
+    struct mk_loop_snapshot end = run_setup(balancing[_i], 1.0 / DT, script, 12.0);
+    ck_assert_msg(end.fault == MK_FAULT_NONE, "%s: %s at %.3f s", balancing[_i],
+                  mk_fault_name(end.fault), end.fault_t);
+}
+END_TEST
+
 START_TEST(rigs_that_are_off_the_model_are_not_stopped)
 {
     struct trial_spread spread;
@@ -429,6 +466,9 @@ Suite *suite_residual(void)
                         BALANCING_COUNT);
     tcase_add_loop_test(t, an_encoder_that_slips_by_fifty_counts_stops_the_motor_at_once, 0,
                         SETUP_COUNT);
+    tcase_add_loop_test(t, an_encoder_that_slips_while_samples_are_lost_stops_the_motor_at_once, 0,
+                        SETUP_COUNT);
+    tcase_add_loop_test(t, lost_samples_are_no_jump, 0, BALANCING_COUNT);
     tcase_add_loop_test(t, rigs_are_not_stopped_at_the_slowest_and_the_fastest_rate, 0, RATE_COUNT);
     tcase_add_loop_test(t, a_dead_encoder_stops_the_motor_at_the_slowest_and_the_fastest_rate, 0,
                         RATE_COUNT);

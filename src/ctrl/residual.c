@@ -15,12 +15,17 @@
 
 /* A jump: so many counts beyond where the last readings lead, and so many times their noise, the
  * mean square of which is taken over this time; a stop that is hit turns a speed round, and the
- * speed of a few samples ago is off by what the joint has accelerated since. */
+ * speed of a few samples ago is off by what the joint has accelerated since, of which this many
+ * times are believed. */
 #define JUMP_COUNTS 20.0
 #define JUMP_NOISE 6.0
 #define NOISE_S 0.1
 #define JUMP_REBOUND 2.5
-#define JUMP_SAMPLES 1.3
+#define JUMP_SHARE 1.127
+/* Samples that are missing are predicted across for as long as a board that hears nothing keeps its
+ * motor on, and a little more. */
+#define GAP_S 0.025
+#define MOST_SAMPLES 1e6
 
 /* A motor joint that is driven by something else: the speed that the model knows nothing of is kept
  * for this time, and is a fault where it takes this share of all that the motor can do. The speeds
@@ -408,20 +413,36 @@ static bool cannot_rest(struct mk_residual *r, double t, double dt, const double
 
 /* --- a reading that jumps -------------------------------------------------------------------- */
 
+/* No sample is missing since the last one. */
+static bool is_regular(const struct mk_residual *r, double dt)
+{
+    return dt < 1.5 * r->limits->dt_s;
+}
+
+/* Samples since the last reading. */
+static int samples_since(const struct mk_residual *r, double dt)
+{
+    return is_regular(r, dt) ? 1 : (int)lround(fmin(dt / r->limits->dt_s, MOST_SAMPLES));
+}
+
 static bool jumps(const struct mk_residual *r, struct mk_residual_joint *s, double t, double dt,
                   const double *q, const double *v, int j)
 {
-    if (s->known < MK_RESIDUAL_PAST)
+    if (s->known < MK_RESIDUAL_PAST || dt > GAP_S + 0.5 * r->limits->dt_s)
         return false;
+    int n = samples_since(r, dt);
     double count = mk_model_count(r->model, j), step = (s->past[0] - s->past[2]) / 2.0;
-    double off = fabs(q[j] - s->past[0] - step);
-    double least = JUMP_COUNTS * count + JUMP_NOISE * sqrt(s->noise2) + JUMP_REBOUND * fabs(step);
-    s->noise2 += dt / NOISE_S * (fmin(off, least) * fmin(off, least) - s->noise2);
+    double off = fabs(q[j] - s->past[0] - n * step);
+    double least =
+        JUMP_COUNTS * count + JUMP_NOISE * sqrt(s->noise2) + JUMP_REBOUND * n * fabs(step);
+    if (n == 1 && s->speed_age == 1.0)
+        s->noise2 += dt / NOISE_S * (fmin(off, least) * fmin(off, least) - s->noise2);
     if (off <= least)
         return false;
-    struct bounded b = accelerate(r, t, q, v, j, step / dt);
-    double reach = JUMP_SAMPLES * dt;
-    return off > least + reach * reach * (fabs(b.a) + b.off + b.authority);
+    double one = dt / n;
+    struct bounded b = accelerate(r, t, q, v, j, step / one);
+    double reach2 = JUMP_SHARE * dt * (dt / 2.0 + s->speed_age * one);
+    return off > least + reach2 * (fabs(b.a) + b.off + b.authority);
 }
 
 /* --- a motor joint that is driven by something else
@@ -435,7 +456,7 @@ static bool driven_by_another(const struct mk_residual *r, struct mk_residual_jo
 {
     struct bounded b = accelerate(r, t, q, v, j, v[j]);
     double kept_s = fmax(DRIVEN_S, DRIVEN_SAMPLES * r->limits->dt_s);
-    if (s->known == 0)
+    if (s->known == 0 || !is_regular(r, dt)) /* nobody knows what the command was meanwhile */
         s->model_v = v[j];
     s->model_v += b.a * dt + (v[j] - s->model_v) * dt / kept_s;
     double allowed = kept_s * (DRIVEN_SHARE * b.authority + b.off);
@@ -444,13 +465,28 @@ static bool driven_by_another(const struct mk_residual *r, struct mk_residual_jo
 
 /* --- the sample ------------------------------------------------------------------------------ */
 
-static void remember(struct mk_residual_joint *s, double q, bool regular)
+static void push(struct mk_residual_joint *s, double q)
 {
-    if (!regular)
-        s->known = 0;
     memmove(s->past + 1, s->past, sizeof s->past - sizeof s->past[0]);
     s->past[0] = q;
     s->known += s->known < MK_RESIDUAL_PAST;
+}
+
+/* Readings that are missing lie on a straight line, so the speed there is the one amid the gap: it
+ * is so much older, until the second reading behind the gap is in. */
+static void remember(const struct mk_residual *r, struct mk_residual_joint *s, double dt, double q)
+{
+    int n = samples_since(r, dt), fill = n < MK_RESIDUAL_PAST ? n : MK_RESIDUAL_PAST;
+    double from = s->known > 0 ? s->past[0] : q;
+    for (int k = fill - 1; k > 0 && s->known > 0; k--)
+        push(s, q - (q - from) * k / n);
+    push(s, q);
+    if (n > 1) {
+        s->speed_age = fmax(s->speed_age, (n + 1) / 2.0);
+        s->aged = 2;
+    } else if (s->aged == 0 || --s->aged == 0) {
+        s->speed_age = 1.0;
+    }
 }
 
 static void smooth_speeds(struct mk_residual *r, double dt, const double *v)
@@ -469,12 +505,6 @@ static bool drives(struct mk_residual *r, double dt)
     return r->drives_for > 0.0;
 }
 
-/* No sample is missing since the last one. */
-static bool is_regular(const struct mk_residual *r, double dt)
-{
-    return dt < 1.5 * r->limits->dt_s;
-}
-
 static enum mk_fault skip(struct mk_residual_joint *s)
 {
     s->fresh = true;
@@ -486,13 +516,12 @@ static enum mk_fault check(struct mk_residual *r, double t, double dt, const dou
                            const double *v, int j)
 {
     struct mk_residual_joint *s = &r->joint[j];
-    bool regular = is_regular(r, dt);
-    bool jumped = regular && jumps(r, s, t, dt, q, v, j);
+    bool jumped = jumps(r, s, t, dt, q, v, j);
     if (s->known == 0 || q[j] != s->past[0]) {
         skip(s);
         return jumped ? MK_FAULT_JUMP : MK_FAULT_NONE;
     }
-    if (!regular) /* nobody knows what the command was meanwhile: what is known so far stands */
+    if (!is_regular(r, dt)) /* as there: what is known so far stands */
         return MK_FAULT_NONE;
     bool moved = must_have_moved(r, s, t, dt, q, v, j);
     bool swayed = must_have_swayed(r, &s->sway, dt, q, v, j);
@@ -522,11 +551,8 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
     bool checks = drives(r, dt) && r->limits->model_share < 1.0;
     int motor = mk_plant(r->plant.plant)->motor_joint;
     smooth_speeds(r, dt, v);
-    if (r->limits->model_share < 1.0 &&
-        driven_by_another(r, &r->joint[motor], t, dt, q, v, motor)) {
-        fault = MK_FAULT_DRIVEN;
-        *joint = motor + 1;
-    }
+    bool driven =
+        r->limits->model_share < 1.0 && driven_by_another(r, &r->joint[motor], t, dt, q, v, motor);
     /* A controller that holds an upright moves it, even where it needs next to nothing. */
     bool watched = r->limits->model_share < 1.0 && (checks || r->balances);
     bool still = watched && all_stand_still(r, q), rests = !still || !check_rest(r, t, dt, q);
@@ -538,7 +564,11 @@ enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const
             fault = found;
             *joint = j + 1;
         }
-        remember(&r->joint[j], q[j], is_regular(r, dt));
+        remember(r, &r->joint[j], dt, q[j]);
+    }
+    if (driven && fault == MK_FAULT_NONE) { /* what jumps seems fast as well */
+        fault = MK_FAULT_DRIVEN;
+        *joint = motor + 1;
     }
     if (!rests && fault == MK_FAULT_NONE) {
         fault = MK_FAULT_STUCK;

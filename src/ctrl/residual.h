@@ -16,7 +16,8 @@
  *  - A motor joint that something else drives: it gains speed that neither the command nor the
  *    model gives it.
  *  - An encoder that jumps. From one sample to the next a joint goes on at its speed, give or take
- *    what the motor, the model's error and the encoder's noise can change.
+ *    what the motor, the model's error and the encoder's noise can change; where samples are lost
+ * on the way, which is when counts are lost too, for so much longer.
  *
  * Caller's memory; everything RT.
  */
@@ -44,6 +45,8 @@ struct mk_residual_sway {
 struct mk_residual_joint {
     double past[MK_RESIDUAL_PAST];   /* readings, the newest at [0], in the joint's unit */
     int known;                       /* of them */
+    double speed_age;                /* of the speed that they show, in samples .. */
+    int aged;                        /* .. for so many more of them */
     bool fresh;                      /* the newest reading differs from the one before */
     struct mk_residual_sure sure[2]; /* up, down */
     struct mk_residual_sway sway;
