@@ -295,10 +295,10 @@ static void step_controller(struct mk_loop *loop, struct mk_sample *s)
         mk_safety_latch(&loop->safety, MK_FAULT_COMMAND, s->t, 0);
         return;
     }
-    double limit = loop->board->u_max;
-    if (fabs(out.u) > limit)
+    double limit = loop->board->u_max, u = mk_residual_command(&loop->residual, out.u);
+    if (fabs(u) > limit)
         s->flags |= MK_FLAG_SATURATED;
-    r->u_next = fmax(-limit, fmin(limit, out.u));
+    r->u_next = fmax(-limit, fmin(limit, u));
 }
 
 static void follow_phase(struct mk_loop_snapshot *shown, const struct mk_sample *s)

@@ -11,8 +11,8 @@
  *    that it had.
  *  - All encoders that stand still at once, as when their common supply fails. Then no reading says
  *    that anything moves, and the rig is taken at its word: it is at rest. So gravity, friction and
- *    the command must be in balance in every equation of motion, and a joint without a motor must
- *    not stand upright for longer than it takes to fall.
+ *    the command must be in balance in every equation of motion. A rig that is balanced with so
+ * little command that this says nothing is nudged.
  *  - A motor joint that something else drives: it gains speed that neither the command nor the
  *    model gives it.
  *  - An encoder that jumps. From one sample to the next a joint goes on at its speed, give or take
@@ -58,7 +58,9 @@ struct mk_residual_joint {
 /* Readings of which none has changed. */
 struct mk_residual_rest {
     struct mk_residual_sure row[MK_MAX_JOINTS][2]; /* of each equation of motion: up, down */
-    double fallen; /* by so much has a fall from an upright grown, as a logarithm */
+    double still_s;                                /* for how long, of a rig that is balanced */
+    bool nudges; /* .. and the command that is given instead of the controller's */
+    double nudge_u;
 };
 
 struct mk_residual {
@@ -83,5 +85,7 @@ void mk_residual_reset(struct mk_residual *r);
  */
 enum mk_fault mk_residual_step(struct mk_residual *r, double t, double dt, const double *q,
                                const double *v, double u, int *joint);
+/* What to give the motor when the controller wants u: that, or a nudge. */
+double mk_residual_command(const struct mk_residual *r, double u);
 
 #endif
