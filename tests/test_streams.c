@@ -860,6 +860,40 @@ START_TEST(a_stepped_board_that_is_unplugged_is_gone_at_any_kind_of_request)
 }
 END_TEST
 
+/* A board that forgot its host refuses exchanges, as after a restart; one that lies goes on
+ * driving. The line is there, so SAFE goes out. */
+START_TEST(a_board_that_refuses_every_exchange_is_told_to_take_the_motor_off)
+{
+    struct mk_board_sample s;
+    sit_at("tcp");
+    must(board->ops->set_watchdog(board, 0, &err));
+    must(mk_board_exchange(board, 2.0, &s));
+    mk_wire_of(board)->gone = true; /* what such a refusal is taken for */
+    board->gone = true;
+    ck_assert_int_eq(mk_board_exchange(board, 2.0, &s), MK_ERR_NODEV);
+    ck_assert_double_eq(bench.board.u, 2.0);
+    must(do_safe(mk_wire_of(board)));
+    ck_assert_double_eq(bench.board.u, 0.0);
+}
+END_TEST
+
+/* A second for an exchange, and nothing for SAFE behind one that was waited for in vain. */
+START_TEST(a_stepped_board_that_falls_silent_is_not_waited_for_again)
+{
+    struct mk_board_sample s;
+    sit_at_stepped();
+    must(board->ops->set_watchdog(board, 20, &err));
+    must(mk_board_exchange(board, 2.0, &s));
+    emu_line_arm(bench.line, EMU_FAULT_LOSE_ANSWER, 0, 1000);
+    pass_ms(2);
+    ck_assert_int_eq(mk_board_exchange(board, 2.0, &s), MK_ERR_TIMEOUT);
+    double start = now_s();
+    ck_assert_int_eq(do_safe(mk_wire_of(board)), MK_ERR_TIMEOUT);
+    ck_assert_double_le(now_s() - start, 0.5);
+    ck_assert_double_eq(bench.board.u, 0.0);
+}
+END_TEST
+
 START_TEST(a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time)
 {
     struct mk_board_sample s;
@@ -911,6 +945,8 @@ Suite *suite_streams(void)
                         0, 2 * TROUBLES);
     tcase_add_loop_test(t, trouble_with_a_step_costs_one_sample_and_the_clocks_stay_together, 0, 5);
     tcase_add_test(t, a_stepped_board_that_is_unplugged_is_gone_at_any_kind_of_request);
+    tcase_add_test(t, a_board_that_refuses_every_exchange_is_told_to_take_the_motor_off);
+    tcase_add_test(t, a_stepped_board_that_falls_silent_is_not_waited_for_again);
     tcase_add_test(t, a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time);
     suite_add_tcase(s, t);
     return s;

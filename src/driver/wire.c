@@ -167,21 +167,31 @@ static enum mk_status describe(struct mk_wire *w, enum mk_status st, enum mk_mes
     }
 }
 
+/* The motor goes off without waiting for a board that has just been waited for in vain. */
+static bool hurries(const struct mk_wire *w, enum mk_message type)
+{
+    return type == MK_MSG_SAFE && (w->gone || w->unanswered);
+}
+
 static enum mk_status request(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
                               size_t length, int tries, int64_t timeout_ns, struct mk_frame *answer)
 {
     struct mk_frame ignored;
     enum mk_status st = MK_ERR_NODEV;
-    timeout_ns = w->clock ? STEPPED_NS : timeout_ns;
+    if (w->clock && !hurries(w, type))
+        timeout_ns = STEPPED_NS;
     w->trouble.status = MK_OK;
     w->sequence++;
     w->stats.requests++;
-    for (int k = 0; k < tries && !w->gone; k++) {
+    /* What a board that has forgotten us does it does by itself, but the motor is not left to that:
+     * a link that is gone says so again. */
+    for (int k = 0; k < tries && (!w->gone || type == MK_MSG_SAFE); k++) {
         w->stats.retries += k > 0;
         int64_t deadline_ns = monotonic_ns() + timeout_ns;
         st = send_frame(w, type, payload, length, deadline_ns);
         if (st == MK_OK)
             st = await_answer(w, type, answer ? answer : &ignored, deadline_ns);
+        w->unanswered = st == MK_ERR_TIMEOUT;
         if (st == MK_ERR_NODEV)
             w->gone = true;
         /* Refused: asking again would not help. */
@@ -233,7 +243,7 @@ enum mk_status mk_wire_request(struct mk_wire *w, enum mk_message type, const ui
 {
     /* An exchange takes its time with it. The motor goes off even if the clock does not follow. */
     enum mk_status st = MK_OK;
-    if (w->clock && type != MK_MSG_HELLO && type != MK_MSG_EXCHANGE)
+    if (w->clock && type != MK_MSG_HELLO && type != MK_MSG_EXCHANGE && !hurries(w, type))
         st = step_near(w, board_now_ns(w), 0);
     if (st != MK_OK && type != MK_MSG_SAFE)
         return st;

@@ -36,6 +36,7 @@ struct mk_wire {
     size_t rest_size;
     uint32_t sequence;
     bool gone;
+    bool unanswered; /* the newest request that waited for an answer got none in time */
     struct mk_wire_stats stats;
     struct mk_error trouble; /* why the newest request failed */
 
