@@ -422,6 +422,30 @@ START_TEST(a_broken_link_stops_the_motor)
 }
 END_TEST
 
+/* Each exchange of the tail would be waited for in vain, a second in simulated time. */
+START_TEST(a_board_that_does_not_answer_has_no_tail)
+{
+    bench_build("from 100 to 1000 drop");
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_LINK);
+    struct mk_log *log = bench_read_log();
+    ck_assert_uint_eq(log->rows, 105);
+    mk_log_free(log);
+}
+END_TEST
+
+/* It stops answering in the tail. */
+START_TEST(a_tail_ends_when_the_board_stops_answering)
+{
+    bench_build("at 100 jump 2 by 500; from 130 to 1000 drop");
+    bench_set_law(2, 1, 1e18);
+    expect_fault(MK_FAULT_JUMP);
+    struct mk_log *log = bench_read_log();
+    ck_assert_uint_eq(log->rows, 135);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(an_unplugged_board_ends_the_run)
 {
     bench_build("at 100 disconnect");
@@ -844,6 +868,8 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_command_that_is_no_number_stops_the_motor);
     tcase_add_test(t, late_samples_in_a_row_stop_the_motor);
     tcase_add_test(t, a_broken_link_stops_the_motor);
+    tcase_add_test(t, a_board_that_does_not_answer_has_no_tail);
+    tcase_add_test(t, a_tail_ends_when_the_board_stops_answering);
     tcase_add_test(t, an_unplugged_board_ends_the_run);
     tcase_add_test(t, the_watchdog_stops_the_motor_when_the_loop_stalls);
     tcase_add_test(t, a_fault_of_the_board_stops_the_motor);

@@ -99,6 +99,7 @@ struct mk_loop_snapshot {
     double fault_t;
     int fault_joint;
     struct mk_sample at_fault; /* the sample that tripped it; a fault of the start has none */
+    bool unconfirmed;          /* the board has not answered that its motor is off then */
     uint64_t ticks, late, overruns, lost;
     double balanced_since; /* s; NAN when not balancing now */
     double caught_t;       /* s; first time of BALANCE in this run, NAN: never */

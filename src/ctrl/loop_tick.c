@@ -6,7 +6,8 @@
 #include "ctrl/loop_priv.h"
 
 /* After a fault the run goes on for so long with the motor off, so that the log shows what the rig
- * did; a board that is gone or a log that cannot be written ends it at once. */
+ * did; a board that is gone or does not answer, or a log that cannot be written, ends it at once.
+ */
 #define TAIL_S 0.2
 
 /* How many skipped samples the speed estimators are told of one by one. */
@@ -25,7 +26,7 @@ void mk_loop_trip(struct mk_loop *loop, enum mk_fault fault, double t, int joint
 {
     struct mk_loop_run *r = &loop->run;
     mk_safety_latch(&loop->safety, fault, t, joint);
-    (void)loop->board->ops->safe_state(loop->board);
+    r->shown.unconfirmed = loop->board->ops->safe_state(loop->board) != MK_OK;
     r->u_next = r->u_held = 0.0;
     if (r->streaming) /* that has ended it; the tail goes by the host's clock */
         r->t0_ns =
@@ -341,6 +342,13 @@ static void hand_over(struct mk_loop *loop, const struct mk_sample *s)
     mk_loop_publish(loop);
 }
 
+/* After a fault: so many exchanges in a row have failed that there is nothing to be logged. */
+static bool tells_nothing(const struct mk_loop *loop)
+{
+    return loop->safety.fault != MK_FAULT_NONE &&
+           (int64_t)loop->run.lost_since >= loop->config.limits.lost_limit;
+}
+
 bool mk_loop_tick(struct mk_loop *loop)
 {
     struct mk_loop_run *r = &loop->run;
@@ -375,7 +383,7 @@ bool mk_loop_tick(struct mk_loop *loop)
     hand_over(loop, &s);
     mk_histogram_add(&loop->busy, mk_clock_now_ns(loop->board->clock) - r->begin_ns);
     r->tick++;
-    return r->tick < r->end_tick;
+    return r->tick < r->end_tick && !tells_nothing(loop);
 }
 
 /* Before the first tick, so the one function here that is not RT: what it asks of the board may

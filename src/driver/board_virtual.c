@@ -20,7 +20,8 @@ struct virtual_board {
     struct mk_fault_script script;
     uint64_t sample; /* of the script: exchanges so far */
     bool script_runs;
-    bool mute; /* the answer to come gets lost */
+    bool mute;      /* the answer to come gets lost */
+    bool unplugged; /* for good */
     int64_t delay_ns;
     uint8_t received[MK_FRAME_MAX];
 };
@@ -32,6 +33,8 @@ static enum mk_status virtual_send(void *link, const uint8_t *bytes, size_t n, i
 {
     struct virtual_board *v = link;
     (void)deadline_ns;
+    if (v->unplugged)
+        return MK_ERR_NODEV;
     return mk_emulated_receive(&v->emulated, bytes, n);
 }
 
@@ -89,7 +92,7 @@ static enum mk_status virtual_exchange(struct mk_board *board, double u,
         mk_fault_script_at(&v->script, v->sample++, fx);
     if (fx->disconnect) {
         /* The plug is out: what the board does from here on shows in the plant only. */
-        v->wire.gone = true;
+        v->wire.gone = v->unplugged = true;
         return MK_ERR_NODEV;
     }
     if (fx->drop) {

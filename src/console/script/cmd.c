@@ -137,11 +137,14 @@ static enum mk_status fault_ends_it(struct session *s, enum mk_status st, struct
         mk_loop_get_stats(s->loop, &stats);
         const char *why = why_late(snap.fault, &stats);
         fault_value(&snap, &s->config.limits, &s->model, value, sizeof value);
-        mk_error_set(err, MK_ERR_FAULT,
-                     "fault %s%s at t = %.3f s: %s%s%s; the motor is off%s%s%s%s",
-                     mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault),
-                     value[0] ? ": " : "", value, why[0] ? ". The run had " : "", why,
-                     s->log_path[0] ? "; log " : "", s->log_path);
+        mk_error_set(
+            err, MK_ERR_FAULT, "fault %s%s at t = %.3f s: %s%s%s; %s%s%s%s%s",
+            mk_fault_name(snap.fault), joint, snap.fault_t, mk_fault_text(snap.fault),
+            value[0] ? ": " : "", value,
+            snap.unconfirmed ? "the board has not confirmed that the motor is off, and its "
+                               "watchdog has to see to that"
+                             : "the motor is off",
+            why[0] ? ". The run had " : "", why, s->log_path[0] ? "; log " : "", s->log_path);
     }
     if (st == MK_ERR_INTR)
         mk_error_set(err, MK_ERR_INTR, "interrupted; the motor is off");
