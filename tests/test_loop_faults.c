@@ -122,6 +122,7 @@ END_TEST
 enum lie {
     DRIVES_ON,
     DRIVES_AND_DENIES,
+    RUNS_ITSELF,
     REPEATS,
     CLOCK_STANDS,
     CLOCK_RACES,
@@ -148,6 +149,8 @@ static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk
         liar.kept = *out;
     else if (liar.lie == DRIVES_AND_DENIES)
         out->u_applied = u;
+    else if (liar.lie == RUNS_ITSELF)
+        out->status |= MK_BOARD_ST_OWN;
     else if (liar.lie == REPEATS)
         *out = liar.kept;
     else if (liar.lie == CLOCK_STANDS)
@@ -186,6 +189,13 @@ static double lie_from(enum lie lie, int from, enum mk_fault fault)
 START_TEST(a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once)
 {
     ck_assert_double_eq_tol(lie_from(DRIVES_ON, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
+}
+END_TEST
+
+/* Whose commands the host's are then is a matter of chance, whatever is in force. */
+START_TEST(a_board_that_runs_a_controller_of_its_own_is_stopped_at_once)
+{
+    ck_assert_double_eq_tol(lie_from(RUNS_ITSELF, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
 }
 END_TEST
 
@@ -851,6 +861,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_stuck_encoder_stops_the_motor);
     tcase_add_test(t, a_motor_wired_backwards_stops);
     tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
+    tcase_add_test(t, a_board_that_runs_a_controller_of_its_own_is_stopped_at_once);
     tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
     tcase_add_test(t, a_board_that_drives_and_denies_it_is_found_by_slow_samples_too);
     tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);

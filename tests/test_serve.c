@@ -388,6 +388,25 @@ START_TEST(a_server_that_stands_still_or_dies_ends_the_run_by_its_name)
 }
 END_TEST
 
+/* What counts as a turn here is half of one there. */
+START_TEST(a_model_with_other_counts_a_turn_is_refused)
+{
+    char other[300], options[400];
+    snprintf(other, sizeof other, "%s",
+             scratch_text("half.ini", "[rig]\nkind = inertia-wheel\nencoder_cpr = 2000\n"
+                                      "[parameters]\np1 = 0.1\np2 = 0.1\np3 = 0.1\n"));
+    snprintf(options, sizeof options, "--model %s", wheel());
+    serve("127.0.0.1:0", options);
+    ck_assert_int_ne(run_mechkit(said, sizeof said,
+                                 "run %s --board tcp --device %s --model %s --out %s", pushing(),
+                                 device, other, scratch("half")),
+                     0);
+    ck_assert_msg(strstr(said, "half.ini: encoder_cpr of joint 1 is 2000, but the board counts "
+                               "4000 a turn") != NULL,
+                  "%s", said);
+}
+END_TEST
+
 /* --- a simulation that fails ------------------------------------------------------------------ */
 
 static struct {
@@ -486,6 +505,7 @@ Suite *suite_serve(void)
     tcase_add_loop_test(t, a_client_that_falls_silent_loses_the_motor_to_the_watchdog, 0, LINES);
     tcase_add_loop_test(t, a_server_that_stands_still_or_dies_ends_the_run_by_its_name, 0,
                         2 * LINES);
+    tcase_add_test(t, a_model_with_other_counts_a_turn_is_refused);
     tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);

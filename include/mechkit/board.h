@@ -43,7 +43,8 @@ enum mk_board_capability {
 enum mk_board_status {
     MK_BOARD_ST_WATCHDOG = 1,  /* the watchdog has fired; the command is 0 until cleared */
     MK_BOARD_ST_SATURATED = 2, /* the applied command differs from the one sent */
-    MK_BOARD_ST_FAULT = 4      /* the board has latched a fault of its own */
+    MK_BOARD_ST_FAULT = 4,     /* the board has latched a fault of its own */
+    MK_BOARD_ST_OWN = 16       /* a controller of the board's own runs; the commands are ignored */
 };
 
 struct mk_board_identity {

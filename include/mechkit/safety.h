@@ -27,7 +27,8 @@ extern "C" {
     X(UNPLUGGED, "unplugged", "the board is gone")                                                 \
     X(WATCHDOG, "watchdog", "the board's watchdog fired")                                          \
     X(BOARD, "board", "the board reports a fault")                                                 \
-    X(DISOBEYED, "disobeyed", "the board drives the motor otherwise than it was told")             \
+    X(DISOBEYED, "disobeyed",                                                                      \
+      "the board drives the motor otherwise than it was told, or by a controller of its own")      \
     X(STALE, "stale", "the board's exchange numbers or its clock do not go on as they must")       \
     X(LOG, "log", "the log cannot be written")                                                     \
     X(NOT_HANGING, "not-hanging", "the links do not hang straight down")                           \

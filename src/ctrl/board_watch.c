@@ -86,5 +86,6 @@ enum mk_fault mk_board_watch_step(struct mk_board_watch *w, const struct mk_boar
     w->primed = true;
     w->sequence = s->reading->sequence;
     w->board_ns = s->reading->board_ns;
-    return obeys(w, s->sent, s->reading->u_applied) ? fault : MK_FAULT_DISOBEYED;
+    bool listens = !(s->reading->status & MK_BOARD_ST_OWN);
+    return obeys(w, s->sent, s->reading->u_applied) && listens ? fault : MK_FAULT_DISOBEYED;
 }

@@ -64,7 +64,8 @@ static enum mk_status watch_once(struct mk_loop *loop, struct rest_watch *w, boo
     w->lost = *lost ? w->lost + 1 : 0;
     if (w->lost >= loop->config.limits.lost_limit || (st != MK_OK && !*lost))
         return link_failed(loop, st, err);
-    if (!*lost && !mk_board_watch_obeys(0.0, w->last.u_applied))
+    bool listens = !(w->last.status & MK_BOARD_ST_OWN);
+    if (!*lost && !(listens && mk_board_watch_obeys(0.0, w->last.u_applied)))
         return latch(loop, MK_FAULT_DISOBEYED, 0.0, err);
     return MK_OK;
 }

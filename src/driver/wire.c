@@ -346,7 +346,8 @@ static enum mk_status parse_reading(const struct mk_frame *f, struct mk_wire_rea
     out->fault = mk_get16(p + MK_READING_FAULT);
     out->sample = (struct mk_board_sample){
         .board_ns = (int64_t)mk_get64(p + MK_READING_TIME),
-        .status = out->status & (MK_WIRE_ST_WATCHDOG | MK_WIRE_ST_SATURATED | MK_WIRE_ST_FAULT),
+        .status = out->status & (MK_WIRE_ST_WATCHDOG | MK_WIRE_ST_SATURATED | MK_WIRE_ST_FAULT |
+                                 MK_WIRE_ST_STANDALONE),
         .sequence = mk_get32(p + MK_READING_EXCHANGES),
         .u_applied = (double)(int32_t)mk_get32(p + MK_READING_APPLIED) / MK_WIRE_MICRO};
     for (int j = 0; j < MK_MAX_JOINTS; j++)

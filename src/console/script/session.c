@@ -260,6 +260,23 @@ static enum mk_status choose_model(struct session *s, const struct mk_ctrl_ops *
     return st;
 }
 
+/* A model that is wrong about the encoders makes every speed and every prediction wrong. */
+static enum mk_status check_encoders(const struct session *s, struct mk_error *err)
+{
+    struct mk_board_identity id;
+    enum mk_status st = s->board->ops->identify(s->board, &id, err);
+    for (int j = 0; j < mk_model_joints(&s->model) && st == MK_OK; j++) {
+        const int board = id.encoder_cpr[j], model = s->model.encoder_cpr[j];
+        if (board > 0 && model > 0 && board != model)
+            st = mk_error_set(err, MK_ERR_INVALID,
+                              "%s: encoder_cpr of joint %d is %d, but the board counts %d a turn: "
+                              "correct it in the model, or choose the right model",
+                              s->model_path[0] ? s->model_path : "the default model", j + 1, model,
+                              board);
+    }
+    return st;
+}
+
 static enum mk_status open_board(struct session *s, struct mk_error *err)
 {
     if (s->options.fast)
@@ -271,7 +288,8 @@ static enum mk_status open_board(struct session *s, struct mk_error *err)
                                      .seed = s->options.seed,
                                      .fault_script = s->faults[0] ? s->faults : NULL,
                                      .device = s->options.device};
-    return mk_board_open(s->backend, &config, &s->board, err);
+    enum mk_status st = mk_board_open(s->backend, &config, &s->board, err);
+    return st == MK_OK ? check_encoders(s, err) : st;
 }
 
 /* The signal is kept for the next setup that takes one. */
