@@ -261,6 +261,42 @@ START_TEST(references_and_inputs_change_while_it_runs)
 }
 END_TEST
 
+/* A limit that cannot be one would switch its check off, or stop every run. */
+START_TEST(limits_that_make_no_sense_are_refused_with_their_range)
+{
+    static const struct {
+        const char *limit, *says;
+        bool of_rig; /* what the rig alone can tell, when the line is run */
+    } rows[] = {{"model_share -1", "limit model_share is -1, it must be 0 .. 1", false},
+                {"model_share 1e300", "it must be 0 .. 1", false},
+                {"stuck_s -5", "limit stuck_s is -5, it must be 0.001 .. 60", false},
+                {"runaway_s 61", "it must be 0 .. 60", false},
+                {"jump1 -1", "limit jump1 is -1, it must be 1e-06 .. 1e+06", false},
+                {"dq1_max -3", "limit dq1_max is -3, it must be 1e-06 .. 1e+06", false},
+                {"rest2 -0.1", "it must be 0 .. inf", false},
+                {"stuck_u 11", "limit stuck_u is 11, it must be 0 .. 10", true},
+                {"q1_max -1000", "limit q1_max is -1000, it must be -1.5708 .. inf", true},
+                {"q1_min 0", "limit q1_min is 0, it must be -inf .. -1.5708", true}};
+    static const char *const fine[] = {"model_share 1", "model_share 0", "stuck_u 10", "q1_max 3",
+                                       "q1_min -4",     "jump1 0.1",     "rest2 0"};
+    char script[100];
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        snprintf(script, sizeof script, "setup pendubot-mid\nlimit %s\n", rows[i].limit);
+        const char *path = scratch_text("limit.cmd", script);
+        struct outcome o = MECHKIT("run", "--fast", path);
+        ck_assert_int_ne(o.code, 0);
+        ck_assert_msg(strstr(o.err, rows[i].says), "%s: %s", rows[i].limit, o.err);
+        o = MECHKIT("run", "--check", path);
+        ck_assert_int_eq(o.code != 0, !rows[i].of_rig);
+    }
+    for (size_t i = 0; i < sizeof fine / sizeof fine[0]; i++) {
+        snprintf(script, sizeof script, "setup pendubot-mid\nlimit %s\n", fine[i]);
+        struct outcome o = MECHKIT("run", "--fast", scratch_text("limit.cmd", script));
+        ck_assert_msg(o.code == 0, "%s: %s", fine[i], o.err);
+    }
+}
+END_TEST
+
 /* Whatever has a name: what is near to it is offered. */
 START_TEST(a_misspelt_name_is_met_with_the_one_that_was_meant)
 {
@@ -558,6 +594,7 @@ Suite *suite_console(void)
     tcase_add_test(t, bytes_that_are_no_text_are_refused_and_do_not_steer_the_terminal);
     tcase_add_test(t, a_failing_command_is_1_with_its_line);
     tcase_add_test(t, references_and_inputs_change_while_it_runs);
+    tcase_add_test(t, limits_that_make_no_sense_are_refused_with_their_range);
     tcase_add_test(t, a_misspelt_name_is_met_with_the_one_that_was_meant);
     tcase_add_test(t, progress_only_rises_and_tells_the_time);
     tcase_add_test(t, the_thesis_is_not_called_a_report);

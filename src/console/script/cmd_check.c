@@ -198,6 +198,8 @@ enum mk_status cmd_check_limit(struct cmd_known *known, int argc, char **argv, s
     enum mk_status st = cmd_find_limit(&limits, argv[0], &at, err);
     if (st == MK_OK)
         st = cmd_number(argv[1], &value, err);
+    if (st == MK_OK)
+        st = cmd_check_limit_value(argv[0], value, NULL, err);
     return st == MK_OK ? find_setup(known, &setup, err) : st;
 }
 

@@ -1,4 +1,5 @@
 /* Commands that set numbers: gains, set, limit. */
+#include <math.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <string.h>
@@ -97,24 +98,58 @@ enum mk_status cmd_do_set(struct session *s, int argc, char **argv, struct mk_er
 
 /* --- limits -------------------------------------------------------------------------------- */
 
-static const struct {
+/* No joint is slower, or faster, than that, in its unit a second or a sample. */
+#define SLOWEST 1e-6
+#define FASTEST 1e6
+#define LONGEST_S 60.0
+
+/* What a range knows of the rig: how its joints rest, and the largest command. */
+enum bound { GIVEN, REST_1, REST_2, U_MAX };
+
+static const struct limit {
     const char *name;
     size_t at; /* in struct mk_safety_limits */
-} limits[] = {{"q1_min", offsetof(struct mk_safety_limits, q_min[0])},
-              {"q1_max", offsetof(struct mk_safety_limits, q_max[0])},
-              {"q2_min", offsetof(struct mk_safety_limits, q_min[1])},
-              {"q2_max", offsetof(struct mk_safety_limits, q_max[1])},
-              {"dq1_max", offsetof(struct mk_safety_limits, v_max[0])},
-              {"dq2_max", offsetof(struct mk_safety_limits, v_max[1])},
-              {"jump1", offsetof(struct mk_safety_limits, jump_rad[0])},
-              {"jump2", offsetof(struct mk_safety_limits, jump_rad[1])},
-              {"rest1", offsetof(struct mk_safety_limits, rest_tolerance[0])},
-              {"rest2", offsetof(struct mk_safety_limits, rest_tolerance[1])},
-              {"stuck_s", offsetof(struct mk_safety_limits, stuck_s)},
-              {"stuck_u", offsetof(struct mk_safety_limits, stuck_u)},
-              {"model_share", offsetof(struct mk_safety_limits, model_share)},
-              {"runaway_s", offsetof(struct mk_safety_limits, runaway_s)}};
+    double least, most;
+    enum bound least_of, most_of; /* what stands for least and most instead */
+} limits[] = {
+#define LIMIT_AT(member) offsetof(struct mk_safety_limits, member)
+    {"q1_min", LIMIT_AT(q_min[0]), -INFINITY, INFINITY, GIVEN, REST_1},
+    {"q1_max", LIMIT_AT(q_max[0]), -INFINITY, INFINITY, REST_1, GIVEN},
+    {"q2_min", LIMIT_AT(q_min[1]), -INFINITY, INFINITY, GIVEN, REST_2},
+    {"q2_max", LIMIT_AT(q_max[1]), -INFINITY, INFINITY, REST_2, GIVEN},
+    {"dq1_max", LIMIT_AT(v_max[0]), SLOWEST, FASTEST, GIVEN, GIVEN},
+    {"dq2_max", LIMIT_AT(v_max[1]), SLOWEST, FASTEST, GIVEN, GIVEN},
+    {"jump1", LIMIT_AT(jump_rad[0]), SLOWEST, FASTEST, GIVEN, GIVEN},
+    {"jump2", LIMIT_AT(jump_rad[1]), SLOWEST, FASTEST, GIVEN, GIVEN},
+    {"rest1", LIMIT_AT(rest_tolerance[0]), 0.0, INFINITY, GIVEN, GIVEN},
+    {"rest2", LIMIT_AT(rest_tolerance[1]), 0.0, INFINITY, GIVEN, GIVEN},
+    {"stuck_s", LIMIT_AT(stuck_s), 0.001, LONGEST_S, GIVEN, GIVEN},
+    {"stuck_u", LIMIT_AT(stuck_u), 0.0, INFINITY, GIVEN, U_MAX},
+    {"model_share", LIMIT_AT(model_share), 0.0, 1.0, GIVEN, GIVEN},
+    {"runaway_s", LIMIT_AT(runaway_s), 0.0, LONGEST_S, GIVEN, GIVEN}};
 #define LIMITS ((int)(sizeof limits / sizeof limits[0]))
+
+/* `model` NULL: not known yet, and what depends on it is not looked at. */
+static double bound(enum bound of, double given, const struct mk_model *model)
+{
+    if (of == GIVEN || !model)
+        return given;
+    return of == U_MAX ? model->u_max : mk_plant(model->plant)->rest[of == REST_2];
+}
+
+enum mk_status cmd_check_limit_value(const char *name, double x, const struct mk_model *model,
+                                     struct mk_error *err)
+{
+    for (int i = 0; i < LIMITS; i++) {
+        const struct limit *l = &limits[i];
+        double least = bound(l->least_of, l->least, model);
+        double most = bound(l->most_of, l->most, model);
+        if (strcmp(l->name, name) == 0 && !(x >= least && x <= most))
+            return mk_error_set(err, MK_ERR_RANGE, "limit %s is %g, it must be %g .. %g", name, x,
+                                least, most);
+    }
+    return MK_OK;
+}
 
 const char *cmd_limit_name(int index)
 {
@@ -151,6 +186,8 @@ enum mk_status cmd_do_limit(struct session *s, int argc, char **argv, struct mk_
         st = cmd_find_limit(&s->config.limits, argv[0], &at, err);
     if (st == MK_OK)
         st = cmd_number(argv[1], &x, err);
+    if (st == MK_OK)
+        st = cmd_check_limit_value(argv[0], x, &s->model, err);
     if (st == MK_OK)
         *at = x;
     return st;

@@ -23,6 +23,10 @@ enum mk_status cmd_read_set(const struct mk_ctrl_ops *setup, char **argv, double
 /* Where a safety limit is kept, by its name. */
 enum mk_status cmd_find_limit(struct mk_safety_limits *limits, const char *name, double **at,
                               struct mk_error *err);
+/* Whether a limit of that name may be x on the rig `model` (NULL: on any). MK_ERR_RANGE names the
+ * range. */
+enum mk_status cmd_check_limit_value(const char *name, double x, const struct mk_model *model,
+                                     struct mk_error *err);
 
 /* The slots `check` of the commands. */
 enum mk_status cmd_check_rate(struct cmd_known *known, int argc, char **argv, struct mk_error *err);
