@@ -187,6 +187,24 @@ START_TEST(the_arrays_come_up_whole)
 }
 END_TEST
 
+START_TEST(a_second_run_counts_its_samples_from_the_start_again)
+{
+    struct mk_standalone_record r[2];
+    int gains, got = 0;
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_wire_setup(wire, MK_CONTROLLER_PI_SPEED, 2000, 5, &gains, &err), MK_OK);
+    for (int run = 0; run < 2; run++) {
+        start();
+        pass_s(0.107); /* not a whole number of records */
+        ck_assert_int_eq(mk_wire_halt(wire, &err), MK_OK);
+        ck_assert_int_eq(mk_wire_upload(wire, 0, r, 2, &got, &err), MK_OK);
+        ck_assert_int_eq(got, 2);
+        ck_assert_uint_eq(r[0].sample, 0);
+        ck_assert_uint_eq(r[1].sample, 5);
+    }
+}
+END_TEST
+
 /* --- who may do what
  * -------------------------------------------------------------------------------- */
 
@@ -308,6 +326,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_wheel_is_held_at_its_speed_when_its_counter_wraps);
     tcase_add_test(t, gains_that_are_none_are_refused_and_change_nothing);
     tcase_add_test(t, the_arrays_come_up_whole);
+    tcase_add_test(t, a_second_run_counts_its_samples_from_the_start_again);
     tcase_add_test(t, while_the_board_controls_commands_of_the_host_do_not_act);
     tcase_add_test(t, a_guarded_run_ends_when_the_guard_falls_silent);
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);

@@ -486,6 +486,19 @@ START_TEST(a_device_of_another_kind_is_told)
 }
 END_TEST
 
+START_TEST(a_device_of_another_kind_is_not_kept_open)
+{
+    struct mk_serial s = {.fd = 0};
+    int free_before = dup(STDIN_FILENO);
+    close(free_before);
+    ck_assert_int_eq(mk_serial_open(&s, "/dev/null", &err), MK_ERR_USAGE);
+    ck_assert_int_eq(s.fd, -1);
+    int free_after = dup(STDIN_FILENO);
+    close(free_after);
+    ck_assert_int_eq(free_after, free_before);
+}
+END_TEST
+
 START_TEST(the_terminal_of_the_program_itself_is_not_taken_for_a_board)
 {
     struct emu_board none = {0};
@@ -934,6 +947,7 @@ Suite *suite_streams(void)
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
     tcase_add_test(t, a_device_of_another_kind_is_told);
+    tcase_add_test(t, a_device_of_another_kind_is_not_kept_open);
     tcase_add_test(t, the_terminal_of_the_program_itself_is_not_taken_for_a_board);
     tcase_add_test(t, a_board_that_still_boots_is_waited_for);
     tcase_add_test(t, a_rate_that_is_none_or_too_slow_is_told);
