@@ -24,7 +24,7 @@ extern "C" {
     X(COMMAND, "command", "the controller returned a command that is not a number")                \
     X(OVERRUN, "overrun", "too many samples came late")                                            \
     X(LINK, "link", "too many exchanges with the board failed")                                    \
-    X(UNPLUGGED, "unplugged", "the board is gone")                                                 \
+    X(UNPLUGGED, "unplugged", "the board is gone, or has restarted")                               \
     X(WATCHDOG, "watchdog", "the board's watchdog fired")                                          \
     X(BOARD, "board", "the board reports a fault")                                                 \
     X(DISOBEYED, "disobeyed",                                                                      \
