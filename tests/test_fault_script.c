@@ -122,7 +122,7 @@ START_TEST(a_file_is_read_like_a_text)
 {
     char path[] = "/tmp/mechkit-test-faults-XXXXXX";
     int fd = mkstemp(path);
-    const char text[] = "# one\nat 10 drop 2\nat 20 stuck 3\n";
+    const char text[] = "\xef\xbb\xbf# one\nat 10 drop 2\nat 20 stuck 3\n";
     ck_assert_int_eq(write(fd, text, sizeof text - 1), (ssize_t)sizeof text - 1);
     close(fd);
     ck_assert_int_eq(mk_fault_script_read(path, 2, &script, &err), MK_ERR_RANGE);

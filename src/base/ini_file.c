@@ -65,8 +65,8 @@ static char *next_line(char *out, int size, void *stream)
     bool whole = strchr(line, '\n') || feof(r->file);
     line[strcspn(line, "#;\r\n")] = '\0';
     const char *text = line + strspn(line, " \t");
-    if (r->line == 1 && strncmp(text, "\xef\xbb\xbf", 3) == 0)
-        text += 3;
+    if (r->line == 1)
+        text += mk_byte_order_mark(text, strlen(text));
     if (!whole || strlen(text) + 2 > (size_t)size || strlen(text) > LONGEST_LINE) {
         fail(r, "the line is too long: at most 180 characters");
         return NULL;

@@ -7,6 +7,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/text.h"
+
 #define CHUNK (1u << 18)
 #define LINE_MAX_BYTES (1u << 20)
 
@@ -107,14 +109,13 @@ static enum mk_status refill(struct mk_line_source *s)
 /* The line of the buffer that ends at `end`. */
 static struct mk_span cut(struct mk_line_source *s, const char *end)
 {
-    static const char mark[] = "\xef\xbb\xbf";
     struct mk_span line = {s->buffer + s->begin, end};
     s->line++;
     s->begin = (size_t)(end - s->buffer) + (s->unterminated ? 0 : 1);
     if (line.end > line.begin && line.end[-1] == '\r')
         line.end--;
-    if (s->line == 1 && line.end - line.begin >= 3 && memcmp(line.begin, mark, 3) == 0)
-        line.begin += 3;
+    if (s->line == 1)
+        line.begin += mk_byte_order_mark(line.begin, (size_t)(line.end - line.begin));
     return line;
 }
 

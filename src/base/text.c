@@ -17,6 +17,13 @@ static size_t plain_character(const unsigned char *s)
     return n;
 }
 
+size_t mk_byte_order_mark(const char *text, size_t length)
+{
+    static const char mark[] = "\xef\xbb\xbf";
+    const size_t size = sizeof mark - 1;
+    return length >= size && memcmp(text, mark, size) == 0 ? size : 0;
+}
+
 char *mk_show_text(char *out, size_t size, const char *text)
 {
     const unsigned char *s = (const unsigned char *)text;

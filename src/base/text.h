@@ -12,6 +12,10 @@ extern "C" {
  * text as fits, whole characters only. Returns `out`. */
 char *mk_show_text(char *out, size_t size, const char *text);
 
+/* How many bytes of a text of `length` are the byte order mark that some editors put before the
+ * first line of UTF-8: 3 or 0. */
+size_t mk_byte_order_mark(const char *text, size_t length);
+
 /* The name that a word which is not understood is nearest to: at most two letters, and half of the
  * word's, are put in, left out or changed. Start with `word` alone set. */
 struct mk_meant {

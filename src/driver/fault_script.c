@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/in_file.h"
+#include "base/text.h"
 #include "mechkit/number.h"
 
 #define SCRIPT_MAX_BYTES 65536
@@ -342,7 +343,9 @@ static enum mk_status read_file(const char *path, char *buf, size_t size, struct
                            SCRIPT_MAX_BYTES);
     if (memchr(buf, '\0', n))
         return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "fault script: not a text file");
-    buf[n] = '\0';
+    const size_t mark = mk_byte_order_mark(buf, n);
+    memmove(buf, buf + mark, n - mark);
+    buf[n - mark] = '\0';
     return MK_OK;
 }
 

@@ -82,7 +82,7 @@ static bool begins_section(struct reader *r, const char *line)
 /* Blanks, and what some editors put before the first line. */
 static void drop_beginning(char *line, bool is_first)
 {
-    size_t mark = is_first && strncmp(line, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
+    size_t mark = is_first ? mk_byte_order_mark(line, strlen(line)) : 0;
     size_t blanks = mark + strspn(line + mark, " \t\r\n\v\f");
     memmove(line, line + blanks, strlen(line) - blanks + 1);
 }

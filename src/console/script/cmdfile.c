@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "base/in_file.h"
+#include "base/text.h"
 #include "console/script/cmd.h"
 
 #define MAX_SOURCES 16    /* nested files */
@@ -192,10 +193,8 @@ static void on_command(struct reader *r, const char *path, int line, const char 
 /* What some editors put before the first line of UTF-8. */
 static void drop_byte_order_mark(char *line)
 {
-    static const char mark[] = "\xef\xbb\xbf";
-    const size_t length = sizeof mark - 1;
-    if (strncmp(line, mark, length) == 0)
-        memmove(line, line + length, strlen(line + length) + 1);
+    const size_t length = mk_byte_order_mark(line, strlen(line));
+    memmove(line, line + length, strlen(line + length) + 1);
 }
 
 /* fgets into a line of MAX_LINE characters. */
