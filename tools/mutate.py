@@ -91,6 +91,16 @@ def suites_of(path):
     sys.exit(f"mutate: no suites are known for {path}: add a line to SUITES")
 
 
+def end_all():
+    """Ends what still runs in the tree: a test that hangs is in a process group of its own."""
+    for number in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            if os.readlink(f"/proc/{number}/cwd").startswith(TREE):
+                os.kill(int(number), 9)
+        except OSError:
+            continue  # gone, or somebody else's
+
+
 def run(command, seconds, **environment):
     """Exit code; a command that takes too long has failed."""
     with subprocess.Popen(command, cwd=TREE, env=dict(os.environ, **environment), start_new_session=True,
@@ -99,6 +109,7 @@ def run(command, seconds, **environment):
             return process.wait(seconds)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, 9)
+            end_all()
             return 124
 
 
