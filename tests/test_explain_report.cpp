@@ -314,6 +314,24 @@ START_TEST(a_value_that_was_not_given_is_not_listed_as_given)
 }
 END_TEST
 
+START_TEST(a_mass_that_is_far_from_what_was_given_is_doubted)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    for (const double times : {0.1, 0.5, 2.0, 10.0, -1.0}) {
+        const bool far = times < 0.4 || times > 3.0;
+        e.extended.parameter[0] = times * e.given.parameter[0];
+        e.verdict = MK_VERDICT_PARTIAL;
+        ck_assert(says(text_of(e), "p1 is fitted as") == far);
+        ck_assert(says(html_of(e), "p1 is far from what was given") == far);
+        e.verdict = MK_VERDICT_EFFECT;
+        ck_assert(!says(text_of(e), "p1 is fitted as"));
+    }
+    e.verdict = MK_VERDICT_PARTIAL;
+    e.unknown[0] = true;
+    ck_assert(!says(text_of(e), "p1 is fitted as"));
+}
+END_TEST
+
 START_TEST(a_belief_that_never_held_has_no_figures)
 {
     mk_explanation e = with_cause("quadratic-drag", 0.99);
@@ -484,6 +502,7 @@ Suite *suite_explain_report(void)
     tcase_add_test(t, what_is_refused_is_said_in_the_unit_of_the_table);
     tcase_add_test(t, a_small_rest_is_called_small);
     tcase_add_test(t, a_value_that_was_not_given_is_not_listed_as_given);
+    tcase_add_test(t, a_mass_that_is_far_from_what_was_given_is_doubted);
     tcase_add_test(t, a_belief_that_never_held_has_no_figures);
     tcase_add_test(t, what_is_an_angle_everywhere_is_in_rad_on_a_slide);
     tcase_add_test(t, a_report_that_could_not_be_written_is_not_made);

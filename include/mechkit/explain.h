@@ -321,6 +321,9 @@ bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
  * predicted ten times worse than they are read, and far worse than the training data are. At an
  * unstable equilibrium a free run grows from the smallest error at its start, in all logs alike. */
 bool mk_explanation_misses_held_out(const struct mk_explanation *explanation);
+/* Whether an inertia or a moment (base parameter i) is beyond a third or three times of what was
+ * given, in a model that leaves a rest: then something that the model lacks may be in its place. */
+bool mk_explanation_doubts_mass(const struct mk_explanation *explanation, int i);
 /* Whether what has a name closes all but a tenth of the gap, so that what has none is small. */
 bool mk_explanation_leaves_little(const struct mk_explanation *explanation);
 

@@ -750,6 +750,17 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
            refitted > mk::policy::REFIT_OVER_NOISE * floor;
 }
 
+bool mk_explanation_doubts_mass(const mk_explanation *e, int i)
+{
+    const bool rest = e->verdict == MK_VERDICT_PARTIAL || e->verdict == MK_VERDICT_UNKNOWN;
+    const bool mass = i < mk_plant(e->given.plant)->parameter_count - 2;
+    if (!rest || !mass || e->unknown[i] || e->scale_free || e->given.parameter[i] == 0.0)
+        return false;
+    const mk_model &fitted = e->offered ? e->extended : e->refit;
+    const double ratio = fitted.parameter[i] / e->given.parameter[i];
+    return !(ratio * mk::policy::NOBODY_WEIGHS_SO > 1.0 && ratio < mk::policy::NOBODY_WEIGHS_SO);
+}
+
 bool mk_explanation_leaves_little(const mk_explanation *e)
 {
     return e->offered && e->budget.closed >= mk::policy::LEAVES_LITTLE;

@@ -96,6 +96,8 @@ constexpr double A_GAP = 0.2, WIDER = 0.1, NOISE_SQUARES = 2.0;
 // Named causes are confirmed though the training data are not followed: closed, error over noise,
 // and closed beyond what any cause is named for.
 constexpr double CONFIRMED = 0.9, AS_READ = 1.5, ALL_BUT = 0.99;
+// From this factor on a mass is further off than anybody weighs one.
+constexpr double NOBODY_WEIGHS_SO = 3.0;
 // A rest that has no name is called small where what has one closes this share of the gap.
 constexpr double LEAVES_LITTLE = 0.9;
 // Times the noise at which a refitted model is right, and where a TRACE of process noise is left.

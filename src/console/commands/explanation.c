@@ -301,6 +301,13 @@ static void print_reservations(FILE *out, const struct mk_explanation *e)
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);
+    for (int i = 0; i < mk_plant(e->given.plant)->parameter_count; i++)
+        if (mk_explanation_doubts_mass(e, i))
+            fprintf(out,
+                    "  %s is fitted as %.3g, given as %.3g: nobody weighs so badly, and something "
+                    "that the model\n  lacks may be in its place.\n",
+                    mk_plant(e->given.plant)->parameter[i].name,
+                    (e->offered ? &e->extended : &e->refit)->parameter[i], e->given.parameter[i]);
     if (drowns(e))
         fprintf(out, "  The readings scatter nearly as much as they move: little can be seen in "
                      "such data.\n");

@@ -547,7 +547,14 @@ std::string parameter_table(const mk_explanation &e)
                 row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
                     e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }
-    return s + "</table></div>";
+    s += "</table></div>";
+    for (int i = 0; i < plant->parameter_count; i++)
+        if (mk_explanation_doubts_mass(&e, i))
+            add(s,
+                "<p>%s is far from what was given: nobody weighs so badly, and something that the "
+                "model lacks may be in its place.</p>",
+                plant->parameter[i].name);
+    return s;
 }
 
 // Which readings the models mispredict from one sample to the next, and with what that goes.
