@@ -1,4 +1,6 @@
 /* What can be known without a torque, and fits from values that are not known. */
+#include "ident/first_values.hpp"
+
 #include "suites.h"
 
 #include <cmath>
@@ -374,6 +376,32 @@ START_TEST(a_fit_ends_at_the_same_values_wherever_it_starts)
 }
 END_TEST
 
+/* An unknown friction is found beside masses as they were given, a little off. */
+START_TEST(what_was_given_stays_where_other_values_are_open)
+{
+    const mk_model truth = rig(MK_PLANT_PENDUBOT);
+    Run run;
+    run.amplitude = drive[truth.plant];
+    const Log log = record(truth, run);
+    mk::IdentProblem problem = {};
+    problem.model = truth;
+    for (int i = 0; i < 5; i++)
+        problem.model.parameter[i] *= 1.05;
+    problem.model.parameter[6] = 7.0;
+    problem.options.unknown[6] = true;
+    problem.moves[0] = problem.moves[1] = true;
+    problem.logs = {log.get()};
+    problem.records.resize(1);
+    ck_assert_int_eq(mk_record_from_log(log.get(), &truth, &problem.records[0], nullptr), MK_OK);
+    const mk::FitLog rows = mk::fit_log(problem.records[0], truth, 0, problem.records[0].rows, 0);
+    const mk_model start =
+        mk::first_values(problem, {&rows}, mk::FitOptions(), mk::BETTER_PRIOR).front();
+    for (int i = 0; i < 6; i++)
+        ck_assert_double_eq(start.parameter[i], problem.model.parameter[i]);
+    ck_assert_double_eq_tol(start.parameter[6] / truth.parameter[6], 1.0, 0.5);
+}
+END_TEST
+
 START_TEST(a_model_file_may_leave_values_open)
 {
     mk_model m;
@@ -476,6 +504,7 @@ Suite *suite_ratios(void)
     c = tcase_create("unknown values");
     tcase_set_timeout(c, 120);
     tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, 7, 8);
+    tcase_add_test(c, what_was_given_stays_where_other_values_are_open);
     tcase_add_test(c, a_model_file_may_leave_values_open);
     tcase_add_test(c, the_program_fits_what_is_open_and_says_where_it_cannot);
     suite_add_tcase(s, c);

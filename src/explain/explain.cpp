@@ -245,7 +245,7 @@ class Explainer
             training.push_back(&log);
         folds = std::make_unique<Folds>(data, out.window_s);
         masses = {};
-        FirstFit first(model, start, training, options, so);
+        FirstFit first(asked, model, start, training, options, so);
         search = first.run(logs);
         masses_kept = first.keep_known_masses(*search, *folds, out.window_s, masses);
         if (first.fitted) {

@@ -162,17 +162,26 @@ bool any_unknown(const IdentProblem &problem)
                        [](bool unknown) { return unknown; });
 }
 
-} // namespace
-
-std::vector<mk_model> first_values(const IdentProblem &problem,
-                                   const std::vector<const FitLog *> &logs,
-                                   const FitOptions &options, double better)
+// The given model, what is unknown of it found beside what was given; false where all is unknown,
+// or nothing can be found so.
+bool fill_in(const IdentProblem &problem, mk_model &out)
 {
-    const bool given = !any_unknown(problem);
-    const Contest contest(logs, options);
-    const double error = given ? contest.error_of(problem.model) : HUGE_VAL;
-    if (given && error < FOLLOWS)
-        return {problem.model};
+    IdentProblem beside = problem;
+    bool any_given = false;
+    for (int i = 0; i < mk_plant(problem.model.plant)->parameter_count; i++) {
+        any_given = any_given || !problem.options.unknown[i];
+        beside.options.fixed[i] = problem.options.fixed[i] || !problem.options.unknown[i];
+    }
+    for (const IdentMethod *method : {&method_olsen, &method_sls})
+        for (double cutoff : CUTOFFS_HZ)
+            if (any_given && linear(beside, *method, cutoff, out))
+                return true;
+    return false;
+}
+
+// What the linear methods find, or values tried over two orders of magnitude.
+std::vector<Start> starts_beside(const IdentProblem &problem, const Contest &contest)
+{
     std::vector<Start> starts;
     for (const IdentMethod *method : {&method_olsen, &method_sls})
         for (double cutoff : CUTOFFS_HZ) {
@@ -184,8 +193,24 @@ std::vector<mk_model> first_values(const IdentProblem &problem,
     if (starts.empty())
         for (const mk_model &m : scattered(problem))
             starts.push_back({m, contest.error_of(m)});
+    return starts;
+}
+
+} // namespace
+
+std::vector<mk_model> first_values(const IdentProblem &problem,
+                                   const std::vector<const FitLog *> &logs,
+                                   const FitOptions &options, double better)
+{
+    mk_model as_given = problem.model;
+    const bool given = !any_unknown(problem) || fill_in(problem, as_given);
+    const Contest contest(logs, options);
+    const double error = given ? contest.error_of(as_given) : HUGE_VAL;
+    if (given && error < FOLLOWS)
+        return {as_given};
+    std::vector<Start> starts = starts_beside(problem, contest);
     if (given)
-        starts.push_back({problem.model, error / better});
+        starts.push_back({as_given, error / better});
     std::stable_sort(starts.begin(), starts.end(),
                      [](const Start &a, const Start &b) { return a.error < b.error; });
     std::vector<mk_model> out;

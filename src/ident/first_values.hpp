@@ -16,8 +16,9 @@
 namespace mk
 {
 
-// Models to start from, best first, one at least. The given one is the first where it follows the
-// data, or no other has `better` times less squared error, and none where a value of it is unknown.
+// Models to start from, best first, one at least. The given one, with values that fit beside it
+// where some of it are unknown, is the first where it follows the data, or no other has `better`
+// times less squared error; none where all of it is unknown.
 std::vector<mk_model> first_values(const IdentProblem &problem,
                                    const std::vector<const FitLog *> &logs,
                                    const FitOptions &options, double better);

@@ -11,10 +11,11 @@
 namespace mk
 {
 
-FirstFit::FirstFit(mk_model &model_in, mk_model &start_in,
+FirstFit::FirstFit(const mk_model &asked_in, mk_model &model_in, mk_model &start_in,
                    const std::vector<const FitLog *> &training_in,
                    const mk_explain_options &options_in, const SearchOptions &usual_in)
-    : model(model_in), start(start_in), training(training_in), options(options_in), usual(usual_in)
+    : asked(asked_in), model(model_in), start(start_in), training(training_in), options(options_in),
+      usual(usual_in)
 {
 }
 
@@ -24,11 +25,17 @@ bool FirstFit::any_unknown() const
                        [](bool unknown) { return unknown; });
 }
 
-// Values that the data had to tell agree with a fit to the same data, whatever it is.
+// Values that the data had to tell agree with a fit to the same data, whatever it is. Friction, the
+// last two parameters of every plant, may be unknown where masses are not.
 bool FirstFit::starts_as_given() const
 {
-    return !any_unknown() && std::equal(std::begin(start.parameter), std::end(start.parameter),
-                                        std::begin(model.parameter));
+    const int count = mk_plant(model.plant)->parameter_count;
+    for (int i = 0; i < count; i++) {
+        const bool mass = i < count - 2;
+        if (options.unknown[i] ? mass : start.parameter[i] != asked.parameter[i])
+            return false;
+    }
+    return true;
 }
 
 // The given model, or one that follows the data where that is orders of magnitude off or unknown.

@@ -15,11 +15,12 @@ namespace mk
 class FirstFit
 {
   public:
-    // `model`: as given; where values of it are unknown they are set to where the fit starts.
-    // `start`: set to base parameters right to within a factor of some three; `usual` refers to it.
-    // All must outlive this.
-    FirstFit(mk_model &model, mk_model &start, const std::vector<const FitLog *> &training,
-             const mk_explain_options &options, const SearchOptions &usual);
+    // `asked`: as given. `model`: the same; where values of it are unknown it is set to where the
+    // fit starts. `start`: set to base parameters right to within a factor of some three; `usual`
+    // refers to it. All must outlive this.
+    FirstFit(const mk_model &asked, mk_model &model, mk_model &start,
+             const std::vector<const FitLog *> &training, const mk_explain_options &options,
+             const SearchOptions &usual);
 
     // Of the given values, unless one of others ends clearly nearer to the data. Fits what `logs`
     // are the rows of; the search that made it.
@@ -39,6 +40,7 @@ class FirstFit
     bool fitted = false; // to the data at all
 
   private:
+    const mk_model &asked;
     mk_model &model, &start;
     const std::vector<const FitLog *> &training;
     const mk_explain_options &options;
