@@ -63,6 +63,31 @@ START_TEST(simulate_prints_figures_beside_the_noise_with_or_without_a_file)
 }
 END_TEST
 
+/* The same log is another motion by the column of what was sent. */
+START_TEST(simulate_says_which_column_drives_the_model_and_doubts_metadata)
+{
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    char text[20000] = "# u_to_torque: 7\nt,q1,u,u_cmd\n", log[300], sent[300];
+    for (int k = 0; k < 300; k++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%.2f,%.4f,%.3f,%.3f\n", 0.01 * k,
+                 0.1 * sin(0.03 * k), sin(0.05 * k), sin(0.05 * k + 0.1));
+    snprintf(log, sizeof log, "%s", scratch_text("both.csv", text));
+    struct outcome o = MECHKIT("simulate", "--model", model, "--input", log, "--window", "0.5");
+    ck_assert_msg(o.code == 0 && strstr(o.out, "driven by the command as it was measured"), "%s",
+                  o.out);
+    ck_assert_msg(strstr(o.err, "u_to_torque is 7 here"), "%s", o.err);
+    char *ini = slurp_file(model), with[4000];
+    char *rig = strstr(ini, "[rig]\n");
+    ck_assert_ptr_nonnull(rig);
+    snprintf(with, sizeof with, "[rig]\ninput = commanded\n%s", rig + 6);
+    free(ini);
+    snprintf(sent, sizeof sent, "%s", scratch_text("sent.ini", with));
+    o = MECHKIT("simulate", "--model", sent, "--input", log, "--window", "0.5");
+    ck_assert_msg(o.code == 0 && strstr(o.out, "driven by the command as it was sent"), "%s%s",
+                  o.out, o.err);
+}
+END_TEST
+
 START_TEST(commands_that_are_missing_are_not_made_up)
 {
     const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
@@ -156,6 +181,7 @@ Suite *suite_simulate_cli(void)
     tcase_set_timeout(t, 40);
     tcase_add_test(t, simulate_writes_the_log_s_own_time_base);
     tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
+    tcase_add_test(t, simulate_says_which_column_drives_the_model_and_doubts_metadata);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
     tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
     tcase_add_test(t, a_model_that_is_too_stiff_is_refused_with_what_makes_it_so);

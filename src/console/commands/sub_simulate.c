@@ -162,9 +162,9 @@ static void print_figures(const struct options *o, const struct mk_model *model,
 {
     printf("%s: %zu rows, %zu window%s", o->input, f->rows, f->windows, f->windows == 1 ? "" : "s");
     if (mk_log_has_both_inputs(log, model))
-        printf(", driven by the %s command", model->input == MK_INPUT_COMMANDED
-                                                 ? "commanded (input = commanded in the model)"
-                                                 : "measured");
+        printf(model->input == MK_INPUT_COMMANDED
+                   ? ", driven by the command as it was sent (input = commanded in the model)"
+                   : ", driven by the command as it was measured");
     puts("");
     for (int i = 0; i < f->own_count; i++) {
         const struct mk_own_estimate *own = &f->own[i];
