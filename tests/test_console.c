@@ -457,6 +457,10 @@ START_TEST(the_article_suits_every_rig)
     o = MECHKIT("import", log, "--rig", "inertia-wheel", "--out", scratch("i.csv"));
     ck_assert_msg(strstr(o.out, "rows, taken for those of the inertia-wheel,"), "%s%s", o.out,
                   o.err);
+    /* What a column was taken for is seen by where it goes. */
+    ck_assert_msg(strstr(o.out, "t     = t  (0 .. ") && strstr(o.out, " rad)\n") &&
+                      strstr(o.out, " units of the command)\n"),
+                  "%s", o.out);
     mk_model_default(MK_PLANT_INERTIA_WHEEL, &wheel);
     ck_assert_int_eq(mk_model_add_effect(&wheel, "base-tilt", 0, &err), MK_ERR_INVALID);
     ck_assert_msg(strstr(err.message, "makes no sense on the inertia-wheel"), "%s", err.message);

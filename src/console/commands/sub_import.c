@@ -1,5 +1,6 @@
 /* mechkit import: logs from other people's files, and whether they can be what they are said to be.
  */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -58,7 +59,40 @@ static int check(const struct options *o)
 
 /* --- what was assumed ------------------------------------------------------------------- */
 
-static void print_column(const struct mk_import_column *c)
+/* The unit of a column of the log; "": none that import knows. */
+static const char *unit_of(const struct mk_import_map *map, const char *column)
+{
+    const int motor = mk_plant(map->rig)->motor_joint;
+    if (strcmp(column, "t") == 0)
+        return "s";
+    if (strcmp(column, "u") == 0 || strcmp(column, "u_cmd") == 0)
+        return "units of the command";
+    for (int j = 0; j < MK_MAX_JOINTS; j++) {
+        const char *const names[][2] = {{"q1", "q2"}, {"dq1", "dq2"}, {"tau1", "tau2"}};
+        const char *const units[][2] = {{"rad", "m"}, {"rad/s", "m/s"}, {"N m", "N"}};
+        for (int k = 0; k < 3; k++)
+            if (strncmp(column, names[k][j], strlen(names[k][j])) == 0)
+                return units[k][map->joint_linear[j]];
+    }
+    return strncmp(column, "tau", 3) == 0 ? map->joint_linear[motor] ? "N" : "N m" : "";
+}
+
+/* From where to where a column goes, in the log's unit: whether it was taken rightly is seen there.
+ */
+static void print_range(const struct mk_import_map *map, const struct mk_log *log,
+                        const char *column)
+{
+    const double *x = mk_log_get(log, column);
+    double low = (double)INFINITY, high = (double)-INFINITY;
+    for (size_t k = 0; x && k < log->rows; k++)
+        low = fmin(low, x[k]), high = fmax(high, x[k]);
+    if (low <= high)
+        printf("  (%.4g .. %.4g%s%s)", low, high, *unit_of(map, column) ? " " : "",
+               unit_of(map, column));
+}
+
+static void print_column(const struct mk_import_column *c, const struct mk_import_map *map,
+                         const struct mk_log *log)
 {
     char from[4 * sizeof c->from];
     printf("  %-5s = ", c->to);
@@ -79,16 +113,17 @@ static void print_column(const struct mk_import_column *c)
         printf(" [%s]", c->unit);
     if (c->offset != 0.0)
         printf(" %c %.6g", c->offset < 0.0 ? '-' : '+', c->offset < 0.0 ? -c->offset : c->offset);
+    print_range(map, log, c->to);
     putchar('\n');
 }
 
 static void print_map(const struct options *o, const struct mk_import_map *map,
-                      const struct mk_table *table)
+                      const struct mk_table *table, const struct mk_log *log)
 {
     printf("%s: %zu rows, taken for those of the %s%s\n", o->file, table->rows,
            mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
-        print_column(&map->column[i]);
+        print_column(&map->column[i], map, log);
     if (map->no_input)
         puts("  no command: nothing drove the rig");
     if (*table->left_out)
@@ -214,7 +249,7 @@ static int run(int argc, char **argv)
     if (st == MK_OK) {
         count = mk_import_check(table, o.file, &map, findings);
         if (!is_standard_output(o.json)) {
-            print_map(&o, &map, table);
+            print_map(&o, &map, table, log);
             print_findings(&o, findings, count);
         }
         st = write_outputs(&o, log, &map, findings, count, &err);
