@@ -11,13 +11,13 @@
  *    that it had.
  *  - All encoders that stand still at once, as when their common supply fails. Then no reading says
  *    that anything moves, and the rig is taken at its word: it is at rest. So gravity, friction and
- *    the command must be in balance in every equation of motion. A rig that is balanced with so
- * little command that this says nothing is nudged.
+ *    the command must be in balance in every equation of motion. A rig that is balanced with
+ *    so little command that this says nothing is nudged.
  *  - A motor joint that something else drives: it gains speed that neither the command nor the
  *    model gives it.
  *  - An encoder that jumps. From one sample to the next a joint goes on at its speed, give or take
- *    what the motor, the model's error and the encoder's noise can change; where samples are lost
- * on the way, which is when counts are lost too, for so much longer.
+ *    what the motor, the model's error and the encoder's noise can change; where samples are
+ *    lost on the way, which is when counts are lost too, for so much longer.
  *
  * Caller's memory; everything RT.
  */
