@@ -391,7 +391,7 @@ START_TEST(what_is_wrong_with_a_log_is_said_first)
         {0, 0, 1, 1, "encoder_cpr", "2048", false, "encoder_cpr of joint 1 is 2048 here, 4000 in"},
         {0, 0, 1, 1, "sample_rate_hz", "500", false, "0.004 s apart, are one in 2 of those"},
         {0, 0, 1, 1, "sample_rate_hz", "300", false, "but the rows are 0.004 s apart (250 Hz)"},
-        {0, 0, 1, 1, "encoder_cpr", "1e300", false, nullptr},
+        {0, 0, 1, 1, "encoder_cpr", "1e300", false, "1e300' is no number of counts a"},
         {0, 0, 1e200, 1, nullptr, nullptr, false, "no rig goes beyond 1e+06 rad"},
         {0, 0, 1, 1000, nullptr, nullptr, true, "in 1496 of 1500 rows, where it is taken as"},
         {0, 0, 1, NAN, nullptr, nullptr, false, "50 % of the commands are missing, and made up"},
