@@ -191,6 +191,38 @@ START_TEST(a_fast_swing_among_slow_ones_is_no_hand)
 }
 END_TEST
 
+// A rig that hangs still until its motor starts: what the smoother makes of the start is large
+// beside the little that a right model leaves elsewhere.
+START_TEST(a_start_from_rest_is_no_hand_to_a_right_model)
+{
+    const char *path = shared_path("challenge_rich/case_012/holdout_1.csv.gz");
+    mk_model model;
+    mk_log *read = nullptr;
+    mk_record record;
+    mk_error err = MK_ERROR_INIT;
+    if (!path) {
+        fprintf(stderr, "skipped: no challenge_rich/case_012\n");
+        return;
+    }
+    ck_assert_int_eq(mk_log_read(path, &read, &err), MK_OK);
+    const truth::OwnedLog log(read);
+    const char *ini = scratch_text(
+        "right.ini", "[rig]\nkind = pendubot\nu_to_torque = 0.00494\nencoder_cpr = 4000 8192\n"
+                     "[parameters]\np1 = 0.061319777526869804\np2 = 0.04895255765057806\np3 = "
+                     "0.03016190826330335\n"
+                     "p4 = 0.7453608073241398\np5 = 0.3271273496680311\np6 = "
+                     "0.1453381686365383\np7 = 0.2132999829107231\n"
+                     "[effect.viscous]\njoint = 2\ncoefficient = 0.006468979731963378\n"
+                     "[effect.cogging]\njoint = 1\namplitude = 0.018404602500143183\ncycles = 7\n"
+                     "phase = -0.39777192263741773\n[effect.encoder-scale]\njoint = 2\n"
+                     "ratio = 0.00913285211526067\n[effect.load-friction]\njoint = 2\n"
+                     "coefficient = 0.0018290880296059253\n");
+    ck_assert_msg(mk_model_read(ini, &model, &err) == MK_OK, "%s", err.message);
+    ck_assert_int_eq(mk_record_from_log(log.get(), &model, &record, &err), MK_OK);
+    ck_assert_uint_eq(mk::find_contacts(model, {record}).size(), 0);
+}
+END_TEST
+
 START_TEST(rows_that_were_not_asked_for_are_marked_and_have_no_angles)
 {
     const truth::Case c = made("pendulum", nullptr, 71);
@@ -342,6 +374,7 @@ Suite *suite_contact(void)
     tcase_add_loop_test(t, a_rig_alone_is_not_touched, 0, 1);
     tcase_add_loop_test(t, what_a_smoother_cannot_follow_is_no_hand, 0, 1);
     tcase_add_test(t, a_fast_swing_among_slow_ones_is_no_hand);
+    tcase_add_test(t, a_start_from_rest_is_no_hand_to_a_right_model);
     tcase_add_test(t, rows_that_were_not_asked_for_are_marked_and_have_no_angles);
     tcase_add_loop_test(t, what_is_left_out_is_told_by_output_and_json, 0, SUBCOMMANDS);
     tcase_add_loop_test(t, all_is_kept_or_a_part_taken_where_that_is_asked_for, 0, EXPLAIN);

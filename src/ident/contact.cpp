@@ -327,36 +327,49 @@ double off_a_line(const mk_model &model, const mk_record &r, size_t first, size_
 
 // Whether the model as it is predicts the stretch: of what turns its motion off straight lines, in
 // windows of WINDOW_S, free runs from the best start states leave less than NEXT_TO_NOTHING
-// (squared). Then nothing that is foreign acts there, however much a smoother makes of it.
+// (squared), or less than a count a reading. Then nothing that is foreign acts there, however much
+// a smoother makes of it. A stretch that is shorter than a window is looked at in one that begins
+// with it.
 bool is_predicted(const mk_model &model, const mk_record &record, const Contact &c)
 {
-    constexpr double WINDOW_S = 0.2, NEXT_TO_NOTHING = 0.04;
+    constexpr double WINDOW_S = 0.2, NEXT_TO_NOTHING = 0.04, A_COUNT = 1.0;
     constexpr size_t FEWEST_ROWS = 12;
     const std::unique_ptr<mk_start_finder> finder = basic_finder(record, model);
     std::vector<WindowFit> fits;
     std::vector<Eigen::VectorXd> x;
-    double straight = 0.0;
-    for (size_t first = 0, last; first < record.rows; first = last) {
-        last = first + 1;
-        while (last < record.rows && record.t[last] - record.t[first] < WINDOW_S)
-            last++;
-        const double begins = record.t[first] - record.t[0],
-                     ends = record.t[last - 1] - record.t[0];
+    double straight = 0.0, readings = 0.0;
+    const auto look_at = [&](size_t first, size_t last) {
         Eigen::VectorXd begin(mk_model_state_count(&model));
-        if (begins < c.from_s || ends > c.to_s || last - first < FEWEST_ROWS ||
-            !first_guess(*finder, last, first, begin))
-            continue;
+        if (last - first < FEWEST_ROWS || !first_guess(*finder, last, first, begin))
+            return;
         fits.emplace_back(*finder, first, last);
         x.push_back(std::move(begin));
         straight += off_a_line(model, record, first, last);
+        readings += (double)((last - first) * (size_t)mk_model_joints(&model));
+    };
+    const auto window_end = [&](size_t first) {
+        size_t last = first + 1;
+        while (last < record.rows && record.t[last] - record.t[first] < WINDOW_S)
+            last++;
+        return last;
+    };
+    size_t begins = record.rows; // the stretch
+    for (size_t first = 0, last; first < record.rows; first = last) {
+        last = window_end(first);
+        if (record.t[first] - record.t[0] >= c.from_s && record.t[last - 1] - record.t[0] <= c.to_s)
+            look_at(first, last);
     }
+    while (begins > 0 && record.t[begins - 1] - record.t[0] >= c.from_s)
+        begins--;
+    if (fits.empty() && begins < record.rows)
+        look_at(begins, window_end(begins));
     if (fits.empty())
         return false;
     WindowFit::solve(fits, x);
     double left = 0.0;
     for (double squares : WindowFit::costs(fits, x))
         left += squares;
-    return left < NEXT_TO_NOTHING * straight;
+    return left < std::max(NEXT_TO_NOTHING * straight, A_COUNT * readings);
 }
 
 } // namespace
