@@ -181,7 +181,7 @@ START_TEST(control_characters_in_names_of_columns_are_shown)
         int code;
     } rows[] = {
         {"when\x1b[2J,q1,u\n0,0,0\n1,0,1\n2,0,0\n", "there are: when\\x1b[2J, q1, u", 3},
-        {"t\x07,q1,u,1\n0,0,0,9\n1,0,1,9\n2,0,0,9\n", "t     = t\\x07\n", 0},
+        {"t\x07,q1,u,1\n0,0,0,9\n1,0,1,9\n2,0,0,9\n", "t     = t\\x07  (0 .. 2 s)\n", 0},
         {"t\x07,t\x07,q1,u,1\n0,9,0,0,9\n1,9,0,1,9\n2,9,0,0,9\n", "are called t\\x07: which", 3},
         {"t,q\x1b[1,u,2\n0,a\x1b[b,0,9\n1,0,1,9\n", ":2: 'a\\x1b[b' in column q\\x1b[1 is", 3}};
     char out[2048];
