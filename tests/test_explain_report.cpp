@@ -18,6 +18,50 @@ extern "C" {
 
 using namespace made_up;
 
+// What an explanation of no causes looks like; the caller adds to it.
+static mk_explanation with_cause(const char *effect, double confidence)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.cause_count = 1;
+    e.cause[0].effect = mk_effect_by_name(effect);
+    e.cause[0].joint = 1;
+    e.cause[0].confidence = confidence;
+    e.offered = true;
+    e.next.rival = -1;
+    return e;
+}
+
+static std::string html_of(const mk_explanation &e)
+{
+    mk_error err = MK_ERROR_INIT;
+    mk_log *log = record({}, 1, 1.0);
+    const char *path = scratch("claims.html");
+    ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
+    mk_log_free(log);
+    char *text = slurp_file(path);
+    const std::string html = text;
+    free(text);
+    return html;
+}
+
+static std::string text_of(const mk_explanation &e)
+{
+    char *text = nullptr;
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    explanation_print(out, &e);
+    fclose(out);
+    const std::string printed = text;
+    free(text);
+    return printed;
+}
+
+static bool says(const std::string &text, const char *what)
+{
+    return text.find(what) != std::string::npos;
+}
+
 START_TEST(the_reports_say_what_was_found)
 {
     Hidden h;
@@ -114,16 +158,11 @@ START_TEST(a_formula_that_is_not_offered_is_not_said_to_explain_a_part)
     e.partly_named = true;
     snprintf(e.structure, sizeof e.structure, "joint 1: -0.1*dq1*abs(dq1)");
     for (bool offered : {true, false}) {
-        char *text = nullptr;
-        size_t size = 0;
         e.offered = offered;
-        FILE *out = open_memstream(&text, &size);
-        explanation_print(out, &e);
-        fclose(out);
-        ck_assert_msg(!strstr(text, "explain a part") == !offered, "%s", text);
-        ck_assert_msg(!strstr(text, "but not the held-out data") == offered, "%s", text);
-        ck_assert_ptr_nonnull(strstr(text, "joint 1: 0 u rms"));
-        free(text);
+        const std::string text = text_of(e);
+        ck_assert_msg(says(text, "explain a part") == offered, "%s", text.c_str());
+        ck_assert_msg(!says(text, "but not the held-out data") == offered, "%s", text.c_str());
+        ck_assert(says(text, "joint 1: 0 u rms"));
     }
 }
 END_TEST
@@ -137,14 +176,9 @@ START_TEST(logs_that_do_not_go_with_the_held_out_ones_are_doubted)
     e.refitted[0] = e.after[0] = 0.35;
     e.floor[0] = 1e-4;
     for (bool doubts : {true, false}) {
-        char *text = nullptr;
-        size_t size = 0;
-        FILE *out = open_memstream(&text, &size);
-        explanation_print(out, &e);
-        fclose(out);
-        ck_assert_msg(!strstr(text, "same signs, units and columns?") != doubts, "%s", text);
+        const std::string text = text_of(e);
+        ck_assert_msg(!says(text, "same signs, units and columns?") != doubts, "%s", text.c_str());
         ck_assert(mk_explanation_doubts_logs(&e) == doubts);
-        free(text);
         e.refitted[0] = 0.1;
     }
 }
@@ -156,15 +190,10 @@ START_TEST(readings_that_are_all_but_noise_are_said_to_be)
     mk_explanation e = {};
     e.given = e.refit = e.extended = pendulum(true);
     for (double floor : {0.9, 0.1}) {
-        char *text = nullptr;
-        size_t size = 0;
-        FILE *out = open_memstream(&text, &size);
         e.floor[0] = floor;
-        explanation_print(out, &e);
-        fclose(out);
-        ck_assert_msg(!strstr(text, "little can be seen in such data") == (floor < 0.5), "%s",
-                      text);
-        free(text);
+        const std::string text = text_of(e);
+        ck_assert_msg(!says(text, "little can be seen in such data") == (floor < 0.5), "%s",
+                      text.c_str());
     }
 }
 END_TEST
@@ -203,50 +232,6 @@ START_TEST(values_that_were_wrong_are_listed_with_those_of_given_effects)
     free(text);
 }
 END_TEST
-
-// What an explanation of no causes looks like; the caller adds to it.
-static mk_explanation with_cause(const char *effect, double confidence)
-{
-    mk_explanation e = {};
-    e.given = e.refit = e.extended = pendulum(true);
-    e.cause_count = 1;
-    e.cause[0].effect = mk_effect_by_name(effect);
-    e.cause[0].joint = 1;
-    e.cause[0].confidence = confidence;
-    e.offered = true;
-    e.next.rival = -1;
-    return e;
-}
-
-static std::string html_of(const mk_explanation &e)
-{
-    mk_error err = MK_ERROR_INIT;
-    mk_log *log = record({}, 1, 1.0);
-    const char *path = scratch("claims.html");
-    ck_assert_int_eq(mk_explanation_write_html(&e, path, log, &err), MK_OK);
-    mk_log_free(log);
-    char *text = slurp_file(path);
-    const std::string html = text;
-    free(text);
-    return html;
-}
-
-static std::string text_of(const mk_explanation &e)
-{
-    char *text = nullptr;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
-    explanation_print(out, &e);
-    fclose(out);
-    const std::string printed = text;
-    free(text);
-    return printed;
-}
-
-static bool says(const std::string &text, const char *what)
-{
-    return text.find(what) != std::string::npos;
-}
 
 START_TEST(a_cause_that_is_not_offered_is_not_called_named)
 {

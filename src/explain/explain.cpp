@@ -192,7 +192,7 @@ class Explainer
         return measured;
     }
 
-    // Where values are unknown the fit began with others all over, which were not given.
+    // Where values are unknown the fit may have begun with others all over, which were not given.
     void tell_given()
     {
         out.given = given;
