@@ -353,7 +353,7 @@ def tell(figures):
 
 
 def main():
-    parser = argparse.ArgumentParser(usage=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("mechkit")
     parser.add_argument("hidden_rig")
     parser.add_argument("--rigs", type=int, default=40)

@@ -430,7 +430,7 @@ def pair(text):
 
 
 def main():
-    parser = argparse.ArgumentParser(usage=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plant", choices=PLANTS, default="pendulum")
     parser.add_argument("--listen", default="127.0.0.1:0")
     parser.add_argument("--set", action="append", default=[])
