@@ -246,20 +246,23 @@ START_TEST(a_board_cannot_promise_more_gains_than_there_are)
 }
 END_TEST
 
-/* Answers a hello in a frame of the version that it is told. */
+/* Answers every request in a frame of the version that it is told. */
 static uint32_t asked;
+static uint8_t asked_type;
 
 static enum mk_status note_request(void *link, const uint8_t *bytes, size_t n, int64_t deadline_ns)
 {
     (void)link, (void)n, (void)deadline_ns;
+    asked_type = bytes[3];
     asked = mk_get32(bytes + 4);
     return MK_OK;
 }
 
-static enum mk_status greet(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns)
+static enum mk_status answer_in_version(void *link, const uint8_t **bytes, size_t *n,
+                                        int64_t deadline_ns)
 {
     static uint8_t said[MK_FRAME_MAX], hello[MK_HELLO_SIZE];
-    const struct mk_frame f = {*(const uint8_t *)link, MK_MSG_HELLO | MK_MSG_ANSWER, sizeof hello,
+    const struct mk_frame f = {*(const uint8_t *)link, asked_type | MK_MSG_ANSWER, sizeof hello,
                                asked, hello};
     (void)deadline_ns;
     hello[MK_HELLO_COUNTER_BITS] = 24;
@@ -270,13 +273,33 @@ static enum mk_status greet(void *link, const uint8_t **bytes, size_t *n, int64_
 
 START_TEST(a_hello_in_a_frame_of_another_version_is_refused)
 {
-    static const struct mk_link_ops ops = {note_request, greet};
+    static const struct mk_link_ops ops = {note_request, answer_in_version};
     struct mk_wire wire;
     struct mk_error err = MK_ERROR_INIT;
     uint8_t version = MK_FRAME_VERSION;
     ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_OK);
     version++;
-    ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_ERR_PROTO);
+    ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_ERR_NOTSUP);
+    ck_assert_ptr_nonnull(strstr(err.message, "protocol version 2"));
+}
+END_TEST
+
+START_TEST(an_answer_or_a_sample_in_another_version_is_no_reading_even_in_mid_run)
+{
+    static const struct mk_link_ops ops = {note_request, answer_in_version};
+    struct mk_wire wire;
+    struct mk_board board = {.priv = &wire};
+    struct mk_board_sample sample;
+    struct mk_error err = MK_ERROR_INIT;
+    uint8_t version = MK_FRAME_VERSION;
+    ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_OK);
+    ck_assert_int_eq(mk_wire_board_exchange(&board, 0.0, &sample), MK_OK);
+    version++;
+    ck_assert_int_eq(mk_wire_board_exchange(&board, 0.0, &sample), MK_ERR_NOTSUP);
+    uint32_t number;
+    struct mk_wire_reading reading;
+    asked_type = MK_MSG_SAMPLE;
+    ck_assert_int_eq(mk_wire_next_sample(&wire, 1000000, &number, &reading), MK_ERR_NOTSUP);
 }
 END_TEST
 
@@ -319,6 +342,7 @@ Suite *suite_frame(void)
     tcase_add_test(t, noise_is_never_taken_for_a_frame);
     tcase_add_loop_test(t, a_board_that_never_stops_talking_does_not_hold_the_host, 0, BABBLES);
     tcase_add_test(t, a_hello_in_a_frame_of_another_version_is_refused);
+    tcase_add_test(t, an_answer_or_a_sample_in_another_version_is_no_reading_even_in_mid_run);
     tcase_add_test(t, garbage_past_the_deadline_is_looked_at_a_few_times_only);
     tcase_add_test(t, a_board_cannot_promise_more_gains_than_there_are);
     suite_add_tcase(s, t);

@@ -84,6 +84,16 @@ static enum mk_status send_frame(struct mk_wire *w, enum mk_message type, const 
     return w->ops->send(w->link, bytes, n, deadline_ns);
 }
 
+static enum mk_status other_version(struct mk_wire *w, int version)
+{
+    return mk_error_set(&w->trouble, MK_ERR_NOTSUP,
+                        "the board speaks protocol version %d, this program version %d: update the "
+                        "older one",
+                        version, MK_FRAME_VERSION);
+}
+
+/* The layout of a frame, and a refusal's payload, are those of every version. What other payloads
+ * mean in another version nobody knows, whenever they come. */
 static enum mk_status next_frame(struct mk_wire *w, struct mk_frame *out, int64_t deadline_ns)
 {
     int late = 0;
@@ -97,6 +107,8 @@ static enum mk_status next_frame(struct mk_wire *w, struct mk_frame *out, int64_
         }
         late += monotonic_ns() >= deadline_ns;
     }
+    if (out->version != MK_FRAME_VERSION && out->type != MK_MSG_REFUSED)
+        return other_version(w, out->version);
     return MK_OK;
 }
 
@@ -106,10 +118,7 @@ static enum mk_status refused(struct mk_wire *w, const struct mk_frame *f)
     const char *name = message_name(type);
     switch (f->length > 1 ? f->payload[1] : 0) {
     case MK_REFUSED_VERSION:
-        return mk_error_set(&w->trouble, MK_ERR_NOTSUP,
-                            "the board speaks protocol version %d, this program version %d: update "
-                            "the older one",
-                            f->length > 2 ? f->payload[2] : f->version, MK_FRAME_VERSION);
+        return other_version(w, f->length > 2 ? f->payload[2] : f->version);
     case MK_REFUSED_RANGE:
         return mk_error_set(&w->trouble, MK_ERR_RANGE, "the board refuses '%s': out of range",
                             name);
@@ -302,7 +311,7 @@ enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, vo
     w->sequence = (uint32_t)(monotonic_ns() >> 10);
     struct mk_frame f;
     enum mk_status st = mk_wire_request(w, MK_MSG_HELLO, NULL, 0, REQUEST_TRIES, HELLO_NS, &f);
-    if (st == MK_OK && (f.length < MK_HELLO_SIZE || f.version != MK_FRAME_VERSION))
+    if (st == MK_OK && f.length < MK_HELLO_SIZE)
         st = mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's hello is malformed");
     if (st != MK_OK) {
         if (err)
