@@ -346,7 +346,7 @@ const char usage[] =
     "usage: mechkit-challenge [--cases N] [--seed S] [--rig R] [--kind K] [--effect E] [--joint "
     "J]\n"
     "                         [--size X] [--rate HZ] [--seconds T] [--runs N]\n"
-    "                         [--jobs N] [--threads N] [--write DIR]\n"
+    "                         [--stretch X] [--jobs N] [--threads N] [--write DIR]\n"
     "Hides effects in made-up logs and scores what explain says; exit 1 when a case fails.\n";
 
 } // namespace
@@ -379,6 +379,8 @@ int main(int argc, char **argv)
             wish.seconds = atof(value.c_str());
         else if (key == "--runs")
             wish.runs = (size_t)atoi(value.c_str());
+        else if (key == "--stretch")
+            wish.stretch = atof(value.c_str());
         else if (key == "--jobs")
             jobs = atoi(value.c_str());
         else if (key == "--threads")
@@ -389,6 +391,10 @@ int main(int argc, char **argv)
             fputs(usage, key == "--help" ? stdout : stderr);
             return key == "--help" ? 0 : 2;
         }
+    }
+    if (!(wish.stretch >= 1.0 && wish.stretch <= 10.0)) {
+        fputs("mechkit-challenge: --stretch is a ratio of 1 to 10\n", stderr);
+        return 2;
     }
     if (!folder.empty()) {
         try {

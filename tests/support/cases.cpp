@@ -58,9 +58,18 @@ struct Row {
 };
 using Values = std::map<std::string, double>;
 
+// A size or shape, log-uniform. Where the ranges are stretched (Wish::stretch), so are both its
+// ends.
 double about(Draw &draw, double low, double high)
 {
-    return low * std::pow(high / low, draw.unit());
+    const double from = low / draw.stretch, to = high * draw.stretch;
+    return from * std::pow(to / from, draw.unit());
+}
+// A shape (a time constant, a frequency, a number of cycles): uniform in the usual range,
+// log-uniform in a stretched one.
+double shape(Draw &draw, double low, double high)
+{
+    return draw.stretch > 1.0 ? about(draw, low, high) : draw.between(low, high);
 }
 bool nowhere_in_particular(const std::string &, int joint)
 {
@@ -130,7 +139,7 @@ const Row rows[] = {
     {"cogging", any_joint,
      [](const Rig &r, int j, Draw &d, double k) -> Values {
          return {{"amplitude", k * about(d, 0.04, 0.25) * scale_of(r, j).torque},
-                 {"cycles", std::floor(d.between(2.0, 14.0))},
+                 {"cycles", std::floor(shape(d, 2.0, 14.0))},
                  {"phase", d.between(-PI, PI)}};
      }},
     {"imbalance",
@@ -202,23 +211,23 @@ const Row rows[] = {
      }},
     {"gain-drift", nowhere_in_particular,
      [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"loss", k * about(d, 0.04, 0.2)}, {"time-constant", d.between(1.5, 6.0)}};
+         return {{"loss", k * about(d, 0.04, 0.2)}, {"time-constant", shape(d, 1.5, 6.0)}};
      }},
     {"torque-ripple",
      [](const std::string &rig, int joint) { return joint == 0 && !is(rig, "reaction-wheel"); },
      [](const Rig &, int, Draw &d, double k) -> Values {
          return {{"ratio", k * about(d, 0.03, 0.12)},
-                 {"cycles", std::floor(d.between(1.0, 9.0))},
+                 {"cycles", std::max(std::floor(shape(d, 1.0, 9.0)), 1.0)},
                  {"phase", d.between(-PI, PI)}};
      }},
     {"saturation", nowhere_in_particular,
      [](const Rig &, int, Draw &d, double) -> Values {
-         return {{"limit", d.between(1.2, 2.2)}};
+         return {{"limit", shape(d, 1.2, 2.2)}};
      }},
     {"back-emf-limit", nowhere_in_particular,
      [](const Rig &r, int, Draw &d, double) -> Values {
          Scale s = scale_of(r, motor_joint(r.kind));
-         return {{"stall", d.between(2.5, 5.0)}, {"no-load-speed", s.speed * d.between(1.3, 3.0)}};
+         return {{"stall", shape(d, 2.5, 5.0)}, {"no-load-speed", s.speed * shape(d, 1.3, 3.0)}};
      }},
     {"encoder-offset",
      [](const std::string &rig, int joint) {
@@ -242,7 +251,7 @@ const Row rows[] = {
      }},
     {"missed-counts", link,
      [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"step", k * about(d, 0.015, 0.06)}, {"rate", d.between(0.25, 0.6)}};
+         return {{"step", k * about(d, 0.015, 0.06)}, {"rate", shape(d, 0.25, 0.6)}};
      }},
     {"base-tilt",
      [](const std::string &rig, int joint) { return joint == 0 && !is(rig, "inertia-wheel"); },
@@ -254,15 +263,15 @@ const Row rows[] = {
          return joint == 0 && (is(rig, "pendulum") || is(rig, "pendubot") || is(rig, "furuta"));
      },
      [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"frequency", d.between(3.0, 14.0)},
-                 {"damping-ratio", d.between(0.02, 0.08)},
+         return {{"frequency", shape(d, 3.0, 14.0)},
+                 {"damping-ratio", shape(d, 0.02, 0.08)},
                  {"gain", k * about(d, 0.04, 0.2)}};
      }},
     {"friction-drift",
      [](const std::string &rig, int joint) { return joint == 1 && motor_joint(rig) == 1; },
      [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"change", d.sign() * k * d.between(0.25, 0.6)},
-                 {"time-constant", d.between(1.5, 6.0)}};
+         return {{"change", d.sign() * k * shape(d, 0.25, 0.6)},
+                 {"time-constant", shape(d, 1.5, 6.0)}};
      }},
 };
 
@@ -470,6 +479,7 @@ OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, 
 Case make_case(const Wish &wish)
 {
     Draw draw(wish.seed);
+    draw.stretch = wish.stretch;
     Case c;
     c.rig.kind = wish.rig.empty() ? rig_kinds[draw.below(rig_kinds.size())] : wish.rig;
     // A rig that was not asked for is one that can have the effect.

@@ -39,6 +39,9 @@ struct Wish {
     // 0: as is usual
     double rate = 0.0, seconds = 0.0; // Hz; of each log
     size_t runs = 0;                  // logs, the last one held out
+    // 1 at least: by how much ranges of sizes and shapes are wider at both ends. The usual ones are
+    // what searches start from, more or less; what has been tuned to them shows in wider ones.
+    double stretch = 1.0;
 };
 Case make_case(const Wish &wish);
 

@@ -98,6 +98,8 @@ class Draw
     double sign() { return unit() < 0.5 ? -1.0 : 1.0; }
     size_t below(size_t n) { return (size_t)(unit() * (double)n); }
 
+    double stretch = 1.0; // for who draws from ranges: by how much to widen them at both ends
+
   private:
     uint64_t state;
 };
