@@ -30,9 +30,9 @@ START_TEST(a_run_goes_through_its_states)
     ck_assert_uint_eq(bench_look().ticks, 250);
     ck_assert_double_eq_tol(bench_look().caught_t, 0.2, 1e-12);
     ck_assert_double_eq_tol(bench_look().balanced_since, 0.2, 1e-12);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     bench_start();
     ck_assert_uint_eq(bench_look().ticks, 0);
 }
@@ -114,7 +114,7 @@ START_TEST(time_passes_for_the_rig_when_nothing_runs)
     bench_start();
     bench_set_law(3, 1, 1e18);
     bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     double t = mk_rig_time(mk_board_virtual_rig(bench.board));
     ck_assert_int_eq(bench_wait_for(2.0), MK_OK);
     ck_assert_double_eq_tol(mk_rig_time(mk_board_virtual_rig(bench.board)), t + 2.0, 1e-6);
@@ -160,7 +160,7 @@ START_TEST(the_boards_clock_and_ours_make_the_same_run)
         bench_start();
         bench_set_law(2, 1, 1e18);
         ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
         log[k] = bench_read_log();
         bench_teardown();
         bench_setup();
@@ -182,10 +182,7 @@ START_TEST(a_lost_sample_costs_one_row_and_no_time)
 {
     bench.config.stream = true;
     bench_build("at 50 drop; at 60 mute");
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.5);
     const double *tick = mk_log_get(log, "tick"), *flags = mk_log_get(log, "flags");
     int lost = 0;
     for (size_t i = 0; i < log->rows; i++) {
@@ -211,7 +208,7 @@ START_TEST(a_fault_ends_the_stream_and_the_log_shows_what_followed)
     bench_set_law(1, 1, 1e18);
     ck_assert_int_eq(bench_wait_for(1.0), MK_ERR_FAULT);
     ck_assert_int_eq(bench_look().fault, rows[_i].fault);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     /* Where nobody hears the host any more it is the board's watchdog. */
     mk_clock_sleep_until(&bench.clock, mk_clock_now_ns(&bench.clock) + 25000000);
     bench_assert_motor_is_off();
@@ -230,7 +227,7 @@ START_TEST(streaming_in_real_time_keeps_the_boards_rate)
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.4), MK_OK);
     ck_assert_uint_ge(bench_look().sample.tick, 199);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     const double *tick = mk_log_get(log, "tick"), *t = mk_log_get(log, "t");
     for (size_t i = 1; i < log->rows; i++) {
@@ -248,10 +245,7 @@ START_TEST(row_k_holds_the_command_applied_from_k_on)
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
     bench_build(NULL);
     bench_set_law(4, 1, 1e18);
-    bench_start();
-    bench_wait_for(0.2);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.2);
     const double *u = mk_log_get(log, "u"), *q = mk_log_get(log, "q1"), *t = mk_log_get(log, "t");
     ck_assert_uint_eq(log->rows, 100);
     ck_assert_double_eq(u[0], 0.0);
@@ -283,7 +277,7 @@ START_TEST(the_log_says_what_made_it)
     snprintf(bench.loop->identity.serial, sizeof bench.loop->identity.serial, "A17");
     ck_assert_int_eq(mk_loop_start(bench.loop, bench.path, meta, 2, NULL), MK_OK);
     bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     ck_assert_str_eq(mk_log_find_meta(log, "operator"), "Ada");
     ck_assert_str_eq(mk_log_find_meta(log, "rig"), "my own words");
@@ -321,10 +315,7 @@ START_TEST(the_log_of_an_axis_that_slides_has_its_units)
 {
     bench_use_plant(MK_PLANT_CART_POLE);
     bench_build(NULL);
-    bench_start();
-    bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.1);
     ck_assert_str_eq(mk_log_find_meta(log, "joint_unit"), "m rad");
     mk_log_free(log);
 }
@@ -337,9 +328,7 @@ static double speed_at(const char *faults, double tick)
     mk_clock_init_simulated(&bench.clock);
     bench_build(faults);
     bench_set_law(3.0, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run(0.1);
     bench_drop_loop();
     struct mk_log *log = bench_read_log();
     const double *at = mk_log_get(log, "tick"), *v = mk_log_get(log, "dq1");
@@ -403,10 +392,7 @@ START_TEST(a_rig_of_one_joint_has_no_columns_of_a_second)
 {
     bench_use_plant(MK_PLANT_PENDULUM);
     bench_build(NULL);
-    bench_start();
-    bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.1);
     ck_assert_ptr_nonnull(mk_log_get(log, "enc1"));
     ck_assert_ptr_null(mk_log_get(log, "q2"));
     ck_assert_uint_eq(log->column_count, 10);
@@ -435,7 +421,7 @@ static char *noisy_run(uint64_t seed, size_t *size)
     bench_wait_for(1.0);
     bench_set_law(-1.5, 1, 1e18);
     bench_wait_for(1.0);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     bench_drop_loop();
     return slurp(bench.path, size);
 }
@@ -462,10 +448,7 @@ START_TEST(angles_go_on_across_the_wrap_of_the_counter)
     bench.config.limits.jump_rad[0] = 5.0;
     bench_build(NULL);
     bench_set_law(10, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.5);
     const double *enc = mk_log_get(log, "enc1"), *q = mk_log_get(log, "q1");
     size_t last = log->rows - 1;
     ck_assert_double_gt(enc[last], 2.0 * (1 << 23));
@@ -484,7 +467,7 @@ START_TEST(new_parameters_take_effect_together_in_one_sample)
     bench_wait_for(0.1);
     bench_set_law(-0.5, 3, 1e18);
     bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
     for (size_t k = 1; k < log->rows; k++) {
@@ -510,7 +493,7 @@ START_TEST(another_signal_takes_effect_in_one_sample_and_is_logged)
     bench_wait_for(0.1);
     ck_assert_int_eq(mk_loop_set_signal(bench.loop, second, NULL), MK_OK);
     bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
     for (size_t k = 1; k < log->rows; k++) {
@@ -547,7 +530,7 @@ START_TEST(every_change_of_parameters_is_noted_at_its_time_however_many_there_ar
                      MK_ERR_TIMEOUT);
     bench_set_law(4, 1, 1e18);
     bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     int tick = 0, known = 0;
     for (size_t m = 0; m < log->meta_count; m++) {
@@ -582,7 +565,7 @@ START_TEST(parameters_and_signal_changed_at_once_are_both_taken)
     bench_set_law(1, 0.25, 1e18);
     bench_wait_for(0.1);
     ck_assert_double_eq(bench_look().sample.u, 0.5);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     const double *flags = mk_log_get(log, "flags");
     ck_assert_int_eq((int)flags[50], MK_FLAG_PARAMS | MK_FLAG_SIGNAL);
@@ -620,10 +603,7 @@ END_TEST
 START_TEST(a_lost_exchange_leaves_a_marked_empty_row)
 {
     bench_build("at 20 drop 2; at 40 mute");
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.2);
     const double *q = mk_log_get(log, "q1"), *flags = mk_log_get(log, "flags");
     ck_assert_uint_eq(log->rows, 100);
     for (size_t k = 0; k < log->rows; k++) {
@@ -642,10 +622,7 @@ END_TEST
 START_TEST(a_late_answer_skips_samples_and_says_so)
 {
     bench_build("at 20 delay 5ms; at 40 delay 1200us; at 60 drop");
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.2);
     const double *tick = mk_log_get(log, "tick"), *flags = mk_log_get(log, "flags"),
                  *late = mk_log_get(log, "late_us"), *t = mk_log_get(log, "t");
     /* Tick 20 ends at 45 ms: the deadline of 21 (42 ms) and that of 22 (44 ms) have passed. */
@@ -703,9 +680,7 @@ START_TEST(a_second_at_1_khz_loses_nothing)
     bench_use_real_time(1000);
     bench_build(NULL);
     bench_set_law(1, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1.0), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run(1.0);
     mk_loop_get_stats(bench.loop, &stats);
     struct mk_log *log = bench_read_log();
     const double *tick = mk_log_get(log, "tick"), *t = mk_log_get(log, "t"),
@@ -748,7 +723,7 @@ START_TEST(another_thread_can_stop_a_real_time_run)
     pthread_join(presser, NULL);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
     ck_assert_double_eq(bench_look().sample.u, 0.0);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
 }
 END_TEST
 
@@ -765,7 +740,7 @@ START_TEST(gains_change_while_a_real_time_run_goes_on)
         ck_assert(s.sample.u == 0 || fabs(s.sample.u) == 1.0);
         ck_assert_int_eq(bench_wait_for(0.003), MK_OK);
     }
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     const double *u = mk_log_get(log, "u"), *flags = mk_log_get(log, "flags");
     int changes = 0;
@@ -783,10 +758,8 @@ START_TEST(a_real_time_run_can_be_unplugged)
     bench_use_real_time(1000);
     bench_build("at 100 disconnect");
     bench_set_law(1, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(10), MK_ERR_FAULT);
-    ck_assert_int_eq(bench_look().fault, MK_FAULT_UNPLUGGED);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run_into(MK_FAULT_UNPLUGGED, 10);
+    bench_halt();
 }
 END_TEST
 
@@ -837,10 +810,7 @@ END_TEST
 START_TEST(a_lost_exchange_leaves_a_row_without_readings_of_either_joint)
 {
     bench_build("at 50 drop");
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.2), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_log *log = bench_read_log();
+    struct mk_log *log = bench_log_of_run(0.2);
     ck_assert(isnan(mk_log_get(log, "q1")[50]) && isnan(mk_log_get(log, "q2")[50]));
     ck_assert(!isnan(mk_log_get(log, "q1")[51]) && !isnan(mk_log_get(log, "q2")[51]));
     mk_log_free(log);
@@ -857,7 +827,7 @@ START_TEST(a_run_begins_with_figures_of_its_own)
     ck_assert_uint_eq(stats.lost, 2);
     ck_assert_uint_gt(stats.overruns, 0);
     ck_assert_uint_gt(stats.late, 0);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     bench_start(); /* of simulated time no tick has been made yet */
     mk_loop_get_stats(bench.loop, &stats);
     ck_assert_uint_eq(stats.ticks + stats.late + stats.overruns + stats.lost + stats.gaps, 0);

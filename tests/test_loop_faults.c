@@ -27,7 +27,7 @@ static void expect_fault(enum mk_fault fault)
     ck_assert_msg(bench_look().fault == fault, "%s", mk_fault_name(bench_look().fault));
     ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_STATE);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     ck_assert_int_eq(bench_look().fault, fault);
 
     struct mk_log *log = bench_read_log();
@@ -92,7 +92,7 @@ END_TEST
 static enum mk_status reversed_exchange(struct mk_board *board, double u,
                                         struct mk_board_sample *out)
 {
-    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, -u, out);
+    enum mk_status st = bench.own->exchange(board, -u, out);
     out->u_applied = u;
     return st;
 }
@@ -101,17 +101,12 @@ START_TEST(a_motor_wired_backwards_stops)
 {
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
     bench_build(NULL);
-    struct mk_board_ops reversed = *bench.board->ops;
-    const struct mk_board_ops *straight = bench.board->ops;
-    reversed.exchange = reversed_exchange;
-    bench.board->ops = &reversed;
+    bench_override_board()->exchange = reversed_exchange;
     bench_set_law(5, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
-    ck_assert_int_eq(bench_look().fault, MK_FAULT_RUNAWAY);
+    bench_run_into(MK_FAULT_RUNAWAY, 1);
     ck_assert_double_lt(bench_look().fault_t, 0.05);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    bench.board->ops = straight;
+    bench_halt();
+    bench_restore_board();
     bench_assert_motor_is_off();
 }
 END_TEST
@@ -134,8 +129,6 @@ static struct {
     enum lie lie;
     int from, exchanges;
     struct mk_board_sample kept;
-    struct mk_board_ops ops;
-    const struct mk_board_ops *honest;
 } liar;
 
 static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
@@ -144,7 +137,7 @@ static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk
     if (lies && liar.lie == LOSES_FOUR_OF_FIVE && liar.exchanges % 5)
         return MK_ERR_TIMEOUT;
     bool drives = lies && (liar.lie == DRIVES_ON || liar.lie == DRIVES_AND_DENIES);
-    enum mk_status st = liar.honest->exchange(board, drives ? 10.0 : u, out);
+    enum mk_status st = bench.own->exchange(board, drives ? 10.0 : u, out);
     if (!lies)
         liar.kept = *out;
     else if (liar.lie == DRIVES_AND_DENIES)
@@ -164,24 +157,24 @@ static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk
     return st;
 }
 
-/* A run under u = 0 with a board that lies from its exchange `from` on; when the fault came, in s
- * after that exchange. The watch before the start takes 0.2 s: 100 exchanges at 500 Hz. */
-static double lie_from(enum lie lie, int from, enum mk_fault fault)
+static void build_liar(enum lie lie, int from)
 {
     bench_build(NULL);
     liar.lie = lie;
     liar.from = from;
     liar.exchanges = 0;
-    liar.honest = bench.board->ops;
-    liar.ops = *liar.honest;
-    liar.ops.exchange = lying_exchange;
-    bench.board->ops = &liar.ops;
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(5), MK_ERR_FAULT);
-    ck_assert_msg(bench_look().fault == fault, "%s", mk_fault_name(bench_look().fault));
+    bench_override_board()->exchange = lying_exchange;
+}
+
+/* A run under u = 0 with a board that lies from its exchange `from` on; when the fault came, in s
+ * after that exchange. The watch before the start takes 0.2 s: 100 exchanges at 500 Hz. */
+static double lie_from(enum lie lie, int from, enum mk_fault fault)
+{
+    build_liar(lie, from);
+    bench_run_into(fault, 5);
     double t = bench_look().fault_t;
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    bench.board->ops = liar.honest;
+    bench_halt();
+    bench_restore_board();
     bench_assert_motor_is_off();
     return t - (from / bench.config.rate_hz - 0.2);
 }
@@ -227,7 +220,10 @@ START_TEST(a_board_that_gives_less_than_it_is_told_goes_on)
 }
 END_TEST
 
-static double lost_command;
+static struct {
+    int exchanges;
+    double command;
+} belated;
 
 /* A stream over a slow line: the sample behind command 100 is given up, and the command acts with
  * the next one. */
@@ -235,12 +231,12 @@ static enum mk_status belated_exchange(struct mk_board *board, double u,
                                        struct mk_board_sample *out)
 {
     const int lost = 200; /* the watch before the start takes 100 exchanges */
-    enum mk_status st = liar.honest->exchange(board, u, out);
-    if (liar.exchanges == lost + 1)
-        out->u_applied = lost_command;
-    if (liar.exchanges++ != lost)
+    enum mk_status st = bench.own->exchange(board, u, out);
+    if (belated.exchanges == lost + 1)
+        out->u_applied = belated.command;
+    if (belated.exchanges++ != lost)
         return st;
-    lost_command = u;
+    belated.command = u;
     return MK_ERR_TIMEOUT;
 }
 
@@ -251,34 +247,25 @@ START_TEST(a_command_whose_sample_was_lost_may_act_later)
     bench.config.stream = true;
     bench_build(NULL);
     bench.ctrl.ref = push;
-    liar.exchanges = 0;
-    liar.honest = bench.board->ops;
-    liar.ops = *liar.honest;
-    liar.ops.exchange = belated_exchange;
-    bench.board->ops = &liar.ops;
+    belated.exchanges = 0;
+    bench_override_board()->exchange = belated_exchange;
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
-    ck_assert_double_eq(lost_command, 2.0);
+    ck_assert_double_eq(belated.command, 2.0);
     ck_assert_uint_eq(bench_look().lost, 1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    bench.board->ops = liar.honest;
+    bench_halt();
+    bench_restore_board();
     mk_signal_destroy(push);
 }
 END_TEST
 
 START_TEST(a_board_that_drives_before_the_start_is_not_started)
 {
-    bench_build(NULL);
-    liar.lie = DRIVES_ON;
-    liar.from = liar.exchanges = 0;
-    liar.honest = bench.board->ops;
-    liar.ops = *liar.honest;
-    liar.ops.exchange = lying_exchange;
-    bench.board->ops = &liar.ops;
+    build_liar(DRIVES_ON, 0);
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_FAULT);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_DISOBEYED);
     ck_assert_int_eq(liar.exchanges, 1);
-    bench.board->ops = liar.honest;
+    bench_restore_board();
     bench_assert_motor_is_off();
 }
 END_TEST
@@ -330,8 +317,6 @@ END_TEST
 /* --- what a fault does to the board --- */
 
 static struct {
-    struct mk_board_ops ops;
-    const struct mk_board_ops *own;
     int safe, zeroed, exchanges;
     int safe_at_exchange[400]; /* how often SAFE had been asked for by then */
 } heard;
@@ -341,44 +326,40 @@ static enum mk_status hear_exchange(struct mk_board *board, double u, struct mk_
     if (heard.exchanges < 400)
         heard.safe_at_exchange[heard.exchanges] = heard.safe;
     heard.exchanges++;
-    return heard.own->exchange(board, u, out);
+    return bench.own->exchange(board, u, out);
 }
 
 static enum mk_status hear_safe(struct mk_board *board)
 {
     heard.safe++;
-    return heard.own->safe_state(board);
+    return bench.own->safe_state(board);
 }
 
 static enum mk_status hear_zero(struct mk_board *board, struct mk_error *err)
 {
     heard.zeroed++;
-    return heard.own->zero_counters(board, err);
+    return bench.own->zero_counters(board, err);
 }
 
 static void listen_to_the_board(void)
 {
     memset(&heard, 0, sizeof heard);
-    heard.own = bench.board->ops;
-    heard.ops = *heard.own;
-    heard.ops.exchange = hear_exchange;
-    heard.ops.safe_state = hear_safe;
-    heard.ops.zero_counters = hear_zero;
-    bench.board->ops = &heard.ops;
+    struct mk_board_ops *ops = bench_override_board();
+    ops->exchange = hear_exchange;
+    ops->safe_state = hear_safe;
+    ops->zero_counters = hear_zero;
 }
 
 START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
 {
     bench_build("at 50 jump 2 by 500");
     listen_to_the_board();
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
-    ck_assert_int_eq(bench_look().fault, MK_FAULT_JUMP);
+    bench_run_into(MK_FAULT_JUMP, 1);
     ck_assert_int_eq(bench_look().fault_joint, 2);
     int at = 100 + 50; /* after the watch before the start */
     ck_assert_int_eq(heard.safe_at_exchange[at], 0);
     ck_assert_int_eq(heard.safe_at_exchange[at + 1], 1);
-    bench.board->ops = heard.own;
+    bench_restore_board();
 }
 END_TEST
 
@@ -394,16 +375,16 @@ START_TEST(counters_are_zeroed_again_after_faults_that_put_them_in_doubt)
         for (size_t i = 0; i < sizeof doubtful / sizeof doubtful[0]; i++)
             doubted = doubted || doubtful[i] == (enum mk_fault)f;
         bench_start(); /* knows its zero */
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
         heard.zeroed = 0;
         mk_safety_latch(&bench.loop->safety, (enum mk_fault)f, 0.0, 0);
         mk_loop_acknowledge(bench.loop);
         bench_start();
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
         ck_assert_msg(heard.zeroed == doubted, "after %s: zeroed %d times",
                       mk_fault_name((enum mk_fault)f), heard.zeroed);
     }
-    bench.board->ops = heard.own;
+    bench_restore_board();
 }
 END_TEST
 
@@ -460,11 +441,9 @@ START_TEST(an_unplugged_board_ends_the_run)
 {
     bench_build("at 100 disconnect");
     bench_set_law(2, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
-    ck_assert_int_eq(bench_look().fault, MK_FAULT_UNPLUGGED);
+    bench_run_into(MK_FAULT_UNPLUGGED, 1);
     ck_assert_double_eq_tol(bench_look().fault_t, 0.2, 1e-12);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     /* Nobody reaches the board any more: its watchdog does. */
     mk_clock_sleep_until(&bench.clock, mk_clock_now_ns(&bench.clock) + 25000000);
     bench_assert_motor_is_off();
@@ -499,7 +478,7 @@ START_TEST(a_halt_turns_the_motor_off_without_help_of_the_watchdog)
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
     ck_assert_double_eq(bench_look().sample.u, 2.0);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     bench_assert_motor_is_off();
 }
 END_TEST
@@ -514,7 +493,7 @@ START_TEST(the_stop_button_stops_the_motor)
     ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
     ck_assert_double_eq_tol(bench_look().fault_t, 0.2, 1e-12);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     bench_assert_motor_is_off();
     mk_loop_acknowledge(bench.loop);
     ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
@@ -528,7 +507,7 @@ START_TEST(a_stop_that_no_sample_sees_any_more_is_noted_in_the_log)
     bench_start();
     bench_wait_for(0.2);
     mk_loop_estop(bench.loop);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     ck_assert_int_eq(bench_look().state, MK_LOOP_FAULTED);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_ESTOP);
     struct mk_log *log = bench_read_log();
@@ -561,22 +540,19 @@ static enum mk_status failing_exchange(struct mk_board *board, double u,
 {
     if (failing.exchanges++ < failing.first)
         return failing.with;
-    return mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    return bench.own->exchange(board, u, out);
 }
 
 static enum mk_status start_over(enum mk_status with, int first)
 {
-    struct mk_board_ops ops = *bench.board->ops;
-    const struct mk_board_ops *sound = bench.board->ops;
     failing.with = with;
     failing.first = first;
     failing.exchanges = 0;
-    ops.exchange = failing_exchange;
-    bench.board->ops = &ops;
+    bench_override_board()->exchange = failing_exchange;
     enum mk_status st = mk_loop_start(bench.loop, NULL, NULL, 0, NULL);
     if (st == MK_OK)
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    bench.board->ops = sound;
+        bench_halt();
+    bench_restore_board();
     return st;
 }
 
@@ -608,22 +584,19 @@ END_TEST
 static enum mk_status slow_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
     mk_clock_sleep_until(board->clock, mk_clock_now_ns(board->clock) + 100000000);
-    return mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    return bench.own->exchange(board, u, out);
 }
 
 START_TEST(a_start_that_the_machine_is_too_slow_for_is_given_up)
 {
     struct mk_error err = MK_ERROR_INIT;
     bench_build(NULL);
-    struct mk_board_ops slow = *bench.board->ops;
-    const struct mk_board_ops *quick = bench.board->ops;
-    slow.exchange = slow_exchange;
-    bench.board->ops = &slow;
+    bench_override_board()->exchange = slow_exchange;
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
     ck_assert_msg(strstr(err.message, "overrun") != NULL, "%s", err.message);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_OVERRUN);
     ck_assert_double_lt(1e-9 * (double)mk_clock_now_ns(bench.board->clock), 6.0);
-    bench.board->ops = quick;
+    bench_restore_board();
     bench_assert_motor_is_off();
     mk_loop_acknowledge(bench.loop);
     bench_start();
@@ -656,7 +629,7 @@ static struct {
 static enum mk_status creeping_exchange(struct mk_board *board, double u,
                                         struct mk_board_sample *out)
 {
-    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    enum mk_status st = bench.own->exchange(board, u, out);
     out->count[creep.joint] += creep.counts * creep.exchanges++;
     return st;
 }
@@ -666,15 +639,12 @@ START_TEST(a_link_that_moves_either_way_is_named_and_not_started)
     char expected[64];
     struct mk_error err = MK_ERROR_INIT;
     bench_build(NULL);
-    struct mk_board_ops ops = *bench.board->ops;
-    const struct mk_board_ops *sound = bench.board->ops;
-    ops.exchange = creeping_exchange;
-    bench.board->ops = &ops;
+    bench_override_board()->exchange = creeping_exchange;
     creep.joint = _i / 2;
     creep.counts = _i % 2 ? 1 : -1;
     creep.exchanges = 0;
     enum mk_status st = mk_loop_start(bench.loop, NULL, NULL, 0, &err);
-    bench.board->ops = sound;
+    bench_restore_board();
     ck_assert_int_eq(st, MK_ERR_FAULT);
     ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
     ck_assert_int_eq(bench_look().fault_joint, creep.joint + 1);
@@ -687,9 +657,7 @@ START_TEST(a_link_held_away_from_rest_does_not_start_again)
 {
     struct mk_error err = MK_ERROR_INIT;
     bench_build_on("null");
-    bench_start();
-    bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run(0.1);
     /* Rest is known now; pretend that it was somewhere else. */
     bench.config.limits.rest_tolerance[1] = -1.0;
     mk_loop_destroy(bench.loop);
@@ -703,7 +671,7 @@ END_TEST
 /* The virtual board with link 2 held 300 counts from where it is. */
 static enum mk_status held_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
-    enum mk_status st = mk_board_backend_by_name("virtual")->exchange(board, u, out);
+    enum mk_status st = bench.own->exchange(board, u, out);
     out->count[1] += 300;
     return st;
 }
@@ -712,15 +680,10 @@ START_TEST(a_start_says_which_link_is_how_far_from_rest)
 {
     struct mk_error err = MK_ERROR_INIT;
     bench_build(NULL);
-    bench_start();
-    bench_wait_for(0.1);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
-    struct mk_board_ops ops = *bench.board->ops;
-    const struct mk_board_ops *sound = bench.board->ops;
-    ops.exchange = held_exchange;
-    bench.board->ops = &ops;
+    bench_run(0.1);
+    bench_override_board()->exchange = held_exchange;
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
-    bench.board->ops = sound;
+    bench_restore_board();
     ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
     ck_assert_msg(strstr(err.message, "joint 2 is 0.471 rad away") != NULL, "%s", err.message);
 }
@@ -736,7 +699,7 @@ START_TEST(whole_turns_are_forgotten_between_runs)
     struct mk_error err = MK_ERROR_INIT;
     enum mk_status st = mk_loop_wait(bench.loop, 0.5, NULL, NULL, NULL, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     ck_assert_int_eq(bench_wait_for(120), MK_OK);
     double rest = mk_rig_state(mk_board_virtual_rig(bench.board))[0] + M_PI_2;
     bench_set_law(0, 1, 1e18);
@@ -751,9 +714,8 @@ START_TEST(after_a_fault_the_log_shows_what_the_rig_did)
 {
     bench_build("at 100 jump 2 by 500");
     bench_set_law(3, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run_into(MK_FAULT_JUMP, 1);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     ck_assert_uint_eq(log->rows, 101 + 100); /* 0.2 s */
     mk_log_free(log);
@@ -765,9 +727,8 @@ START_TEST(a_fault_is_noted_before_the_row_that_shows_it)
 {
     bench_build("at 100 jump 2 by 500");
     bench_set_law(3, 1, 1e18);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run_into(MK_FAULT_JUMP, 1);
+    bench_halt();
     char *text = slurp_file(bench.path);
     const char *note = strstr(text, "\n# fault: encoder-jump"), *row = strstr(text, "\n0.2,");
     ck_assert(note && row && note < row);
@@ -787,7 +748,7 @@ START_TEST(every_run_that_a_fault_ends_has_it_in_its_log)
         if (run != 1)
             mk_loop_estop(bench.loop);
         ck_assert_int_eq(bench_wait_for(0.1), run != 1 ? MK_ERR_FAULT : MK_OK);
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
         mk_loop_acknowledge(bench.loop);
         struct mk_log *log = bench_read_log();
         const char *noted = mk_log_find_meta(log, "fault");
@@ -809,7 +770,7 @@ START_TEST(a_log_that_falls_behind_says_so_when_it_has_caught_up)
     struct mk_loop_snapshot last = bench_look();
     ck_assert_int_eq(last.fault, MK_FAULT_LOG);
     ck_assert_double_eq(last.at_fault.t, last.fault_t);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     struct mk_log *log = bench_read_log();
     ck_assert_ptr_nonnull(mk_log_find_meta(log, "fault"));
     ck_assert_int_eq(strncmp(mk_log_find_meta(log, "fault"), "log at ", 7), 0);

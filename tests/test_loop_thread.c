@@ -111,7 +111,7 @@ START_TEST(a_run_says_how_long_its_ticks_take)
     ck_assert_double_ge(stats().busy_max_us, stats().busy_mean_us);
     ck_assert_double_lt(stats().busy_max_us, 60e6);
     /* Of this run, not of one before it. */
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
     mk_histogram_add(&bench.loop->busy, INT64_C(3600000000000));
     mk_histogram_add(&bench.loop->lateness, INT64_C(3600000000000));
     bench_start();
@@ -133,7 +133,7 @@ START_TEST(a_host_that_waits_sleeps_whether_something_runs_or_not)
         ck_assert_int_eq(getrusage(RUSAGE_THREAD, &after), 0);
         /* It gives the processor up of itself, again and again. */
         ck_assert_int_ge(after.ru_nvcsw - before.ru_nvcsw, 10);
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
     }
 }
 END_TEST
@@ -180,7 +180,7 @@ START_TEST(what_was_taken_for_real_time_is_given_back)
     run_a_moment();
     ck_assert_int_eq(is_open(latency), may);
     for (int again = 0; again < 2; again++) {
-        ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+        bench_halt();
         ck_assert(!is_open(latency));
         ck_assert_int_eq(thread_named("mechkit-loop"), 0);
         ck_assert_int_eq(thread_named("mechkit-log"), 0);
@@ -274,9 +274,7 @@ START_TEST(what_was_interrupted_before_holds_up_no_start)
     bench_use_real_time(500);
     bench_build(NULL);
     errno = EINTR;
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run(0.05);
 }
 END_TEST
 
@@ -290,7 +288,7 @@ START_TEST(a_start_whose_log_cannot_be_made_leaves_no_thread_behind)
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
     ck_assert_int_gt(bench_look().ticks, 10);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_halt();
 }
 END_TEST
 
@@ -308,12 +306,9 @@ START_TEST(a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread)
     if (_i)
         bench_use_real_time(500);
     bench_build(NULL);
-    struct mk_board_ops ops = *bench.board->ops;
-    const struct mk_board_ops *sound = bench.board->ops;
-    ops.set_watchdog = refused_watchdog;
-    bench.board->ops = &ops;
+    bench_override_board()->set_watchdog = refused_watchdog;
     enum mk_status st = mk_loop_start(bench.loop, bench.path, NULL, 0, &err);
-    bench.board->ops = sound;
+    bench_restore_board();
     ck_assert_int_eq(st, MK_ERR_IO);
     ck_assert_str_eq(err.message, "no watchdog today");
     ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
@@ -322,9 +317,7 @@ START_TEST(a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread)
     char *text = slurp_file(bench.path);
     ck_assert_ptr_nonnull(strstr(text, "\n# summary: 0 samples"));
     free(text);
-    bench_start();
-    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
-    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+    bench_run(0.05);
 }
 END_TEST
 

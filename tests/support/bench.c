@@ -61,6 +61,7 @@ void bench_drop_loop(void)
     mk_board_close(bench.board);
     bench.loop = NULL;
     bench.board = NULL;
+    bench.own = NULL;
 }
 
 void bench_teardown(void)
@@ -122,6 +123,44 @@ struct mk_loop_snapshot bench_look(void)
     struct mk_loop_snapshot s;
     mk_loop_get_snapshot(bench.loop, &s);
     return s;
+}
+
+void bench_halt(void)
+{
+    ck_assert_int_eq(mk_loop_halt(bench.loop, NULL), MK_OK);
+}
+
+void bench_run(double seconds)
+{
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(seconds), MK_OK);
+    bench_halt();
+}
+
+struct mk_log *bench_log_of_run(double seconds)
+{
+    bench_run(seconds);
+    return bench_read_log();
+}
+
+void bench_run_into(enum mk_fault fault, double within_s)
+{
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(within_s), MK_ERR_FAULT);
+    ck_assert_msg(bench_look().fault == fault, "%s", mk_fault_name(bench_look().fault));
+}
+
+struct mk_board_ops *bench_override_board(void)
+{
+    bench.own = bench.board->ops;
+    bench.ops = *bench.own;
+    bench.board->ops = &bench.ops;
+    return &bench.ops;
+}
+
+void bench_restore_board(void)
+{
+    bench.board->ops = bench.own;
 }
 
 void bench_set_law(double bias, double scale, double break_at)
