@@ -48,6 +48,9 @@
     X(roa)                                                                                         \
     X(robustness)                                                                                  \
     X(loop)                                                                                        \
+    X(loop_log)                                                                                    \
+    X(loop_params)                                                                                 \
+    X(loop_samples)                                                                                \
     X(loop_faults)                                                                                 \
     X(loop_thread)                                                                                 \
     X(frame)                                                                                       \

@@ -25,10 +25,11 @@ TREE = os.path.join(ROOT, "build", "mutants")
 
 # Suites that are to notice a change, the quickest first. They call the code themselves: a suite that
 # starts `mechkit` would start the one of build/release.
+LOOP = "loop_faults loop loop_log loop_params loop_samples loop_thread"
 SUITES = [
     (r"src/ctrl/(safety|residual|board_watch)\.c", "safety loop_faults residual"),
-    (r"src/ctrl/loop_thread\.c", "loop_faults loop_thread loop"),
-    (r"src/ctrl/loop.*\.c", "loop_faults loop loop_thread bus_runs log_writer"),
+    (r"src/ctrl/loop_thread\.c", LOOP),
+    (r"src/ctrl/loop.*\.c", LOOP + " bus_runs log_writer"),
     (r"src/base/(out_file|log_write|log_writer)\.c", "log_writer log"),
     (r"src/driver/usb.*\.c", "usb bus_faults bus_runs"),
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),

@@ -1,0 +1,234 @@
+/* What the log of a run says: its rows, its columns, what made it; the same in every run that is
+ * the same, and readable when the program was killed. The loop is that of support/bench.h. */
+#include "suites.h"
+
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "ctrl/loop_priv.h"
+#include "mechkit/loop.h"
+#include "mechkit/sim.h"
+#include "support/bench.h"
+
+START_TEST(row_k_holds_the_command_applied_from_k_on)
+{
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench_build(NULL);
+    bench_set_law(4, 1, 1e18);
+    struct mk_log *log = bench_log_of_run(0.2);
+    const double *u = mk_log_get(log, "u"), *q = mk_log_get(log, "q1"), *t = mk_log_get(log, "t");
+    ck_assert_uint_eq(log->rows, 100);
+    ck_assert_double_eq(u[0], 0.0);
+    ck_assert_double_eq(u[1], 4.0);
+
+    /* An independent simulation driven by the log's own u (zero-order hold) passes through q. */
+    struct mk_sim *sim;
+    const double x0[] = {0, 0};
+    ck_assert_int_eq(mk_sim_create(&bench.model, NULL, &sim, NULL), MK_OK);
+    ck_assert_int_eq(mk_sim_reset(sim, 0.0, x0, NULL), MK_OK);
+    for (size_t k = 0; k + 1 < log->rows; k++) {
+        const double command[MK_MAX_INPUTS] = {u[k], 0};
+        ck_assert_double_eq_tol(mk_sim_state(sim)[0], q[k], 0.51 * 2 * M_PI / 4000);
+        ck_assert_int_eq(mk_sim_advance(sim, t[k + 1], command, NULL), MK_OK);
+    }
+    ck_assert_double_gt(mk_sim_state(sim)[0], 1.0);
+    mk_sim_destroy(sim);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(the_log_says_what_made_it)
+{
+    char key[] = "operator", value[] = "Ada", rig[] = "rig", kind[] = "my own words";
+    char board[200];
+    const struct mk_log_meta meta[] = {{key, value}, {rig, kind}};
+    bench_build(NULL);
+    bench_set_law(0.5, 2, 1e18);
+    snprintf(bench.loop->identity.serial, sizeof bench.loop->identity.serial, "A17");
+    ck_assert_int_eq(mk_loop_start(bench.loop, bench.path, meta, 2, NULL), MK_OK);
+    bench_wait_for(0.1);
+    bench_halt();
+    struct mk_log *log = bench_read_log();
+    ck_assert_str_eq(mk_log_find_meta(log, "operator"), "Ada");
+    ck_assert_str_eq(mk_log_find_meta(log, "rig"), "my own words");
+    ck_assert_str_eq(mk_log_find_meta(log, "sample_rate_hz"), "500");
+    ck_assert_str_eq(mk_log_find_meta(log, "encoder_cpr"), "4000 4000");
+    ck_assert_ptr_null(mk_log_find_meta(log, "joint_unit"));
+    ck_assert_ptr_null(mk_log_find_meta(log, "encoder_resolution"));
+    ck_assert_str_eq(mk_log_find_meta(log, "u_to_torque"), "0.00494");
+    ck_assert_str_eq(mk_log_find_meta(log, "u_max"), "10");
+    ck_assert_str_eq(mk_log_find_meta(log, "setup"), "test-law");
+    ck_assert_str_eq(mk_log_find_meta(log, "gains"), "0.5 2");
+    ck_assert_ptr_nonnull(
+        strstr(mk_log_find_meta(log, "parameters"), "bias=0.5 scale=2 break_at="));
+    snprintf(board, sizeof board, "%s, %s, serial A17", bench.loop->identity.name,
+             bench.loop->identity.firmware);
+    ck_assert_str_eq(mk_log_find_meta(log, "board"), board);
+    ck_assert_ptr_nonnull(strstr(board, "virtual"));
+    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "program"), MK_VERSION));
+    ck_assert_str_eq(mk_log_find_meta(log, "realtime"), "simulated time");
+    ck_assert_str_eq(mk_log_find_meta(log, "velocity"), "tracking");
+    ck_assert_str_eq(mk_log_find_meta(log, "phases"), "0 idle, 1 swing-up, 2 balance, 3 track");
+    ck_assert_ptr_null(mk_log_find_meta(log, "reference"));
+    ck_assert_ptr_null(mk_log_find_meta(log, "clock"));
+    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "summary"), "50 samples, 0 late"));
+    static const char *const columns[] = {"t",    "q1",  "q2",    "u",    "dq1",     "dq2",  "enc1",
+                                          "enc2", "ref", "phase", "tick", "late_us", "flags"};
+    ck_assert_uint_eq(log->column_count, 13);
+    for (int i = 0; i < 13; i++)
+        ck_assert_str_eq(log->columns[i].name, columns[i]);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(the_log_of_an_axis_that_slides_has_its_units)
+{
+    bench_use_plant(MK_PLANT_CART_POLE);
+    bench_build(NULL);
+    struct mk_log *log = bench_log_of_run(0.1);
+    ck_assert_str_eq(mk_log_find_meta(log, "joint_unit"), "m rad");
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_rig_of_one_joint_has_no_columns_of_a_second)
+{
+    bench_use_plant(MK_PLANT_PENDULUM);
+    bench_build(NULL);
+    struct mk_log *log = bench_log_of_run(0.1);
+    ck_assert_ptr_nonnull(mk_log_get(log, "enc1"));
+    ck_assert_ptr_null(mk_log_get(log, "q2"));
+    ck_assert_uint_eq(log->column_count, 10);
+    mk_log_free(log);
+}
+END_TEST
+
+/* Who looks into the log between two waits finds what was waited for. */
+START_TEST(after_a_wait_in_simulated_time_its_rows_are_in_the_file)
+{
+    bench_build(NULL);
+    bench_start();
+    for (int k = 1; k <= 3; k++) {
+        bench_wait_for(0.1);
+        struct mk_log *log = bench_read_log();
+        ck_assert_uint_eq(log->rows, 50 * k);
+        mk_log_free(log);
+    }
+}
+END_TEST
+
+static char *slurp(const char *path, size_t *size)
+{
+    FILE *f = fopen(path, "rb");
+    ck_assert_ptr_nonnull(f);
+    char *data = malloc(1 << 22);
+    *size = fread(data, 1, 1 << 22, f);
+    fclose(f);
+    return data;
+}
+
+static char *noisy_run(uint64_t seed, size_t *size)
+{
+    mk_clock_init_simulated(&bench.clock);
+    bench.board_config.seed = seed;
+    bench.board_config.count_noise = 1.0;
+    bench_build("at 300 drop 2; at 400 delay 3ms; from 500 to 600 noise 2");
+    bench_start();
+    bench_set_law(1.5, 1, 1e18);
+    bench_wait_for(1.0);
+    bench_set_law(-1.5, 1, 1e18);
+    bench_wait_for(1.0);
+    bench_halt();
+    bench_drop_loop();
+    return slurp(bench.path, size);
+}
+
+START_TEST(the_same_seed_gives_the_same_log_byte_for_byte)
+{
+    size_t n1, n2, n3;
+    char *one = noisy_run(11, &n1), *two = noisy_run(11, &n2), *three = noisy_run(12, &n3);
+    ck_assert_uint_gt(n1, 50000);
+    ck_assert_uint_eq(n1, n2);
+    ck_assert_mem_eq(one, two, n1);
+    ck_assert(n1 != n3 || memcmp(one, three, n1) != 0);
+    free(one);
+    free(two);
+    free(three);
+}
+END_TEST
+
+START_TEST(angles_go_on_across_the_wrap_of_the_counter)
+{
+    /* 800 rad/s at 4 million counts a turn pass 2^23 every 16 ms; see both kinds of wrap. */
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    bench.model.encoder_cpr[0] = 1000000;
+    bench.config.limits.jump_rad[0] = 5.0;
+    bench_build(NULL);
+    bench_set_law(10, 1, 1e18);
+    struct mk_log *log = bench_log_of_run(0.5);
+    const double *enc = mk_log_get(log, "enc1"), *q = mk_log_get(log, "q1");
+    size_t last = log->rows - 1;
+    ck_assert_double_gt(enc[last], 2.0 * (1 << 23));
+    for (size_t k = 1; k < log->rows; k++)
+        ck_assert_double_ge(q[k], q[k - 1]);
+    ck_assert_double_eq_tol(q[last], enc[last] * 2 * M_PI / 1e6, 1e-9);
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_killed_run_leaves_a_readable_log)
+{
+    int ready[2];
+    ck_assert_int_eq(pipe(ready), 0);
+    pid_t pid = fork();
+    ck_assert_int_ge(pid, 0);
+    if (pid == 0) {
+        bench_use_real_time(1000);
+        bench_build(NULL);
+        if (mk_loop_start(bench.loop, bench.path, NULL, 0, NULL) != MK_OK ||
+            bench_wait_for(0.5) != MK_OK || write(ready[1], "x", 1) != 1)
+            _exit(1);
+        (void)!bench_wait_for(60);
+        _exit(2);
+    }
+    char c;
+    close(ready[1]);
+    ck_assert_int_eq(read(ready[0], &c, 1), 1);
+    close(ready[0]);
+    kill(pid, SIGKILL);
+    int status;
+    ck_assert_int_eq(waitpid(pid, &status, 0), pid);
+    ck_assert(WIFSIGNALED(status));
+    struct mk_log *log = bench_read_log();
+    ck_assert_uint_gt(log->rows, 300);
+    mk_log_free(log);
+}
+END_TEST
+
+Suite *suite_loop_log(void)
+{
+    Suite *s = suite_create("loop_log");
+    TCase *t = tcase_create("simulated time");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 20);
+    tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);
+    tcase_add_test(t, the_log_says_what_made_it);
+    tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
+    tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
+    tcase_add_test(t, after_a_wait_in_simulated_time_its_rows_are_in_the_file);
+    tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);
+    tcase_add_test(t, angles_go_on_across_the_wrap_of_the_counter);
+    suite_add_tcase(s, t);
+
+    t = tcase_create("real time");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 30);
+    tcase_add_test(t, a_killed_run_leaves_a_readable_log);
+    suite_add_tcase(s, t);
+    return s;
+}
