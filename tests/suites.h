@@ -52,6 +52,8 @@
     X(loop_params)                                                                                 \
     X(loop_samples)                                                                                \
     X(loop_faults)                                                                                 \
+    X(loop_lies)                                                                                   \
+    X(loop_start)                                                                                  \
     X(loop_thread)                                                                                 \
     X(frame)                                                                                       \
     X(device)                                                                                      \

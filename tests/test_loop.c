@@ -54,19 +54,6 @@ START_TEST(a_loop_refuses_what_it_cannot_run)
 }
 END_TEST
 
-START_TEST(a_start_that_is_interrupted_is_given_up)
-{
-    static volatile int interrupted;
-    interrupted = 1;
-    bench.config.cancel = &interrupted;
-    bench_build(NULL);
-    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_INTR);
-    ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
-    interrupted = 0;
-    bench_start();
-}
-END_TEST
-
 static bool reached_tick_50(const struct mk_loop_snapshot *s, void *user)
 {
     (void)user;
@@ -250,7 +237,6 @@ Suite *suite_loop(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_run_goes_through_its_states);
     tcase_add_test(t, a_loop_refuses_what_it_cannot_run);
-    tcase_add_test(t, a_start_that_is_interrupted_is_given_up);
     tcase_add_test(t, waiting_ends_with_its_condition_its_time_or_a_cancel);
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);
     tcase_add_loop_test(t, a_tick_allocates_nothing, 0, MK_PLANT_COUNT);

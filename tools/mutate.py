@@ -25,16 +25,16 @@ TREE = os.path.join(ROOT, "build", "mutants")
 
 # Suites that are to notice a change, the quickest first. They call the code themselves: a suite that
 # starts `mechkit` would start the one of build/release.
-LOOP = "loop_faults loop loop_log loop_params loop_samples loop_thread"
+LOOP = "loop_faults loop_lies loop_start loop loop_log loop_params loop_samples loop_thread"
 SUITES = [
-    (r"src/ctrl/(safety|residual|board_watch)\.c", "safety loop_faults residual"),
+    (r"src/ctrl/(safety|residual|board_watch)\.c", "safety loop_faults loop_lies loop_start residual"),
     (r"src/ctrl/loop_thread\.c", LOOP),
     (r"src/ctrl/loop.*\.c", LOOP + " bus_runs log_writer"),
     (r"src/base/(out_file|log_write|log_writer)\.c", "log_writer log"),
     (r"src/driver/usb.*\.c", "usb bus_faults bus_runs"),
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
     (r"src/driver/standalone.*\.c", "standalone device"),
-    (r"src/driver/(fault_script|board_virtual|emulated)\.c", "fault_script board loop_faults"),
+    (r"src/driver/(fault_script|board_virtual|emulated)\.c", "fault_script board loop_faults loop_lies loop_start"),
     (r"src/driver/(byte_stream|tcp|resolve|serial|board_stream)\.c", "streams bus_faults"),
     (r"src/driver/step_clock\.c", "clock frame device board standalone bus_faults"),
     (r"src/driver/device\.c", "device standalone frame bus_faults"),

@@ -1,0 +1,237 @@
+/* Boards that say what cannot be: that drive otherwise than they were told and say so or deny it,
+ * whose readings repeat, whose clock stands or races. The loop finds them out in time and stops;
+ * one that only seems to lie it lets go on. The loop is that of support/bench.h, between it and the
+ * virtual board stands the liar. */
+#include "suites.h"
+
+#include "mechkit/loop.h"
+#include "support/bench.h"
+
+/* What an exchange with the virtual board returns, put wrong from exchange `from` on. */
+enum lie {
+    DRIVES_ON,
+    DRIVES_AND_DENIES,
+    RUNS_ITSELF,
+    REPEATS,
+    CLOCK_STANDS,
+    CLOCK_RACES,
+    CLOCK_LEAPS,
+    COUNTS_NONSENSE,
+    LOSES_FOUR_OF_FIVE
+};
+static struct {
+    enum lie lie;
+    int from, exchanges;
+    struct mk_board_sample kept;
+} liar;
+
+static enum mk_status lying_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    bool lies = liar.exchanges++ >= liar.from;
+    if (lies && liar.lie == LOSES_FOUR_OF_FIVE && liar.exchanges % 5)
+        return MK_ERR_TIMEOUT;
+    bool drives = lies && (liar.lie == DRIVES_ON || liar.lie == DRIVES_AND_DENIES);
+    enum mk_status st = bench.own->exchange(board, drives ? 10.0 : u, out);
+    if (!lies)
+        liar.kept = *out;
+    else if (liar.lie == DRIVES_AND_DENIES)
+        out->u_applied = u;
+    else if (liar.lie == RUNS_ITSELF)
+        out->status |= MK_BOARD_ST_OWN;
+    else if (liar.lie == REPEATS)
+        *out = liar.kept;
+    else if (liar.lie == CLOCK_STANDS)
+        out->board_ns = liar.kept.board_ns;
+    else if (liar.lie == CLOCK_RACES)
+        out->board_ns += 2 * (out->board_ns - liar.kept.board_ns);
+    else if (liar.lie == CLOCK_LEAPS)
+        out->board_ns += 8000000000000000000;
+    else if (liar.lie == COUNTS_NONSENSE)
+        out->sequence *= 2654435761u;
+    return st;
+}
+
+static void build_liar(enum lie lie, int from)
+{
+    bench_build(NULL);
+    liar.lie = lie;
+    liar.from = from;
+    liar.exchanges = 0;
+    bench_override_board()->exchange = lying_exchange;
+}
+
+/* A run under u = 0 with a board that lies from its exchange `from` on; when the fault came, in s
+ * after that exchange. The watch before the start takes 0.2 s: 100 exchanges at 500 Hz. */
+static double lie_from(enum lie lie, int from, enum mk_fault fault)
+{
+    build_liar(lie, from);
+    bench_run_into(fault, 5);
+    double t = bench_look().fault_t;
+    bench_halt();
+    bench_restore_board();
+    bench_assert_motor_is_off();
+    return t - (from / bench.config.rate_hz - 0.2);
+}
+
+/* --- what it drives -------------------------------------------------------------------------- */
+
+START_TEST(a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once)
+{
+    ck_assert_double_eq_tol(lie_from(DRIVES_ON, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_before_the_start_is_not_started)
+{
+    build_liar(DRIVES_ON, 0);
+    ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, NULL), MK_ERR_FAULT);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_DISOBEYED);
+    ck_assert_int_eq(liar.exchanges, 1);
+    bench_restore_board();
+    bench_assert_motor_is_off();
+}
+END_TEST
+
+/* Whose commands the host's are then is a matter of chance, whatever is in force. */
+START_TEST(a_board_that_runs_a_controller_of_its_own_is_stopped_at_once)
+{
+    ck_assert_double_eq_tol(lie_from(RUNS_ITSELF, 200, MK_FAULT_DISOBEYED), 0.0, 1e-9);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_and_denies_it_is_found_by_the_motion)
+{
+    static const enum mk_plant_kind plants[] = {MK_PLANT_INERTIA_WHEEL, MK_PLANT_PENDUBOT,
+                                                MK_PLANT_REACTION_WHEEL, MK_PLANT_FURUTA};
+    bench_use_plant(plants[_i]);
+    ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 200, MK_FAULT_DRIVEN),
+                        plants[_i] == MK_PLANT_PENDUBOT ? 0.4 : 0.1);
+}
+END_TEST
+
+START_TEST(a_board_that_drives_and_denies_it_is_found_by_slow_samples_too)
+{
+    bench.config.rate_hz = MK_LOOP_RATE_MIN_HZ;
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_double_le(lie_from(DRIVES_AND_DENIES, 40, MK_FAULT_DRIVEN), 0.3);
+}
+END_TEST
+
+START_TEST(a_board_that_gives_less_than_it_is_told_goes_on)
+{
+    bench_build("at 50 saturate 0.5");
+    bench_set_law(-1, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(1), MK_OK);
+    ck_assert_double_eq(bench_look().sample.u, -0.5);
+}
+END_TEST
+
+static struct {
+    int exchanges;
+    double command;
+} belated;
+
+/* A stream over a slow line: the sample behind command 100 is given up, and the command acts with
+ * the next one. */
+static enum mk_status belated_exchange(struct mk_board *board, double u,
+                                       struct mk_board_sample *out)
+{
+    const int lost = 200; /* the watch before the start takes 100 exchanges */
+    enum mk_status st = bench.own->exchange(board, u, out);
+    if (belated.exchanges == lost + 1)
+        out->u_applied = belated.command;
+    if (belated.exchanges++ != lost)
+        return st;
+    belated.command = u;
+    return MK_ERR_TIMEOUT;
+}
+
+START_TEST(a_command_whose_sample_was_lost_may_act_later)
+{
+    struct mk_signal *push;
+    ck_assert_int_eq(mk_signal_create("1+pulse(0.197,0.199)", &push, NULL), MK_OK);
+    bench.config.stream = true;
+    bench_build(NULL);
+    bench.ctrl.ref = push;
+    belated.exchanges = 0;
+    bench_override_board()->exchange = belated_exchange;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
+    ck_assert_double_eq(belated.command, 2.0);
+    ck_assert_uint_eq(bench_look().lost, 1);
+    bench_halt();
+    bench_restore_board();
+    mk_signal_destroy(push);
+}
+END_TEST
+
+/* --- what it reads --------------------------------------------------------------------------- */
+
+START_TEST(readings_that_repeat_an_exchange_are_stale)
+{
+    ck_assert_double_le(lie_from(REPEATS, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_whose_clock_stands_still_is_stale)
+{
+    ck_assert_double_le(lie_from(CLOCK_STANDS, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_whose_clock_races_is_stale)
+{
+    ck_assert_double_le(lie_from(CLOCK_RACES, 200, MK_FAULT_STALE), 0.2);
+}
+END_TEST
+
+START_TEST(a_board_whose_exchange_numbers_are_nonsense_is_stale)
+{
+    ck_assert_double_le(lie_from(COUNTS_NONSENSE, 200, MK_FAULT_STALE), 0.01);
+}
+END_TEST
+
+START_TEST(a_board_that_loses_four_of_five_exchanges_is_stopped)
+{
+    ck_assert_double_le(lie_from(LOSES_FOUR_OF_FIVE, 200, MK_FAULT_LINK), 0.014);
+}
+END_TEST
+
+START_TEST(a_streaming_board_whose_clock_stands_still_does_not_hold_the_host)
+{
+    bench.config.stream = true;
+    ck_assert_double_le(lie_from(CLOCK_STANDS, 200, MK_FAULT_LINK), 0.1);
+}
+END_TEST
+
+START_TEST(a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_of_time)
+{
+    bench.config.stream = true;
+    ck_assert_double_le(lie_from(CLOCK_LEAPS, 200, MK_FAULT_LINK), 0.1);
+}
+END_TEST
+
+Suite *suite_loop_lies(void)
+{
+    Suite *s = suite_create("loop_lies");
+    TCase *t = tcase_create("lies");
+    tcase_add_checked_fixture(t, bench_setup, bench_teardown);
+    tcase_set_timeout(t, 20);
+    tcase_add_test(t, a_board_that_drives_when_it_is_told_not_to_is_stopped_at_once);
+    tcase_add_test(t, a_board_that_drives_before_the_start_is_not_started);
+    tcase_add_test(t, a_board_that_runs_a_controller_of_its_own_is_stopped_at_once);
+    tcase_add_loop_test(t, a_board_that_drives_and_denies_it_is_found_by_the_motion, 0, 4);
+    tcase_add_test(t, a_board_that_drives_and_denies_it_is_found_by_slow_samples_too);
+    tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
+    tcase_add_test(t, a_command_whose_sample_was_lost_may_act_later);
+    tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);
+    tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);
+    tcase_add_test(t, a_board_whose_clock_races_is_stale);
+    tcase_add_test(t, a_board_whose_exchange_numbers_are_nonsense_is_stale);
+    tcase_add_test(t, a_board_that_loses_four_of_five_exchanges_is_stopped);
+    tcase_add_test(t, a_streaming_board_whose_clock_stands_still_does_not_hold_the_host);
+    tcase_add_test(t, a_streaming_board_whose_clock_leaps_does_not_take_the_run_to_the_end_of_time);
+    suite_add_tcase(s, t);
+    return s;
+}
