@@ -64,6 +64,9 @@
     X(parport)                                                                                     \
     X(ppdev)                                                                                       \
     X(streams)                                                                                     \
+    X(stream_troubles)                                                                             \
+    X(tcp)                                                                                         \
+    X(serial)                                                                                      \
     X(serve)                                                                                       \
     X(foreign)                                                                                     \
     X(boards_cli)                                                                                  \

@@ -7,11 +7,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "emu/bench.h"
 #include "mechkit/loop.h"
 #include "support/files.h"
+#include "support/wall.h"
 
 #define RATE_HZ 100.0
 #define DRIVE_S 0.1
@@ -32,13 +32,6 @@ struct outcome {
     bool logged;
     double seconds;
 };
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static enum mk_status drive(struct mk_board *board, struct mk_ctrl *ctrl, struct outcome *o)
 {
@@ -68,7 +61,7 @@ static struct outcome short_run(void)
     struct mk_board_config config = {.model = &model, .clock = &clock_, .device = bench.device};
     struct mk_board *board = NULL;
     struct mk_ctrl *ctrl = NULL;
-    double start = now_s();
+    double start = wall_s();
     ck_assert_int_eq(mk_ctrl_create(mk_ctrl_setup_by_name("open-loop"), &model, 1.0 / RATE_HZ, push,
                                     &ctrl, NULL),
                      MK_OK);
@@ -77,7 +70,7 @@ static struct outcome short_run(void)
         o.status = drive(board, ctrl, &o);
     mk_board_close(board);
     mk_ctrl_destroy(ctrl);
-    o.seconds = now_s() - start;
+    o.seconds = wall_s() - start;
     return o;
 }
 

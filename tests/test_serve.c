@@ -12,7 +12,6 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "driver/serve.h"
@@ -20,6 +19,7 @@
 #include "mechkit/log.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/wall.h"
 
 #define TRIES 8 /* a busy machine may lose a run in real time to its own stalls */
 
@@ -30,13 +30,6 @@ static char said[16384];
 static char log_path[256], device[128];
 static const char *board;
 static pid_t server, client;
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* Starts a program of its own, its output in a file. */
 static pid_t start(const char *output, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
@@ -81,9 +74,9 @@ static const char *server_said(void)
 /* Waits until the server has said it; NULL: it has not. */
 static const char *server_says(const char *text)
 {
-    double end = now_s() + 20.0;
+    double end = wall_s() + 20.0;
     const char *at;
-    while (!(at = strstr(server_said(), text)) && now_s() < end)
+    while (!(at = strstr(server_said(), text)) && wall_s() < end)
         usleep(5000);
     return at;
 }

@@ -35,11 +35,11 @@ SUITES = [
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
     (r"src/driver/standalone.*\.c", "standalone device"),
     (r"src/driver/(fault_script|board_virtual|emulated)\.c", "fault_script board loop_faults loop_lies loop_start"),
-    (r"src/driver/(byte_stream|tcp|resolve|serial|board_stream)\.c", "streams bus_faults"),
+    (r"src/driver/(byte_stream|tcp|resolve|serial|board_stream)\.c", "streams tcp serial stream_troubles bus_faults"),
     (r"src/driver/step_clock\.c", "clock frame device board standalone bus_faults"),
     (r"src/driver/device\.c", "device standalone frame bus_faults"),
-    (r"src/driver/serve\.c", "serve streams bus_faults"),
-    (r"src/driver/wire\.c", "frame device board bus_runs standalone streams bus_faults"),
+    (r"src/driver/serve\.c", "serve streams tcp serial stream_troubles bus_faults"),
+    (r"src/driver/wire\.c", "frame device board bus_runs standalone streams stream_troubles bus_faults"),
     (r"src/driver/", "frame device board usb bus_faults"),
 ]
 

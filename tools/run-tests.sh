@@ -10,14 +10,14 @@ export CK_TIMEOUT_MULTIPLIER=1
 export CK_MAX_MSG_SIZE=65536
 # What runs the same code many times over, for the figures, runs once: without a sanitizer.
 threaded="ring clock log_writer console console_pty tui safety rig loop loop_log loop_params loop_samples \
-    loop_faults loop_lies loop_start loop_thread board standalone doctor usb parport ppdev streams serve \
-    boards_cli bus_runs replug bus_faults fault_script robustness hidden sweep"
+    loop_faults loop_lies loop_start loop_thread board standalone doctor usb parport ppdev streams \
+    stream_troubles tcp serial serve boards_cli bus_runs replug bus_faults fault_script robustness hidden sweep"
 # What goes by the clock waits most of the time. One suite at a time of these runs, and one that computes
 # beside it, behind it. One of these that fails there is run once more at the end, with the machine to
 # itself: what fails then is the program's fault and not the machine's.
 by_clock="clock log_writer console console_pty tui safety rig loop loop_log loop_params loop_samples \
-    loop_faults loop_lies loop_start loop_thread board standalone doctor usb parport ppdev streams serve \
-    boards_cli bus_runs replug bus_faults fault_script"
+    loop_faults loop_lies loop_start loop_thread board standalone doctor usb parport ppdev streams \
+    stream_troubles tcp serial serve boards_cli bus_runs replug bus_faults fault_script"
 # What takes longest comes first, so that the two end together.
 heavy="inputs misfit own_values hidden linear foreign explain data_check investigate ratios contact slides \
     compensate trajectory residual excite robustness"
