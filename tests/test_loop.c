@@ -124,8 +124,7 @@ START_TEST(default_limits_hold_at_any_rate_of_the_loop)
 {
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
     bench.config.rate_hz = 100; /* the limits are for 500 */
-    bench_build(NULL);
-    bench_set_law(8, 1, 1e18);
+    bench_build_driving(NULL, 8);
     bench_start();
     struct mk_error err = MK_ERROR_INIT;
     ck_assert_msg(mk_loop_wait(bench.loop, 5, NULL, NULL, NULL, &err) == MK_OK, "%s", err.message);
@@ -152,8 +151,7 @@ START_TEST(a_second_at_1_khz_loses_nothing)
 {
     struct mk_loop_stats stats;
     bench_use_real_time(1000);
-    bench_build(NULL);
-    bench_set_law(1, 1, 1e18);
+    bench_build_driving(NULL, 1);
     bench_run(1.0);
     mk_loop_get_stats(bench.loop, &stats);
     struct mk_log *log = bench_read_log();
@@ -189,8 +187,7 @@ START_TEST(another_thread_can_stop_a_real_time_run)
 {
     pthread_t presser;
     bench_use_real_time(1000);
-    bench_build(NULL);
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving(NULL, 2);
     bench_start();
     ck_assert_int_eq(pthread_create(&presser, NULL, press_stop, bench.loop), 0);
     ck_assert_int_eq(bench_wait_for(20), MK_ERR_FAULT);
@@ -204,8 +201,7 @@ END_TEST
 START_TEST(a_real_time_run_can_be_unplugged)
 {
     bench_use_real_time(1000);
-    bench_build("at 100 disconnect");
-    bench_set_law(1, 1, 1e18);
+    bench_build_driving("at 100 disconnect", 1);
     bench_run_into(MK_FAULT_UNPLUGGED, 10);
     bench_halt();
 }
@@ -214,8 +210,7 @@ END_TEST
 START_TEST(destroying_a_running_loop_turns_the_motor_off)
 {
     bench_use_real_time(500);
-    bench_build(NULL);
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving(NULL, 2);
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
     mk_loop_destroy(bench.loop);

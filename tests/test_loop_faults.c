@@ -58,8 +58,7 @@ static void expect_fault(enum mk_fault fault)
 START_TEST(travel_stops_the_motor)
 {
     bench.config.limits.q_max[0] = -M_PI_2 + 0.2;
-    bench_build(NULL);
-    bench_set_law(6, 1, 1e18);
+    bench_build_driving(NULL, 6);
     expect_fault(MK_FAULT_TRAVEL);
 }
 END_TEST
@@ -68,16 +67,14 @@ START_TEST(speed_stops_the_motor)
 {
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
     bench.config.limits.v_max[0] = 100;
-    bench_build(NULL);
-    bench_set_law(6, 1, 1e18);
+    bench_build_driving(NULL, 6);
     expect_fault(MK_FAULT_SPEED);
 }
 END_TEST
 
 START_TEST(a_jumping_encoder_stops_the_motor)
 {
-    bench_build("at 100 jump 2 by 500");
-    bench_set_law(1, 1, 1e18);
+    bench_build_driving("at 100 jump 2 by 500", 1);
     expect_fault(MK_FAULT_JUMP);
     ck_assert_int_eq(bench_look().fault_joint, 0);
 }
@@ -85,8 +82,7 @@ END_TEST
 
 START_TEST(a_stuck_encoder_stops_the_motor)
 {
-    bench_build("at 0 stuck 1");
-    bench_set_law(9, 1, 1e18);
+    bench_build_driving("at 0 stuck 1", 9);
     expect_fault(MK_FAULT_STUCK);
 }
 END_TEST
@@ -133,8 +129,7 @@ END_TEST
 
 START_TEST(a_broken_link_stops_the_motor)
 {
-    bench_build("at 100 drop 5");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("at 100 drop 5", 2);
     expect_fault(MK_FAULT_LINK);
 }
 END_TEST
@@ -142,24 +137,21 @@ END_TEST
 START_TEST(the_watchdog_stops_the_motor_when_the_loop_stalls)
 {
     bench.config.limits.late_limit = 1000;
-    bench_build("at 100 delay 100ms");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("at 100 delay 100ms", 2);
     expect_fault(MK_FAULT_WATCHDOG);
 }
 END_TEST
 
 START_TEST(a_fault_of_the_board_stops_the_motor)
 {
-    bench_build("at 100 alarm for 1");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("at 100 alarm for 1", 2);
     expect_fault(MK_FAULT_BOARD);
 }
 END_TEST
 
 START_TEST(an_unplugged_board_ends_the_run)
 {
-    bench_build("at 100 disconnect");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("at 100 disconnect", 2);
     bench_run_into(MK_FAULT_UNPLUGGED, 1);
     ck_assert_double_eq_tol(bench_look().fault_t, 0.2, 1e-12);
     bench_halt();
@@ -175,8 +167,7 @@ END_TEST
 START_TEST(a_halt_turns_the_motor_off_without_help_of_the_watchdog)
 {
     bench.config.watchdog_ms = 0;
-    bench_build(NULL);
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving(NULL, 2);
     bench_start();
     ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
     ck_assert_double_eq(bench_look().sample.u, 2.0);
@@ -187,8 +178,7 @@ END_TEST
 
 START_TEST(the_stop_button_stops_the_motor)
 {
-    bench_build(NULL);
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving(NULL, 2);
     bench_start();
     bench_wait_for(0.2);
     mk_loop_estop(bench.loop);
@@ -281,44 +271,34 @@ END_TEST
 /* Each exchange of the tail would be waited for in vain, a second in simulated time. */
 START_TEST(a_board_that_does_not_answer_has_no_tail)
 {
-    bench_build("from 100 to 1000 drop");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("from 100 to 1000 drop", 2);
     expect_fault(MK_FAULT_LINK);
-    struct mk_log *log = bench_read_log();
-    ck_assert_uint_eq(log->rows, 105);
-    mk_log_free(log);
+    ck_assert_uint_eq(bench_rows_logged(), 105);
 }
 END_TEST
 
 /* It stops answering in the tail. */
 START_TEST(a_tail_ends_when_the_board_stops_answering)
 {
-    bench_build("at 100 jump 2 by 500; from 130 to 1000 drop");
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving("at 100 jump 2 by 500; from 130 to 1000 drop", 2);
     expect_fault(MK_FAULT_JUMP);
-    struct mk_log *log = bench_read_log();
-    ck_assert_uint_eq(log->rows, 135);
-    mk_log_free(log);
+    ck_assert_uint_eq(bench_rows_logged(), 135);
 }
 END_TEST
 
 START_TEST(after_a_fault_the_log_shows_what_the_rig_did)
 {
-    bench_build("at 100 jump 2 by 500");
-    bench_set_law(3, 1, 1e18);
+    bench_build_driving("at 100 jump 2 by 500", 3);
     bench_run_into(MK_FAULT_JUMP, 1);
     bench_halt();
-    struct mk_log *log = bench_read_log();
-    ck_assert_uint_eq(log->rows, 101 + 100); /* 0.2 s */
-    mk_log_free(log);
+    ck_assert_uint_eq(bench_rows_logged(), 101 + 100); /* 0.2 s */
 }
 END_TEST
 
 /* Who reads the log of a program that was killed later finds the fault where it happened. */
 START_TEST(a_fault_is_noted_before_the_row_that_shows_it)
 {
-    bench_build("at 100 jump 2 by 500");
-    bench_set_law(3, 1, 1e18);
+    bench_build_driving("at 100 jump 2 by 500", 3);
     bench_run_into(MK_FAULT_JUMP, 1);
     bench_halt();
     char *text = slurp_file(bench.path);
@@ -353,8 +333,7 @@ END_TEST
 
 START_TEST(a_stop_that_no_sample_sees_any_more_is_noted_in_the_log)
 {
-    bench_build(NULL);
-    bench_set_law(2, 1, 1e18);
+    bench_build_driving(NULL, 2);
     bench_start();
     bench_wait_for(0.2);
     mk_loop_estop(bench.loop);
@@ -396,8 +375,7 @@ START_TEST(a_full_disk_stops_the_motor_and_is_reported)
         const struct rlimit small = {60000, 60000};
         signal(SIGXFSZ, SIG_IGN);
         setrlimit(RLIMIT_FSIZE, &small);
-        bench_build(NULL);
-        bench_set_law(2, 1, 1e18);
+        bench_build_driving(NULL, 2);
         if (mk_loop_start(bench.loop, bench.path, NULL, 0, NULL) != MK_OK)
             _exit(1);
         enum mk_status st = MK_OK;
@@ -414,9 +392,7 @@ START_TEST(a_full_disk_stops_the_motor_and_is_reported)
     int status;
     ck_assert_int_eq(waitpid(pid, &status, 0), pid);
     ck_assert_msg(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %x", status);
-    struct mk_log *log = bench_read_log();
-    ck_assert_uint_gt(log->rows, 300);
-    mk_log_free(log);
+    ck_assert_uint_gt(bench_rows_logged(), 300);
 }
 END_TEST
 

@@ -119,8 +119,7 @@ END_TEST
 
 START_TEST(a_board_that_gives_less_than_it_is_told_goes_on)
 {
-    bench_build("at 50 saturate 0.5");
-    bench_set_law(-1, 1, 1e18);
+    bench_build_driving("at 50 saturate 0.5", -1);
     bench_start();
     ck_assert_int_eq(bench_wait_for(1), MK_OK);
     ck_assert_double_eq(bench_look().sample.u, -0.5);

@@ -18,8 +18,7 @@
 START_TEST(row_k_holds_the_command_applied_from_k_on)
 {
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
-    bench_build(NULL);
-    bench_set_law(4, 1, 1e18);
+    bench_build_driving(NULL, 4);
     struct mk_log *log = bench_log_of_run(0.2);
     const double *u = mk_log_get(log, "u"), *q = mk_log_get(log, "q1"), *t = mk_log_get(log, "t");
     ck_assert_uint_eq(log->rows, 100);
@@ -115,9 +114,7 @@ START_TEST(after_a_wait_in_simulated_time_its_rows_are_in_the_file)
     bench_start();
     for (int k = 1; k <= 3; k++) {
         bench_wait_for(0.1);
-        struct mk_log *log = bench_read_log();
-        ck_assert_uint_eq(log->rows, 50 * k);
-        mk_log_free(log);
+        ck_assert_uint_eq(bench_rows_logged(), 50 * k);
     }
 }
 END_TEST
@@ -168,8 +165,7 @@ START_TEST(angles_go_on_across_the_wrap_of_the_counter)
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
     bench.model.encoder_cpr[0] = 1000000;
     bench.config.limits.jump_rad[0] = 5.0;
-    bench_build(NULL);
-    bench_set_law(10, 1, 1e18);
+    bench_build_driving(NULL, 10);
     struct mk_log *log = bench_log_of_run(0.5);
     const double *enc = mk_log_get(log, "enc1"), *q = mk_log_get(log, "q1");
     size_t last = log->rows - 1;
@@ -204,9 +200,7 @@ START_TEST(a_killed_run_leaves_a_readable_log)
     int status;
     ck_assert_int_eq(waitpid(pid, &status, 0), pid);
     ck_assert(WIFSIGNALED(status));
-    struct mk_log *log = bench_read_log();
-    ck_assert_uint_gt(log->rows, 300);
-    mk_log_free(log);
+    ck_assert_uint_gt(bench_rows_logged(), 300);
 }
 END_TEST
 

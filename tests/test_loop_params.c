@@ -76,8 +76,7 @@ static bool change_the_bias(const struct mk_loop_snapshot *s, void *user)
  * says that they were. */
 START_TEST(every_change_of_parameters_is_noted_at_its_time_however_many_there_are)
 {
-    bench_build(NULL);
-    bench_set_law(0, 1, 1e18);
+    bench_build_driving(NULL, 0);
     bench_start();
     ck_assert_int_eq(mk_loop_wait(bench.loop, 0.7, change_the_bias, NULL, NULL, NULL),
                      MK_ERR_TIMEOUT);
@@ -110,8 +109,7 @@ START_TEST(parameters_and_signal_changed_at_once_are_both_taken)
 {
     struct mk_signal *signal;
     ck_assert_int_eq(mk_signal_create("2", &signal, NULL), MK_OK);
-    bench_build(NULL);
-    bench_set_law(1, 1, 1e18);
+    bench_build_driving(NULL, 1);
     bench_start();
     bench_wait_for(0.1);
     ck_assert_int_eq(mk_loop_set_signal(bench.loop, signal, NULL), MK_OK);
@@ -144,8 +142,7 @@ END_TEST
 
 START_TEST(a_wish_beyond_the_limit_is_cut_and_marked)
 {
-    bench_build(NULL);
-    bench_set_law(25, 1, 1e18);
+    bench_build_driving(NULL, 25);
     bench_start();
     bench_wait_for(0.01);
     ck_assert_double_eq(bench_look().sample.u, 10.0);

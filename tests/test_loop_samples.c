@@ -70,8 +70,7 @@ static double speed_at(const char *faults, double tick)
 {
     double speed = NAN;
     mk_clock_init_simulated(&bench.clock);
-    bench_build(faults);
-    bench_set_law(3.0, 1, 1e18);
+    bench_build_driving(faults, 3.0);
     bench_run(0.1);
     bench_drop_loop();
     struct mk_log *log = bench_read_log();

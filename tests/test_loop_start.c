@@ -203,8 +203,7 @@ START_TEST(whole_turns_are_forgotten_between_runs)
 {
     bench.config.limits.v_max[0] = bench.config.limits.v_max[1] = 200;
     bench.config.limits.jump_rad[0] = bench.config.limits.jump_rad[1] = 3;
-    bench_build(NULL);
-    bench_set_law(10, 1, 1e18);
+    bench_build_driving(NULL, 10);
     bench_start();
     struct mk_error err = MK_ERROR_INIT;
     enum mk_status st = mk_loop_wait(bench.loop, 0.5, NULL, NULL, NULL, &err);

@@ -264,7 +264,6 @@ START_TEST(without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_d
 }
 END_TEST
 
-/* The thread is there before the log is: it must go again, and the next start must be possible. */
 /* A call that a signal had cut short some time before. */
 START_TEST(what_was_interrupted_before_holds_up_no_start)
 {
@@ -275,6 +274,7 @@ START_TEST(what_was_interrupted_before_holds_up_no_start)
 }
 END_TEST
 
+/* The thread is there before the log is: it must go again, and the next start must be possible. */
 START_TEST(a_start_whose_log_cannot_be_made_leaves_no_thread_behind)
 {
     bench_use_real_time(500);

@@ -235,8 +235,7 @@ END_TEST
 START_TEST(a_wheel_that_friction_holds_is_not_stopped)
 {
     bench_use_plant(MK_PLANT_INERTIA_WHEEL);
-    bench_build(NULL);
-    bench_set_law(0.35, 1, 1e18); /* Coulomb friction: 0.3487 */
+    bench_build_driving(NULL, 0.35); /* Coulomb friction: 0.3487 */
     bench_start();
     ck_assert_int_eq(bench_wait_for(20), MK_OK);
 }
@@ -245,8 +244,7 @@ END_TEST
 START_TEST(a_model_that_may_be_off_by_all_of_it_stops_nothing)
 {
     bench.config.limits.model_share = 1.0;
-    bench_build("at 0 stuck 2");
-    bench_set_law(3, 1, 1e18);
+    bench_build_driving("at 0 stuck 2", 3);
     bench_start();
     ck_assert_int_eq(bench_wait_for(2), MK_OK);
 }

@@ -106,6 +106,12 @@ void bench_build(const char *faults)
     bench_build_on("virtual");
 }
 
+void bench_build_driving(const char *faults, double u)
+{
+    bench_build(faults);
+    bench_set_law(u, 1, 1e18);
+}
+
 void bench_start(void)
 {
     struct mk_error err = MK_ERROR_INIT;
@@ -176,6 +182,14 @@ struct mk_log *bench_read_log(void)
     enum mk_status st = mk_log_read(bench.path, &log, &err);
     ck_assert_msg(st == MK_OK, "%s", err.message);
     return log;
+}
+
+size_t bench_rows_logged(void)
+{
+    struct mk_log *log = bench_read_log();
+    size_t rows = log->rows;
+    mk_log_free(log);
+    return rows;
 }
 
 /* The plant's own word: it slows down and nothing drives it. */

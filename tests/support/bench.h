@@ -32,8 +32,9 @@ void bench_teardown(void);
 void bench_use_plant(enum mk_plant_kind kind);
 void bench_use_real_time(double rate_hz);
 
-/* Board, controller and loop; `faults` is a fault script or NULL. */
+/* Board, controller and loop; `faults` is a fault script or NULL. The law gives u = 0, or `u`. */
 void bench_build(const char *faults);
+void bench_build_driving(const char *faults, double u);
 void bench_build_on(const char *backend);
 void bench_drop_loop(void);
 
@@ -42,6 +43,7 @@ void bench_start(void); /* logs to bench.path */
 void bench_set_law(double bias, double scale, double break_at);
 void bench_halt(void);
 struct mk_log *bench_read_log(void);
+size_t bench_rows_logged(void);
 /* Start, so long a run and halt in one; the second returns what was logged of it. */
 void bench_run(double seconds);
 struct mk_log *bench_log_of_run(double seconds);
