@@ -59,6 +59,21 @@ static struct mk_log *predict(const struct mk_model *m, const struct mk_log *log
     return out;
 }
 
+static struct mk_predict_figures figures_of(const struct mk_model *m, const struct mk_log *log,
+                                            double window)
+{
+    struct mk_predict_figures f;
+    mk_log_free(predict(m, log, window, &f));
+    return f;
+}
+
+static void add_effect(struct mk_model *m, const char *name, int joint, double value)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_model_add_effect(m, name, joint, &err) == MK_OK, "%s", err.message);
+    m->effect[m->effect_count - 1].value[0] = value;
+}
+
 START_TEST(a_model_predicts_its_own_log)
 {
     struct mk_model m;
@@ -88,14 +103,12 @@ END_TEST
 START_TEST(a_wrong_model_shows_in_the_figures)
 {
     struct mk_model m, wrong;
-    struct mk_predict_figures right, off;
     mk_model_default(MK_PLANT_PENDUBOT, &m);
     wrong = m;
     wrong.parameter[3] *= 1.2;
     struct mk_log *log = record(&m, 2 * M_PI / 4000, 5);
-    mk_log_free(predict(&m, log, 0, &right));
-    mk_log_free(predict(&wrong, log, 0, &off));
-    ck_assert_double_gt(off.nrmse[0], 10 * right.nrmse[0]);
+    double right = figures_of(&m, log, 0).nrmse[0], off = figures_of(&wrong, log, 0).nrmse[0];
+    ck_assert_double_gt(off, 10 * right);
     mk_log_free(log);
 }
 END_TEST
@@ -179,13 +192,12 @@ END_TEST
 START_TEST(dropped_rows_and_readings_do_not_stop_a_prediction)
 {
     struct mk_model m;
-    struct mk_predict_figures f;
     mk_model_default(MK_PLANT_PENDUBOT, &m);
     struct mk_log *log = record(&m, 2 * M_PI / 4000, 4);
     for (size_t c = 1; c < log->column_count; c++)
         for (size_t k = 3; k < log->rows; k += 17)
             log->columns[c].data[k] = (double)NAN;
-    mk_log_free(predict(&m, log, 1.0, &f));
+    const struct mk_predict_figures f = figures_of(&m, log, 1.0);
     ck_assert_double_lt(f.rms[0], 0.02);
     ck_assert_uint_lt(f.rows, log->rows);
     mk_log_free(log);
@@ -243,27 +255,29 @@ END_TEST
 START_TEST(offsets_and_delays_of_the_model_are_in_the_prediction)
 {
     struct mk_model m;
-    struct mk_predict_figures f;
-    struct mk_error err = MK_ERROR_INIT;
     mk_model_default(MK_PLANT_PENDUBOT, &m);
-    ck_assert_int_eq(mk_model_add_effect(&m, "encoder-offset", 1, &err), MK_OK);
-    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
-    m.effect[0].value[0] = 0.1;
-    m.effect[1].value[0] = 0.0113;
+    add_effect(&m, "encoder-offset", 1, 0.1);
+    add_effect(&m, "input-delay", 0, 0.0113);
     struct mk_log *log = record(&m, 0, 3);
-    mk_log_free(predict(&m, log, 0, &f));
-    ck_assert_double_lt(f.nrmse[0], 4e-3);
+    ck_assert_double_lt(figures_of(&m, log, 0).nrmse[0], 4e-3);
     mk_log_free(log);
 }
 END_TEST
 
-static enum mk_status map(const char *text, enum mk_plant_kind kind, struct mk_record *rec,
-                          struct mk_log **log, struct mk_error *err)
+static enum mk_status map_by(enum mk_input input, const char *text, enum mk_plant_kind kind,
+                             struct mk_record *rec, struct mk_log **log, struct mk_error *err)
 {
     struct mk_model m;
     mk_model_default(kind, &m);
+    m.input = input;
     ck_assert_int_eq(mk_log_read(scratch_text("map.csv", text), log, err), MK_OK);
     return mk_record_from_log(*log, &m, rec, err);
+}
+
+static enum mk_status map(const char *text, enum mk_plant_kind kind, struct mk_record *rec,
+                          struct mk_log **log, struct mk_error *err)
+{
+    return map_by(MK_INPUT_UNSAID, text, kind, rec, log, err);
 }
 
 START_TEST(commands_are_found_under_their_names)
@@ -314,8 +328,7 @@ START_TEST(without_a_command_the_log_or_the_model_must_say_so)
     m.no_motor = true;
     ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
     ck_assert_int_eq(mk_record_from_log(log, &m, &r, &err), MK_OK);
-    struct mk_predict_figures f;
-    mk_log_free(predict(&m, log, 0.0, &f));
+    (void)figures_of(&m, log, 0.0);
     mk_log_free(log);
     /* A command of 0 is none; another one contradicts. */
     path = scratch_text("driven.csv", "t,q1,u\n0,1,0\n0.002,1,0\n");
@@ -335,11 +348,7 @@ static enum mk_status map_commanded(const char *text, enum mk_plant_kind kind,
                                     struct mk_record *rec, struct mk_log **log,
                                     struct mk_error *err)
 {
-    struct mk_model m;
-    mk_model_default(kind, &m);
-    m.input = MK_INPUT_COMMANDED;
-    ck_assert_int_eq(mk_log_read(scratch_text("map.csv", text), log, err), MK_OK);
-    return mk_record_from_log(*log, &m, rec, err);
+    return map_by(MK_INPUT_COMMANDED, text, kind, rec, log, err);
 }
 
 START_TEST(a_model_may_ask_for_the_commanded_column)
@@ -385,13 +394,10 @@ END_TEST
 START_TEST(a_window_knows_the_commands_that_are_on_their_way)
 {
     struct mk_model m;
-    struct mk_predict_figures f;
-    struct mk_error err = MK_ERROR_INIT;
     mk_model_default(MK_PLANT_PENDUBOT, &m);
-    ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
-    m.effect[0].value[0] = 0.2013;
+    add_effect(&m, "input-delay", 0, 0.2013);
     struct mk_log *log = record(&m, 0, 3);
-    mk_log_free(predict(&m, log, 0.15, &f));
+    const struct mk_predict_figures f = figures_of(&m, log, 0.15);
     ck_assert_double_lt(f.rms[0], 1e-5);
     ck_assert_double_lt(f.rms[1], 1e-5);
     mk_log_free(log);
@@ -421,7 +427,6 @@ static bool measured(const char *name, char *path, size_t size)
     return false;
 }
 
-/* A model and the mapping beside it count from the same zeros. */
 START_TEST(numbers_that_no_rig_has_are_told)
 {
     static const struct {
@@ -444,6 +449,7 @@ START_TEST(numbers_that_no_rig_has_are_told)
 }
 END_TEST
 
+/* A model and the mapping beside it count from the same zeros. */
 START_TEST(models_of_real_rigs_follow_their_logs)
 {
     static const struct {
@@ -462,7 +468,6 @@ START_TEST(models_of_real_rigs_follow_their_logs)
     struct mk_import_map map;
     struct mk_table *table;
     struct mk_log *log;
-    struct mk_predict_figures f;
     struct mk_error err = MK_ERROR_INIT;
     snprintf(model, sizeof model, MK_SOURCE_DIR "/models/measured/%s.ini", cases[_i].model);
     snprintf(mapping, sizeof mapping, MK_SOURCE_DIR "/models/measured/%s.map", cases[_i].map);
@@ -471,8 +476,8 @@ START_TEST(models_of_real_rigs_follow_their_logs)
     ck_assert_msg(mk_import_open(path, &map, &table, &err) == MK_OK, "%s", err.message);
     ck_assert_msg(mk_import_apply(table, path, &map, &log, &err) == MK_OK, "%s", err.message);
     mk_table_free(table);
-    mk_log_free(predict(&m, log, cases[_i].window, &f));
-    ck_assert_msg(f.nrmse[0] < cases[_i].nrmse, "%s: %g", cases[_i].log, f.nrmse[0]);
+    const double nrmse = figures_of(&m, log, cases[_i].window).nrmse[0];
+    ck_assert_msg(nrmse < cases[_i].nrmse, "%s: %g", cases[_i].log, nrmse);
     mk_log_free(log);
 }
 END_TEST

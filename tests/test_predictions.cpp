@@ -90,6 +90,25 @@ struct Learning {
     }
 };
 
+// A log of a pendubot, and what a search over it alone needs.
+struct OneLog {
+    truth::OwnedLog log;
+    mk_model model;
+    mk_record rows;
+    mk::FitLog fit_log;
+    mk::SearchOptions options;
+
+    explicit OneLog(const Effects &effects) : log(truth::usual_log(MK_PLANT_PENDUBOT, effects, 81))
+    {
+        mk_model_default(MK_PLANT_PENDUBOT, &model);
+        ck_assert_int_eq(mk_record_from_log(log.get(), &model, &rows, nullptr), MK_OK);
+        fit_log = mk::fit_log(rows, model, 0, rows.rows);
+        options.given = &model;
+    }
+    OneLog(const OneLog &) = delete; // options point into it
+    OneLog &operator=(const OneLog &) = delete;
+};
+
 } // namespace
 
 START_TEST(what_held_out_data_confirm_is_claimed)
@@ -189,16 +208,9 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
     // friction.
-    const truth::OwnedLog log =
-        truth::usual_log(MK_PLANT_PENDUBOT, {{"coulomb", 2, {{"level", 0.003}}}}, 81);
-    mk_model m;
-    mk_record rows;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &rows, nullptr), MK_OK);
-    const mk::FitLog fit_log = mk::fit_log(rows, m, 0, rows.rows);
-    mk::SearchOptions options;
-    options.given = &m;
-    mk::Search search({&fit_log}, options);
+    const OneLog one({{"coulomb", 2, {{"level", 0.003}}}});
+    const mk_model &m = one.model;
+    mk::Search search({&one.fit_log}, one.options);
     mk::Hypothesis refit, with;
     ck_assert(search.refit(m, nullptr, refit));
     with.added = search.starts(m, "stribeck", 2).front();
@@ -218,15 +230,9 @@ END_TEST
 
 START_TEST(where_a_search_starts_follows_from_its_data_before_any_fit)
 {
-    const truth::OwnedLog log = truth::usual_log(MK_PLANT_PENDUBOT, {}, 81);
-    mk_model m;
-    mk_record rows;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &rows, nullptr), MK_OK);
-    const mk::FitLog fit_log = mk::fit_log(rows, m, 0, rows.rows);
-    mk::SearchOptions options;
-    options.given = &m;
-    mk::Search fresh({&fit_log}, options), used({&fit_log}, options);
+    const OneLog one({});
+    const mk_model &m = one.model;
+    mk::Search fresh({&one.fit_log}, one.options), used({&one.fit_log}, one.options);
     mk::Hypothesis refit;
     ck_assert(used.refit(m, nullptr, refit));
     const std::vector<mk::Candidate> some = fresh.candidates_of(m), same = used.candidates_of(m);
