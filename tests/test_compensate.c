@@ -28,6 +28,21 @@ static void add(struct mk_model *m, const char *name, int joint, const double *v
             use->value[k] = value[k];
 }
 
+static struct mk_model textbook(enum mk_plant_kind plant)
+{
+    struct mk_model m;
+    mk_model_default(plant, &m);
+    return m;
+}
+
+static struct mk_model textbook_with(enum mk_plant_kind plant, const char *effect, int joint,
+                                     const double *value)
+{
+    struct mk_model m = textbook(plant);
+    add(&m, effect, joint, value);
+    return m;
+}
+
 /* --- the command --------------------------------------------------------------------------- */
 
 /* Effects that a command at the motor joint cancels, with values that show. */
@@ -86,11 +101,9 @@ static void random_state(struct mk_random *random, int joints, double *x)
 
 static struct mk_model with_cancelled(enum mk_plant_kind plant, size_t which)
 {
-    struct mk_model m;
-    mk_model_default(plant, &m);
-    add(&m, cancelled[which].name, cancelled[which].at_joint ? mk_plant(plant)->motor_joint + 1 : 0,
-        cancelled[which].value);
-    return m;
+    const struct cancelled *c = &cancelled[which];
+    return textbook_with(plant, c->name, c->at_joint ? mk_plant(plant)->motor_joint + 1 : 0,
+                         c->value);
 }
 
 /* One random state and wish; false when the motor is too weak for it. */
@@ -175,9 +188,9 @@ START_TEST(effects_elsewhere_are_left_alone)
                  {"backlash", 2},         {"base-tilt", 0},     {"sensor-delay", 0},
                  {"encoder-offset", 1},   {"back-emf-limit", 0}};
     for (size_t i = 0; i < sizeof other / sizeof other[0]; i++) {
-        struct mk_model m, full;
-        mk_model_default(MK_PLANT_PENDUBOT, &m);
-        add(&m, other[i].name, other[i].joint, NULL);
+        const struct mk_model m =
+            textbook_with(MK_PLANT_PENDUBOT, other[i].name, other[i].joint, NULL);
+        struct mk_model full;
         mk_compensated_model(&m, &full);
         ck_assert_msg(full.effect_count == 0, "%s", other[i].name);
     }
@@ -186,11 +199,9 @@ END_TEST
 
 START_TEST(what_takes_more_than_the_limit_gets_the_limit)
 {
-    struct mk_model plant, full;
-    mk_model_default(MK_PLANT_PENDUBOT, &plant);
-    full = plant;
     static const double level[MK_MAX_EFFECT_PARAMETERS] = {30.0};
-    add(&full, "coulomb", 1, level);
+    const struct mk_model plant = textbook(MK_PLANT_PENDUBOT),
+                          full = textbook_with(MK_PLANT_PENDUBOT, "coulomb", 1, level);
     double x[MK_MAX_STATES] = {0.1, 0.2, 2.0, 0.0};
     ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), plant.u_max);
     x[2] = -2.0;
@@ -200,11 +211,9 @@ END_TEST
 
 START_TEST(a_command_that_does_nothing_stays_as_wished)
 {
-    struct mk_model plant, full;
-    mk_model_default(MK_PLANT_PENDUBOT, &plant);
-    full = plant;
     static const double width[MK_MAX_EFFECT_PARAMETERS] = {50.0};
-    add(&full, "deadband", 0, width);
+    const struct mk_model plant = textbook(MK_PLANT_PENDUBOT),
+                          full = textbook_with(MK_PLANT_PENDUBOT, "deadband", 0, width);
     double x[MK_MAX_STATES] = {0.1, 0.2, 0.3, 0.0};
     ck_assert_double_eq(mk_compensate(&full, &plant, 0.0, x, 3.0), 3.0);
 }
@@ -227,10 +236,8 @@ static double acceleration_at_rest(const struct mk_model *m, const double *q, do
 START_TEST(a_cable_at_the_free_joint_moves_the_equilibrium)
 {
     static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.3, 1.5};
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     double q[MK_MAX_JOINTS], u;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    add(&m, "cable-stiffness", 2, cable);
     ck_assert(mk_nearest_equilibrium(&m, mid, true, q, &u));
     ck_assert_double_lt(acceleration_at_rest(&m, q, u), 1e-6);
     ck_assert_double_gt(fabs(q[1] - mid[1]) + fabs(q[0] - mid[0]), 0.02);
@@ -243,10 +250,8 @@ END_TEST
 START_TEST(a_tilted_pendubot_hangs_along_gravity)
 {
     static const double hanging[] = {-0.5 * M_PI, 0.0}, tilt[] = {0.05};
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "base-tilt", 0, tilt);
     double q[MK_MAX_JOINTS], u;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    add(&m, "base-tilt", 0, tilt);
     ck_assert(mk_nearest_equilibrium(&m, hanging, false, q, &u));
     ck_assert_double_eq_tol(q[0], hanging[0] + tilt[0], 1e-9);
     ck_assert_double_eq_tol(q[1], 0.0, 1e-9);
@@ -257,10 +262,8 @@ END_TEST
 START_TEST(a_cable_at_the_free_joint_holds_elsewhere_after_a_turn)
 {
     static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.1, 0.0};
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     struct mk_equilibria e;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    add(&m, "cable-stiffness", 2, cable);
     mk_equilibria_find(&m, mid, &e);
     const double left[] = {mid[0] - 0.1, -2.5}, right[] = {mid[0] + 0.1, 2.5};
     const double *at[] = {left, right};
@@ -292,11 +295,9 @@ static double missing_at(const struct mk_model *m, const struct mk_lift *lift, d
 START_TEST(a_swing_up_aims_at_the_lower_of_two_uprights_from_either_side)
 {
     static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.1, 1.0};
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     struct mk_equilibria e;
     struct mk_lift lift;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    add(&m, "cable-stiffness", 2, cable);
     mk_equilibria_find(&m, mid, &e);
     mk_lift_find(&m, mid, &e, &lift);
     const double eps = 1e-6;
@@ -317,11 +318,8 @@ END_TEST
 START_TEST(a_spring_at_the_free_joint_is_held_by_gains_that_are_made_for_it)
 {
     static const double spring[] = {0.2114, -0.066};
-    struct mk_model textbook, m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, spring);
     struct closed c;
-    mk_model_default(MK_PLANT_PENDUBOT, &textbook);
-    m = textbook;
-    add(&m, "cable-stiffness", 2, spring);
     closed_open_rig(&c, "pendubot-top", &m, NULL);
     ck_assert_ptr_nonnull(c.ctrl->roa->really);
     closed_put(&c, 0.5 * M_PI, 0.02, 0.0, 0.0);
@@ -335,10 +333,8 @@ END_TEST
 START_TEST(a_wheel_may_stand_anywhere)
 {
     static const double upright[] = {M_PI, 0.0}, tilt[] = {-0.03};
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_REACTION_WHEEL, "base-tilt", 0, tilt);
     double q[MK_MAX_JOINTS], u;
-    mk_model_default(MK_PLANT_REACTION_WHEEL, &m);
-    add(&m, "base-tilt", 0, tilt);
     ck_assert(mk_nearest_equilibrium(&m, upright, true, q, &u));
     ck_assert_double_eq_tol(q[0], M_PI + tilt[0], 1e-9);
     ck_assert_double_eq_tol(q[1], 0.0, 1e-9);
@@ -353,10 +349,8 @@ START_TEST(where_nothing_stands_still_there_is_no_equilibrium)
 {
     static const double hanging[] = {-0.5 * M_PI, 0.0};
     static const double strong[] = {60.0, 5.0}; /* more than the links weigh, slack far away */
-    struct mk_model m;
+    const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, strong);
     double q[MK_MAX_JOINTS], u;
-    mk_model_default(MK_PLANT_PENDUBOT, &m);
-    add(&m, "cable-stiffness", 2, strong);
     ck_assert(!mk_nearest_equilibrium(&m, hanging, false, q, &u));
     ck_assert_mem_eq(q, hanging, sizeof hanging);
     ck_assert_double_eq(u, 0.0);
@@ -388,11 +382,10 @@ END_TEST
 
 static struct mk_model many_effects(enum mk_plant_kind plant)
 {
-    struct mk_model m;
+    struct mk_model m = textbook(plant);
     int motor = mk_plant(plant)->motor_joint + 1;
     static const double bristle[] = {60.0, 0.2, 0.1}, dead[] = {0.2}, eccentric[] = {0.01, 0.3},
                         gain[] = {0.05}, creep[] = {0.2, 0.2};
-    mk_model_default(plant, &m);
     add(&m, "stiction", motor, bristle);
     add(&m, "deadband", 0, dead);
     add(&m, "encoder-eccentricity", 1, eccentric);
@@ -426,15 +419,21 @@ static void wild_input(struct mk_random *random, int k, struct mk_ctrl_input *in
     in->u = k % 33 == 0 ? (double)NAN : 20.0 * mk_random_uniform(random) - 10.0;
 }
 
+static struct mk_ctrl *make_ctrl(const char *setup, const struct mk_model *nominal)
+{
+    struct mk_ctrl *ctrl;
+    struct mk_error err = MK_ERROR_INIT;
+    enum mk_status st =
+        mk_ctrl_create(mk_ctrl_setup_by_name(setup), nominal, 0.002, NULL, &ctrl, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    return ctrl;
+}
+
 START_TEST(a_step_is_bounded_whatever_is_read)
 {
     struct mk_random random = {3};
     struct mk_model m = many_effects(plant_of(setups[_i]));
-    struct mk_ctrl *ctrl;
-    struct mk_error err = MK_ERROR_INIT;
-    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setups[_i]), &m, 0.002, NULL, &ctrl, &err) ==
-                      MK_OK,
-                  "%s", err.message);
+    struct mk_ctrl *ctrl = make_ctrl(setups[_i], &m);
     ck_assert_ptr_nonnull(ctrl->compensator);
     struct mk_ctrl_input in = {.dt = 0.002};
     struct mk_ctrl_output out;
@@ -520,29 +519,46 @@ static double figure_of(const struct trial *t, enum figure figure)
     return figure == SWAY ? t->sway_rad : figure == OFF ? t->off_rad : t->effort;
 }
 
+static struct trial run_trial(struct mk_ctrl *ctrl, const struct mk_model *rig,
+                              const double *start_rad, double catch_s, uint64_t seed)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct trial_setting setting = {.rig = rig,
+                                    .rate_hz = 500.0,
+                                    .catch_s = catch_s,
+                                    .hold_s = 4.0,
+                                    .count_noise = 0.3,
+                                    .seed = seed};
+    struct trial t;
+    memcpy(setting.start_rad, start_rad, sizeof setting.start_rad);
+    ck_assert_msg(trial_run_on(ctrl, &setting, &t, &err) == MK_OK, "%s", err.message);
+    return t;
+}
+
+static bool is_held(const struct trial *t)
+{
+    return t->end == TRIAL_HELD || t->end == TRIAL_NOT_STILL;
+}
+
+/* A rig that is as this model says, and where it hangs at rest. */
+static struct mk_model hang(const struct mk_model *known, double start_rad[MK_MAX_JOINTS])
+{
+    struct mk_model rig;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(trial_hang(known, &rig, start_rad, &err) == MK_OK, "%s", err.message);
+    return rig;
+}
+
 /* Mean of three runs on `rig`; all of them are held. */
 static double balanced(const char *setup, const struct mk_model *rig, const double *start_rad,
                        const struct mk_model *nominal, enum figure figure)
 {
-    struct mk_error err = MK_ERROR_INIT;
-    struct mk_ctrl *ctrl;
+    struct mk_ctrl *ctrl = make_ctrl(setup, nominal);
     double sum = 0.0;
-    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setup), nominal, 0.002, NULL, &ctrl, &err) ==
-                      MK_OK,
-                  "%s", err.message);
     for (uint64_t seed = 1; seed <= 3; seed++) {
-        struct trial_setting setting = {.rig = rig,
-                                        .rate_hz = 500.0,
-                                        .catch_s = 10.0,
-                                        .hold_s = 4.0,
-                                        .count_noise = 0.3,
-                                        .seed = seed};
-        struct trial t;
-        memcpy(setting.start_rad, start_rad, sizeof setting.start_rad);
-        setting.start_rad[0] += 0.001 * (double)seed;
-        ck_assert_msg(trial_run_on(ctrl, &setting, &t, &err) == MK_OK, "%s", err.message);
-        ck_assert_msg(t.end == TRIAL_HELD || t.end == TRIAL_NOT_STILL, "%s %s",
-                      trial_end_name(t.end), t.fault);
+        const double from[MK_MAX_JOINTS] = {start_rad[0] + 0.001 * (double)seed, start_rad[1]};
+        const struct trial t = run_trial(ctrl, rig, from, 10.0, seed);
+        ck_assert_msg(is_held(&t), "%s %s", trial_end_name(t.end), t.fault);
         sum += figure_of(&t, figure);
     }
     mk_ctrl_destroy(ctrl);
@@ -553,14 +569,12 @@ START_TEST(who_knows_the_effect_balances_better)
 {
     static const char *const figures[] = {"sway, rad", "joint 1 off, rad", "command, rms"};
     const struct improvement *i = &improved[_i];
-    struct mk_model textbook, known, rig;
-    struct mk_error err = MK_ERROR_INIT;
+    const enum mk_plant_kind plant = plant_of(i->setup);
+    const struct mk_model simple = textbook(plant),
+                          known = textbook_with(plant, i->effect, i->joint, i->value);
     double start_rad[MK_MAX_JOINTS] = {0.0, 0.0};
-    mk_model_default(plant_of(i->setup), &textbook);
-    known = textbook;
-    add(&known, i->effect, i->joint, i->value);
-    ck_assert_msg(trial_hang(&known, &rig, start_rad, &err) == MK_OK, "%s", err.message);
-    double without = balanced(i->setup, &rig, start_rad, &textbook, i->figure);
+    const struct mk_model rig = hang(&known, start_rad);
+    double without = balanced(i->setup, &rig, start_rad, &simple, i->figure);
     double with = balanced(i->setup, &rig, start_rad, &known, i->figure);
     printf("  %-14s %-16s %-16s %.5f -> %.5f\n", i->setup, i->effect, figures[i->figure], without,
            with);
@@ -604,26 +618,15 @@ static double caught_on_average(const char *setup, const struct mk_model *rig,
                                 const double *start_rad, const struct mk_model *nominal)
 {
     enum { RUNS = 8 };
-    struct mk_error err = MK_ERROR_INIT;
-    struct mk_ctrl *ctrl;
+    struct mk_ctrl *ctrl = make_ctrl(setup, nominal);
     double sum = 0.0;
-    ck_assert_msg(mk_ctrl_create(mk_ctrl_setup_by_name(setup), nominal, 0.002, NULL, &ctrl, &err) ==
-                      MK_OK,
-                  "%s", err.message);
     for (uint64_t seed = 1; seed <= RUNS; seed++) {
-        struct trial_setting setting = {.rig = rig,
-                                        .rate_hz = 500.0,
-                                        .catch_s = LOST_S,
-                                        .hold_s = 4.0,
-                                        .count_noise = 0.3,
-                                        .seed = seed};
         struct mk_random random = {seed};
-        struct trial t;
+        double from[MK_MAX_JOINTS];
         for (int j = 0; j < MK_MAX_JOINTS; j++)
-            setting.start_rad[j] = start_rad[j] + 0.004 * mk_random_uniform(&random) - 0.002;
-        ck_assert_msg(trial_run_on(ctrl, &setting, &t, &err) == MK_OK, "%s", err.message);
-        bool held = t.end == TRIAL_HELD || t.end == TRIAL_NOT_STILL;
-        sum += held ? t.caught_s : LOST_S;
+            from[j] = start_rad[j] + 0.004 * mk_random_uniform(&random) - 0.002;
+        const struct trial t = run_trial(ctrl, rig, from, LOST_S, seed);
+        sum += is_held(&t) ? t.caught_s : LOST_S;
     }
     mk_ctrl_destroy(ctrl);
     return sum / RUNS;
@@ -632,15 +635,13 @@ static double caught_on_average(const char *setup, const struct mk_model *rig,
 START_TEST(who_believes_the_true_model_catches_no_later)
 {
     const struct pulled *p = &pulled[_i];
-    struct mk_model textbook, known, rig;
-    struct mk_error err = MK_ERROR_INIT;
+    const struct mk_model simple = textbook(plant_of(p->setup));
+    struct mk_model known = simple;
     double start_rad[MK_MAX_JOINTS] = {0.0, 0.0};
-    mk_model_default(plant_of(p->setup), &textbook);
-    known = textbook;
     for (int k = 0; k < 3 && p->part[k].effect; k++)
         add(&known, p->part[k].effect, p->part[k].joint, p->part[k].value);
-    ck_assert_msg(trial_hang(&known, &rig, start_rad, &err) == MK_OK, "%s", err.message);
-    double without = caught_on_average(p->setup, &rig, start_rad, &textbook);
+    const struct mk_model rig = hang(&known, start_rad);
+    double without = caught_on_average(p->setup, &rig, start_rad, &simple);
     double with = caught_on_average(p->setup, &rig, start_rad, &known);
     printf("  %-14s %-16s caught after %.2f -> %.2f s\n", p->setup, p->part[0].effect, without,
            with);
