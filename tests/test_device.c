@@ -142,11 +142,18 @@ static void must_refuse(enum mk_refusal why, struct mk_frame f)
     ck_assert_uint_eq(f.payload[1], why);
 }
 
-static void number(enum mk_message type, uint32_t value)
+static struct mk_frame ask_number(enum mk_message type, uint32_t value)
 {
     uint8_t p[4];
     mk_put32(p, value);
-    must(type, p, 4);
+    return ask(type, p, 4);
+}
+
+static void number(enum mk_message type, uint32_t value)
+{
+    struct mk_frame f = ask_number(type, value);
+    ck_assert_uint_eq(f.type, type | MK_MSG_ANSWER);
+    ck_assert_uint_eq(f.sequence, sequence);
 }
 
 struct reading {
@@ -168,9 +175,7 @@ static struct reading parse(const uint8_t *p)
 
 static struct reading exchange(int32_t micro)
 {
-    uint8_t p[4];
-    mk_put32(p, (uint32_t)micro);
-    struct mk_frame f = ask(MK_MSG_EXCHANGE, p, 4);
+    struct mk_frame f = ask_number(MK_MSG_EXCHANGE, (uint32_t)micro);
     ck_assert_uint_eq(f.type, MK_MSG_EXCHANGE | MK_MSG_ANSWER);
     ck_assert_uint_eq(f.length, MK_READING_SIZE);
     return parse(f.payload);
@@ -206,9 +211,7 @@ END_TEST
 
 START_TEST(nothing_moves_before_hello)
 {
-    uint8_t p[4];
-    mk_put32(p, 5 * VOLT);
-    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_EXCHANGE, p, 4));
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_EXCHANGE, 5 * VOLT));
     ck_assert_int_eq(hw.micro, 0);
     greet();
     ck_assert_int_eq(exchange(5 * VOLT).micro, 5 * VOLT);
@@ -219,8 +222,7 @@ START_TEST(a_hello_that_is_refused_is_no_greeting)
 {
     uint8_t zeros[17] = {0};
     must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_HELLO, zeros, sizeof zeros));
-    mk_put32(zeros, VOLT);
-    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_EXCHANGE, zeros, 4));
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_EXCHANGE, VOLT));
     ck_assert_int_eq(hw.micro, 0);
 }
 END_TEST
@@ -324,10 +326,8 @@ START_TEST(what_is_no_request_is_refused_by_name)
     must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_EXCHANGE, zeros, 3));
     must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_EXCHANGE, zeros, 5));
     must_refuse(MK_REFUSED_LENGTH, ask(MK_MSG_LCD, zeros, 22));
-    mk_put32(zeros, MK_WATCHDOG_MAX_MS + 1);
-    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_WATCHDOG, zeros, 4));
-    mk_put32(zeros, MK_STREAM_MIN_US - 1);
-    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_STREAM, zeros, 4));
+    must_refuse(MK_REFUSED_RANGE, ask_number(MK_MSG_WATCHDOG, MK_WATCHDOG_MAX_MS + 1));
+    must_refuse(MK_REFUSED_RANGE, ask_number(MK_MSG_STREAM, MK_STREAM_MIN_US - 1));
 }
 END_TEST
 
@@ -375,11 +375,9 @@ END_TEST
 
 START_TEST(the_longest_watchdog_is_taken_and_a_longer_one_is_refused)
 {
-    uint8_t p[4];
     greet();
     number(MK_MSG_WATCHDOG, MK_WATCHDOG_MAX_MS);
-    mk_put32(p, MK_WATCHDOG_MAX_MS + 1);
-    must_refuse(MK_REFUSED_RANGE, ask(MK_MSG_WATCHDOG, p, 4));
+    must_refuse(MK_REFUSED_RANGE, ask_number(MK_MSG_WATCHDOG, MK_WATCHDOG_MAX_MS + 1));
 }
 END_TEST
 
@@ -757,8 +755,7 @@ START_TEST(a_host_that_hangs_up_leaves_the_motor_off_at_once)
     mk_device_hang_up(&device);
     ck_assert_int_eq(hw.micro, 0);
     ck_assert_int_eq(freed, 1);
-    uint8_t p[4] = {0};
-    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_EXCHANGE, p, 4));
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_EXCHANGE, 0));
     greet();
     exchange(VOLT);
 }
