@@ -27,6 +27,7 @@
     X(predictions)                                                                                 \
     X(inputs)                                                                                      \
     X(misfit)                                                                                      \
+    X(places)                                                                                      \
     X(own_values)                                                                                  \
     X(slides)                                                                                      \
     X(model_file)                                                                                  \

@@ -59,6 +59,20 @@ struct mk_per_log {
 };
 #define MK_MAX_PER_LOG 128
 
+/* Where the counter of a joint was zeroed in each log, where nothing in the given model depends on
+ * it: a wheel, an arm that turns level, a carriage. Found from what repeats with the angle, and
+ * known but for multiples of 1/`cycles` of a turn. The readings are shifted by it, so that all that
+ * is told of the joint counts from the zero of the first log. */
+#define MK_MAX_PLACES 64
+struct mk_places {
+    int joint;                       /* 1-based; 0: nothing of the kind was found */
+    const struct mk_effect_info *by; /* what repeats with the angle */
+    double cycles;
+    int learned; /* so many of `count` are of logs learned from, the others of hold-out logs */
+    int count;
+    double shift[MK_MAX_PLACES], std_error[MK_MAX_PLACES]; /* rad or m, added to the readings */
+};
+
 struct mk_rival {
     const struct mk_effect_info *effect;
     int joint;
@@ -214,6 +228,7 @@ struct mk_explanation {
     struct mk_cause log_value[MK_MAX_LOG_VALUES];
     int per_log_count;
     struct mk_per_log per_log[MK_MAX_PER_LOG];
+    struct mk_places places;
     /* How far dry friction can hold each joint from where it would hang, rad; NaN: it hangs
      * nowhere. That is how far off a zero may be that is taken there. */
     double held_off[MK_MAX_JOINTS];

@@ -21,6 +21,7 @@
 #include "explain/search/final_fit.hpp"
 #include "explain/search/first_fit.hpp"
 #include "explain/search/log_values.hpp"
+#include "explain/search/places.hpp"
 #include "explain/stage_clock.hpp"
 #include "ident/held_out.hpp"
 #include "ident/left_out.hpp"
@@ -86,8 +87,8 @@ class Explainer
     {
     }
 
-    // The road of a question: load and check, refit, values per log and the command's column,
-    // causes, last fit, verdict, held-out data, budget, next experiment.
+    // The road of a question: load and check, refit, zeros, values per log and the command's
+    // column, causes, last fit, verdict, held-out data, budget, next experiment.
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
@@ -97,24 +98,50 @@ class Explainer
         so.threads = options.threads;
         so.progress = options.progress;
         so.progress_context = options.progress_context;
-        const LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
-        enum mk_status st = refit_beside_values(learn, held, so, err);
+        LogList learn(logs, logs + log_count), held(holdouts, holdouts + holdout_count);
+        Hypothesis refit;
+        clock.enter("refit");
+        enum mk_status st = load_and_fit(learn, held, so, refit, err);
+        if (st == MK_OK)
+            st = put_in_place(learn, held, so, refit, err);
+        if (st == MK_OK)
+            st = refit_beside_values(learn, held, so, refit, err);
         if (st == MK_OK)
             st = find_causes(learn, held, so, err);
         return st == MK_OK ? conclude(so, err) : st;
     }
 
   private:
+    // Logs in which a counter was zeroed elsewhere, brought to one zero; fitted again then.
+    enum mk_status put_in_place(LogList &learn, LogList &held, SearchOptions &so, Hypothesis &refit,
+                                mk_error *err)
+    {
+        clock.enter("zeros");
+        const Places places = find_places(learn, held, *search, refit);
+        if (search->cancelled)
+            return mk_error_set(err, MK_ERR_INTR, "stopped");
+        if (places.joint == 0)
+            return MK_OK;
+        describe_places(places, out);
+        for (LogList *list : {&learn, &held}) {
+            const std::vector<Place> &theirs = list == &learn ? places.learn : places.held;
+            for (OwnedLog &log : mk::put_in_place(*list, places.joint, theirs))
+                in_place.push_back(std::move(log));
+            std::transform(in_place.end() - (long)list->size(), in_place.end(), list->begin(),
+                           [](const OwnedLog &log) { return log.get(); });
+        }
+        clock.enter("refit");
+        return load_and_fit(learn, held, so, refit, err);
+    }
+    // Whether figures are those of second halves: of the first ones it is known where the log was
+    // zeroed, or what else it has of its own.
+    bool on_second_halves(bool own_values) const { return own_values || !in_place.empty(); }
     // The refitted model, what differs from log to log, and the column of the command: before all
     // causes, unless a single cause says more than both (ask_causes_first).
     enum mk_status refit_beside_values(const LogList &learn, const LogList &held, SearchOptions &so,
-                                       mk_error *err)
+                                       Hypothesis &refit, mk_error *err)
     {
-        Hypothesis refit;
-        clock.enter("refit");
-        enum mk_status st = load_and_fit(learn, held, so, refit, err);
-        if (st != MK_OK)
-            return st;
+        enum mk_status st = MK_OK;
         given = model;
         given_refit = refit.point.model;
         clock.enter("values per log");
@@ -214,6 +241,7 @@ class Explainer
     mk_explanation &out;
     mk_explain_options options;
     StageClock clock;
+    std::vector<OwnedLog> in_place; // the logs with one zero, where they had several
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with missed counts put back
     std::unique_ptr<Search> search;
@@ -368,7 +396,7 @@ class Explainer
         by_predictions = false;
         Hypothesis refit = values.fit;
         clock.enter("missed counts");
-        data.second_half = !values.found.empty();
+        data.second_half = on_second_halves(!values.found.empty());
         // Of long logs windows are searched: there a search by likelihood takes long to fail.
         std::unique_ptr<PredictionSearch> prediction;
         if (!data.whole.empty() || begun)
@@ -389,7 +417,7 @@ class Explainer
         }
         if (!by_predictions && !followed())
             by_predictions = ask_what_carries_over(refit);
-        data.second_half = !own_parameters(causes->best.point.model).empty();
+        data.second_half = on_second_halves(!own_parameters(causes->best.point.model).empty());
         if (by_predictions)
             return;
         clock.enter("rivals");
@@ -519,7 +547,7 @@ class Explainer
             v.gain = gain;
         values = std::move(other);
         refit = values.fit;
-        data.second_half = !values.found.empty();
+        data.second_half = on_second_halves(!values.found.empty());
         found = std::move(beside);
         // What likelihood has found was beside the values as they were.
         if (causes)

@@ -130,6 +130,9 @@ constexpr double TELLING = 3.0;
 
 // Least spread over the standard error of a log's value, and over the group's usual spread.
 constexpr double SPREAD_SIGNIFICANT = 3.0, SPREAD_NO_SIZE = 5e-3;
+// Where counters were zeroed: a shift in standard errors that is one, and how far the amplitudes of
+// what repeats with the angle may be apart in different logs.
+constexpr double PLACE_SIGNIFICANT = 5.0, ALIKE = 2.0;
 // Steps of readings: least size in counts, over their standard error, over the usual significance.
 constexpr double STEP_COUNTS = 3.0, STEP_SIGNIFICANT = 7.0, STEP_OUTSTANDING = 2.5;
 

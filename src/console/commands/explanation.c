@@ -1,6 +1,7 @@
 #include "console/commands/explanation.h"
 #include "console/commands/budget.h"
 #include "console/commands/data_checks.h"
+#include "explain/report/places_text.h"
 #include "ident/input_report.h"
 
 #include <errno.h>
@@ -265,10 +266,19 @@ static bool drowns(const struct mk_explanation *e)
 }
 
 /* What was found: causes, values that differ, what else it could be. */
+static void print_places(FILE *out, const struct mk_explanation *e)
+{
+    char what[4096];
+    mk_places_sentence(e, what, sizeof what);
+    if (what[0])
+        fprintf(out, "  %s\n", what);
+}
+
 static void print_found(FILE *out, const struct mk_explanation *e)
 {
     if (e->input.changed)
         print_input(out, e);
+    print_places(out, e);
     if (e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL)
         for (int i = 0; i < e->cause_count - e->piece_count; i++)
             print_cause(out, &e->given, &e->cause[i]);

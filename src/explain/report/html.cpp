@@ -12,6 +12,7 @@
 #include "base/out_file.h"
 #include "explain/report/append.hpp"
 #include "explain/report/budget_text.hpp"
+#include "explain/report/places_text.h"
 #include "ident/input_report.h"
 #include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
@@ -485,6 +486,14 @@ std::string input_text(const mk_explanation &e)
     return "<p>" + escaped(what) + ".</p>";
 }
 
+std::string places_text(const mk_explanation &e)
+{
+    char what[4096];
+    mk_places_sentence(&e, what, sizeof what);
+    what[0] = (char)std::toupper((unsigned char)what[0]);
+    return "<p>" + escaped(what) + ".</p>";
+}
+
 std::string cause_table(const mk_explanation &e)
 {
     std::string s =
@@ -752,6 +761,8 @@ try {
              residual_torque_plots(*e);
     if (e->input.made)
         s += "<h2>Which column drives it</h2>" + input_text(*e);
+    if (e->places.joint > 0)
+        s += "<h2>Where counters were zeroed</h2>" + places_text(*e);
     if (e->cause_count + e->log_value_count + e->rival_count > 0)
         s += "<h2>Hypotheses</h2>" + cause_table(*e);
     s += suspects_text(*e);

@@ -297,6 +297,28 @@ cJSON *origin_json(const mk_origin &origin)
     return o;
 }
 
+// Shifts of the readings to the zero of the first log.
+cJSON *places_json(const mk_explanation &e)
+{
+    const mk_places &p = e.places;
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddNumberToObject(o, "joint", p.joint);
+    cJSON_AddStringToObject(o, "by", p.by->name);
+    cJSON_AddNumberToObject(o, "cycles", p.cycles);
+    cJSON_AddStringToObject(o, "unit", mk_model_unit(&e.given, p.joint - 1, "rad"));
+    cJSON *shifts = cJSON_AddArrayToObject(o, "shifts");
+    for (int i = 0; i < p.count; i++) {
+        const bool learned = i < p.learned;
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddNumberToObject(one, learned ? "log" : "holdout",
+                                learned ? i + 1 : i - p.learned + 1);
+        cJSON_AddItemToObject(one, "value", mk_json_number(p.shift[i]));
+        cJSON_AddItemToObject(one, "stderr", mk_json_number(p.std_error[i]));
+        cJSON_AddItemToArray(shifts, one);
+    }
+    return o;
+}
+
 } // namespace
 
 enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *path,
@@ -326,6 +348,8 @@ enum mk_status mk_explanation_write_json(const mk_explanation *e, const char *pa
     }
     if (e->input.made)
         cJSON_AddItemToObject(o, "input", mk_input_json(&e->input));
+    if (e->places.joint > 0)
+        cJSON_AddItemToObject(o, "places", places_json(*e));
     cJSON_AddItemToObject(o, "rivals", rivals_json(*e));
     cJSON_AddItemToObject(o, "suspects", suspects_json(*e));
     cJSON_AddItemToObject(o, "budget", budget_json(*e));

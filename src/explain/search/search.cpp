@@ -33,6 +33,8 @@ namespace
 
 // Process noise from which fits come down, rad/s per sqrt(s).
 constexpr double LOOSEST = 10.0;
+// And at which candidates are tried, at least.
+constexpr double TRIAL_NOISE = 0.01;
 // Loss of log likelihood a reading that no further fit makes up for.
 constexpr double LOST_SHARE = 0.3;
 
@@ -229,19 +231,33 @@ bool Search::worth_trying(const std::vector<Candidate> &all, size_t i, const Ext
     return how.only || how.thorough || (first && all[i].effect->state_count == 0);
 }
 
-std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
+FitOptions Search::trial_options(double process_noise) const
 {
-    const std::vector<Candidate> all = candidates_for(base, how);
-    tried_count = (int)all.size();
     FitOptions loose = fit_options();
     loose.threads = 1;
     loose.tolerance = 0.3;
     loose.max_passes = 150.0;
-    // Candidates are tried at a process noise of 0.01 at least, full fits begin at 0.1; unless what
-    // is missing is small.
-    const double small = how.process_noise > 0.0 ? how.process_noise : base.process_noise;
     for (double &d : loose.process_noise)
-        d = how.small ? small : std::max(base.process_noise, 0.01);
+        d = process_noise;
+    return loose;
+}
+
+std::vector<double> Search::promises(const Hypothesis &base, const std::vector<Candidate> &some)
+{
+    const FitOptions loose = trial_options(std::max(base.process_noise, TRIAL_NOISE));
+    std::vector<double> gain(some.size(), -HUGE_VAL);
+    screen(at_minimum(base, loose), loose, some, gain);
+    return gain;
+}
+
+std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
+{
+    const std::vector<Candidate> all = candidates_for(base, how);
+    tried_count = (int)all.size();
+    // Full fits begin at a process noise of 0.1; unless what is missing is small.
+    const double small = how.process_noise > 0.0 ? how.process_noise : base.process_noise;
+    const FitOptions loose =
+        trial_options(how.small ? small : std::max(base.process_noise, TRIAL_NOISE));
     const Hypothesis start = at_minimum(base, loose);
     std::vector<double> gain(all.size(), -HUGE_VAL);
     screen(start, loose, all, gain);

@@ -70,6 +70,9 @@ class Search
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
+    // Gain in log likelihood that the slope promises of each linear one of some candidates, after
+    // the penalty; -infinity for others.
+    std::vector<double> promises(const Hypothesis &base, const std::vector<Candidate> &some);
     // Where a search for an effect at a joint starts.
     std::vector<Candidate> starts(const mk_model &model, const char *effect, int joint) const;
     // All that could be added to a model.
@@ -164,6 +167,7 @@ class Search
     std::vector<Hypothesis> compete(double from, double acceptance, double first_process_noise,
                                     std::vector<Trial> trials);
     FitOptions fit_options() const;
+    FitOptions trial_options(double process_noise) const;
     double penalised(const QuadraticModel &quadratic, const mk_model &model, int free) const;
     void finish(Fit &fit, Hypothesis &h) const;
 };

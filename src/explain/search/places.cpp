@@ -1,0 +1,302 @@
+// A wheel, or an arm that turns level, may be anywhere when its counter is zeroed: its law does not
+// depend on the angle. What magnets, teeth or a commutation do depends on it, as
+//     A sin(n q + phi) ,
+// and in log l, zeroed at z_l, is read as A sin(n (q + z_l) + phi): a phase of its own in every
+// log, and no cause for a search that has one phase for all. So each log is asked by itself for
+// what repeats with its angle. Where all name the same A and n,
+//     z_l - z_1 = (phi_l - phi_1) / n ,   known but for multiples of 1/n of a turn ,
+// and with the readings shifted by it one phase is right for all. The search then begins anew; it
+// alone says whether there is such an effect.
+//
+// A shift that is wrong would take from the logs what they have in common, as a cable's rest. So
+// what repeats must show in every log, alike, and promise more than any cause that is common to
+// all.
+#include "explain/search/places.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <memory>
+
+#include "explain/policy.hpp"
+#include "explain/search/causes.hpp"
+#include "sim/record_check.hpp"
+
+namespace mk
+{
+
+namespace
+{
+
+constexpr double ASKED_S = 6.0; // s: so much of a log says where it was zeroed
+// Share of what promises most in a log that a cause must promise there to be asked of the next one.
+constexpr double NEAR_THE_BEST = 0.5;
+
+// The parameter of an effect that is its phase; -1: it has none.
+int phase_of(const mk_effect_info *effect)
+{
+    for (int k = 0; k < effect->parameter_count; k++)
+        if (effect->parameter[k].fit == MK_FIT_ANGLE)
+            return k;
+    return -1;
+}
+
+double cycles_of(const Candidate &c)
+{
+    for (int k = 0; k < c.effect->parameter_count; k++)
+        if (c.effect->parameter[k].fit == MK_FIT_INTEGER)
+            return c.value[k];
+    return 1.0;
+}
+
+// Whether the model moves the same wherever the joint is: looked at in a few states.
+bool place_is_free(const mk_model &m, int joint)
+{
+    constexpr double SAME = 1e-9, PUSH = 0.3;
+    if (!m.joint_linear[joint] && !mk_plant(m.plant)->joint_is_wheel[joint] &&
+        !mk_plant(m.plant)->joint_is_level[joint])
+        return false;
+    const double size = mk_model_joint_scale(&m, joint), u[MK_MAX_INPUTS] = {PUSH * m.u_max, 0.0};
+    const int n = mk_model_joints(&m), states = mk_model_state_count(&m);
+    for (double turn : {0.4, 1.3, 2.9}) {
+        double q[MK_MAX_JOINTS] = {0.2, 0.5}, v[MK_MAX_JOINTS] = {1.1, -0.7};
+        double x[MK_MAX_STATES], here[MK_MAX_STATES], there[MK_MAX_STATES];
+        for (int j = 0; j < n; j++)
+            q[j] *= mk_model_joint_scale(&m, j), v[j] *= mk_model_joint_scale(&m, j);
+        mk_model_initial_state(&m, q, v, x);
+        mk_model_rhs(&m, 0.0, x, u, here);
+        q[joint] += turn * size;
+        mk_model_initial_state(&m, q, v, x);
+        mk_model_rhs(&m, 0.0, x, u, there);
+        for (int i = 0; i < states; i++)
+            if (!(std::fabs(here[i] - there[i]) <= SAME * (1.0 + std::fabs(here[i]))))
+                return false;
+    }
+    return true;
+}
+
+// One log by itself.
+struct OneLog {
+    std::vector<FitLog> pieces;
+    std::unique_ptr<Search> search;
+    Hypothesis refit;
+    std::vector<double> promise; // by candidate
+    double amplitude = 0.0, phase = 0.0, phase_error = 0.0;
+
+    bool load(const mk_log &log, const mk_model &model, bool half)
+    {
+        mk_record record;
+        double hole = 0.0, left = ASKED_S;
+        if (mk_record_from_log(&log, &model, &record, nullptr) != MK_OK)
+            return false;
+        for (const Piece &p : pieces_of(record, half ? record.rows / 2 : record.rows, hole)) {
+            if (!(left > 0.0))
+                break;
+            pieces.push_back(beginning_of(fit_log(record, model, p.first, p.last), left));
+            left -= pieces.back().duration();
+        }
+        return !pieces.empty();
+    }
+    // The refitted model follows the log with states and process noise of its own; what each cause
+    // promises beyond it.
+    bool ask(const Hypothesis &shared, const SearchOptions &options,
+             const std::vector<Candidate> &asked)
+    {
+        std::vector<const FitLog *> all;
+        for (const FitLog &piece : pieces)
+            all.push_back(&piece);
+        search = std::make_unique<Search>(all, options);
+        if (!search->follow(shared.point.model, nullptr, shared.process_noise, refit))
+            return false;
+        promise = search->promises(refit, asked);
+        return true;
+    }
+    // Amplitude and phase of what repeats, in a full fit.
+    bool measure(const Candidate &by)
+    {
+        const std::vector<Candidate> only = {by};
+        ExtendOptions how;
+        how.only = &only;
+        const std::vector<Hypothesis> found = search->extend(refit, how);
+        if (found.empty() || Search::discredited(found[0]))
+            return false;
+        const mk_model &m = found[0].point.model;
+        const mk_effect_use &use = m.effect[m.effect_count - 1];
+        const int number =
+            mk_model_parameter_count(&m) - by.effect->parameter_count + phase_of(by.effect);
+        const std::vector<int> free = fitted_parameters(m);
+        const auto place = std::find(free.begin(), free.end(), number);
+        if (place == free.end())
+            return false;
+        const long at = place - free.begin();
+        amplitude = std::fabs(use.value[by.size]);
+        phase = use.value[phase_of(by.effect)] + (use.value[by.size] < 0.0 ? M_PI : 0.0);
+        phase_error = std::sqrt(Fit::covariance(m, found[0].quadratic, free)(at, at));
+        return std::isfinite(phase_error);
+    }
+};
+
+// Causes that repeat with the angle of the joint.
+std::vector<Candidate> that_repeat(const std::vector<Candidate> &all, const mk_model &m, int joint)
+{
+    std::vector<Candidate> some;
+    for (const Candidate &c : all) {
+        const bool here =
+            c.joint == joint + 1 || (c.joint == 0 && joint == mk_plant(m.plant)->motor_joint);
+        if (here && c.linear && phase_of(c.effect) >= 0 && !is_library(c.effect))
+            some.push_back(c);
+    }
+    return some;
+}
+
+// Those of `asked` that promise enough in a log, and nearly as much as any; `together`: what each
+// has promised in all logs so far.
+void keep_promising(const std::vector<double> &promise, bool learned, std::vector<Candidate> &asked,
+                    std::vector<double> &together)
+{
+    const double most = *std::max_element(promise.begin(), promise.end());
+    size_t kept = 0;
+    for (size_t c = 0; c < asked.size(); c++) {
+        if (!(promise[c] > policy::ACCEPT_FIRST && promise[c] >= NEAR_THE_BEST * most))
+            continue;
+        together[kept] = together[c] + (learned ? promise[c] : 0.0);
+        asked[kept++] = asked[c];
+    }
+    asked.resize(kept);
+    together.resize(kept);
+}
+
+bool alike(const std::vector<OneLog> &logs)
+{
+    const auto [least, most] =
+        std::minmax_element(logs.begin(), logs.end(), [](const OneLog &a, const OneLog &b) {
+            return a.amplitude < b.amplitude;
+        });
+    return most->amplitude < policy::ALIKE * least->amplitude;
+}
+
+// The shift of a log, and whether it is one: more than a count, and sure.
+Place place_of(const OneLog &log, const OneLog &first, double cycles, double count, bool &moved)
+{
+    const double error = std::hypot(log.phase_error, first.phase_error) / cycles;
+    const double shift = std::remainder(log.phase - first.phase, 2.0 * M_PI) / cycles;
+    moved = moved || std::fabs(shift) > std::max(count, policy::PLACE_SIGNIFICANT * error);
+    return {shift, error};
+}
+
+class Finder
+{
+  public:
+    Finder(const std::vector<const mk_log *> &learn_in, const std::vector<const mk_log *> &held_in,
+           Search &search_in, const Hypothesis &refit_in)
+        : learn(learn_in), held(held_in), search(search_in), refit(refit_in),
+          model(refit_in.point.model), all(search_in.candidates_of(refit_in.point.model))
+    {
+    }
+    bool at(int joint, Places &out)
+    {
+        std::vector<Candidate> asked = that_repeat(all, model, joint);
+        std::vector<double> together(asked.size(), 0.0);
+        logs = std::vector<OneLog>(learn.size() + held.size());
+        for (size_t l = 0; l < logs.size() && !asked.empty(); l++)
+            if (!ask(l, asked, together))
+                return false;
+        if (asked.empty())
+            return false;
+        const auto best = std::max_element(together.begin(), together.end());
+        const Candidate by = asked[(size_t)(best - together.begin())];
+        for (OneLog &log : logs)
+            if (search.cancelled || !log.measure(by))
+                return false;
+        bool moved = false;
+        std::vector<Place> places = {{0.0, 0.0}};
+        const double count = search.training()[0]->count[joint];
+        for (size_t l = 1; l < logs.size(); l++)
+            places.push_back(place_of(logs[l], logs[0], cycles_of(by), count, moved));
+        if (!moved || !alike(logs) || !says_most(*best))
+            return false;
+        out.joint = joint + 1;
+        out.by = by.effect;
+        out.cycles = cycles_of(by);
+        const auto border = places.begin() + (long)learn.size();
+        out.learn.assign(places.begin(), border);
+        out.held.assign(border, places.end());
+        return true;
+    }
+
+  private:
+    const std::vector<const mk_log *> &learn, &held;
+    Search &search;
+    const Hypothesis &refit;
+    const mk_model &model;
+    const std::vector<Candidate> all;
+    std::vector<OneLog> logs;
+
+    bool ask(size_t l, std::vector<Candidate> &asked, std::vector<double> &together)
+    {
+        const bool known = l < learn.size();
+        const bool half = !known || (held.empty() && l + 1 == learn.size());
+        const mk_log &log = known ? *learn[l] : *held[l - learn.size()];
+        if (search.cancelled || !logs[l].load(log, model, half) ||
+            !logs[l].ask(refit, search.settings(), asked))
+            return false;
+        keep_promising(logs[l].promise, known, asked, together);
+        return true;
+    }
+    // Whether it promises more, log by log, than any cause that is common to all logs.
+    bool says_most(double apart)
+    {
+        const std::vector<double> common = search.promises(refit, all);
+        return apart > *std::max_element(common.begin(), common.end()) + policy::ACCEPT_FIRST;
+    }
+};
+
+} // namespace
+
+Places find_places(const std::vector<const mk_log *> &learn,
+                   const std::vector<const mk_log *> &held, Search &search, const Hypothesis &refit)
+{
+    Places out;
+    if (learn.size() < 2 || search.complete(refit) || !CauseSearch::matters(refit.process_noise))
+        return out;
+    Finder finder(learn, held, search, refit);
+    for (int j = 0; j < mk_model_joints(&refit.point.model); j++)
+        if (place_is_free(refit.point.model, j) && finder.at(j, out))
+            break;
+    return out;
+}
+
+std::vector<OwnedLog> put_in_place(const std::vector<const mk_log *> &logs, int joint,
+                                   const std::vector<Place> &places)
+{
+    static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
+    std::vector<OwnedLog> out;
+    for (size_t l = 0; l < logs.size(); l++) {
+        out.push_back(rows_of_log(*logs[l], 0, logs[l]->rows));
+        mk_log &log = *out.back();
+        for (size_t c = 0; c < log.column_count; c++)
+            if (std::strcmp(log.columns[c].name, angle[joint - 1]) == 0)
+                for (size_t k = 0; k < log.rows; k++)
+                    log.columns[c].data[k] += places[l].shift;
+    }
+    return out;
+}
+
+void describe_places(const Places &places, mk_explanation &out)
+{
+    mk_places &told = out.places;
+    told = {};
+    told.joint = places.joint;
+    told.by = places.by;
+    told.cycles = places.cycles;
+    for (const std::vector<Place> *list : {&places.learn, &places.held})
+        for (const Place &p : *list) {
+            if (told.count >= MK_MAX_PLACES)
+                break;
+            told.shift[told.count] = p.shift;
+            told.std_error[told.count++] = p.std_error;
+            told.learned += list == &places.learn;
+        }
+}
+
+} // namespace mk
