@@ -2,6 +2,7 @@
 #include "suites.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -430,12 +431,27 @@ START_TEST(every_effect_says_what_it_is_and_what_to_do_about_it)
 }
 END_TEST
 
+START_TEST(every_effect_has_a_row_in_the_documented_table)
+{
+    char text[64000], row[80];
+    FILE *f = fopen(MK_SOURCE_DIR "/docs/effects.md", "r");
+    ck_assert_ptr_nonnull(f);
+    text[fread(text, 1, sizeof text - 1, f)] = '\0';
+    fclose(f);
+    for (int i = 0; mk_effect(i); i++) {
+        snprintf(row, sizeof row, "\n| `%s` |", mk_effect(i)->name);
+        ck_assert_msg(strstr(text, row) != NULL, "%s", mk_effect(i)->name);
+    }
+}
+END_TEST
+
 Suite *suite_effects(void)
 {
     Suite *s = suite_create("effects");
     TCase *t = tcase_create("laws");
     tcase_add_test(t, torque_effects_follow_their_laws);
     tcase_add_test(t, every_effect_says_what_it_is_and_what_to_do_about_it);
+    tcase_add_test(t, every_effect_has_a_row_in_the_documented_table);
     tcase_add_loop_test(t, friction_of_a_passive_bearing_grows_with_what_presses_on_it, 0, 3);
     tcase_add_test(t, torque_scale_is_a_gain_of_the_motor);
     tcase_add_test(t, a_place_that_draws_a_link_is_the_slope_of_a_bell);

@@ -179,6 +179,7 @@ static void hard_model(int which, struct mk_model *m)
     static const enum mk_plant_kind rig[] = {
         MK_PLANT_PENDUBOT,      MK_PLANT_FURUTA,    MK_PLANT_REACTION_WHEEL, MK_PLANT_PENDULUM,
         MK_PLANT_INERTIA_WHEEL, MK_PLANT_CART_POLE, MK_PLANT_ACROBOT};
+    _Static_assert(sizeof rig / sizeof rig[0] == MK_PLANT_COUNT, "a plant is not listed");
     mk_model_default(rig[which], m);
     switch (which) {
     case 0:
@@ -601,7 +602,7 @@ Suite *suite_export_model(void)
     tcase_set_timeout(c, 120);
     tcase_add_loop_test(c, exported_equations_are_the_library_s_with_every_effect, 0,
                         MK_PLANT_COUNT);
-    tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, 7);
+    tcase_add_loop_test(c, an_exported_model_runs_as_the_simulation_does, 0, MK_PLANT_COUNT);
     tcase_add_test(c, parameters_are_labelled_in_the_units_that_they_have);
     tcase_add_test(c, a_full_disk_leaves_neither_half_of_an_export);
     tcase_add_test(c, a_file_name_that_is_no_function_name_is_refused);

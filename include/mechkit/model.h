@@ -114,8 +114,8 @@ struct mk_plant_info {
     bool joints_parallel;
     enum mk_joint_motion joint_motion[MK_MAX_JOINTS];
     /* Beyond these the safety limits stop a run unless they are told otherwise: how far from its
-     * rest, either way, and how fast, in the joint's unit. For a joint that turns or slides they
-     * are in rad, and times mk_model_joint_scale. INFINITY: turns without end. */
+     * rest, either way, and how fast, in the joint's unit; of MK_JOINT_EITHER in rad, and times
+     * mk_model_joint_scale. INFINITY: turns without end. */
     double joint_travel[MK_MAX_JOINTS];
     double joint_speed[MK_MAX_JOINTS];
     double rest[MK_MAX_JOINTS]; /* hanging rest: what the counters are zeroed at, rad */

@@ -55,6 +55,7 @@ struct Row {
     const char *name;
     bool (*possible)(const std::string &rig, int joint);
     std::map<std::string, double> (*values)(const Rig &rig, int joint, Draw &draw, double size);
+    bool on_request = false; // came later: drawn where it is wished for, so that seeds stay
 };
 using Values = std::map<std::string, double>;
 
@@ -154,11 +155,13 @@ const Row rows[] = {
      [](const Rig &r, int j, Draw &d, double k) -> Values {
          Scale s = scale_of(r, j);
          return {{"difference", d.sign() * k * about(d, 0.06, 0.3) * s.torque / s.speed}};
-     }},
+     },
+     true},
     {"torque-offset", any_joint,
      [](const Rig &r, int j, Draw &d, double k) -> Values {
          return {{"level", d.sign() * k * about(d, 0.03, 0.2) * scale_of(r, j).torque}};
-     }},
+     },
+     true},
     {"load-friction", any_joint,
      [](const Rig &r, int j, Draw &d, double k) -> Values {
          bool driven = driven_joint(r.kind, j);
@@ -363,6 +366,16 @@ std::vector<int> places(const Row &row, const std::string &rig)
     return joints;
 }
 
+// What a seed draws from.
+std::vector<std::string> drawn(const std::string &rig)
+{
+    std::vector<std::string> names;
+    for (const Row &row : rows)
+        if (!row.on_request && !places(row, rig).empty())
+            names.push_back(row.name);
+    return names;
+}
+
 Effect hidden_effect(const Row &row, const Rig &rig, int joint, Draw &draw, double size)
 {
     std::vector<int> joints = places(row, rig.kind);
@@ -425,8 +438,7 @@ std::vector<std::string> hideable(const std::string &rig)
 {
     std::vector<std::string> names;
     for (const Row &row : rows)
-        if (!places(row, rig).empty() && !is(row.name, "viscous-asymmetry") &&
-            !is(row.name, "torque-offset")) // came later: drawn on request, so that seeds stay
+        if (!places(row, rig).empty())
             names.push_back(row.name);
     return names;
 }
@@ -514,7 +526,7 @@ Case make_case(const Wish &wish)
                      : c.kind == "pair" ? 2
                      : several          ? 3 + draw.below(3)
                                         : 0;
-    std::vector<std::string> possible = hideable(c.rig.kind);
+    std::vector<std::string> possible = drawn(c.rig.kind);
     for (size_t i = 0; i < effects; i++) {
         std::string name =
             i == 0 && !wish.effect.empty() ? wish.effect : possible[draw.below(possible.size())];

@@ -60,7 +60,13 @@ struct Row {
     Starts (*starts)(const Setting &);
     double most = HUGE_VAL; // a larger size is no such fault of any rig
     int shape = -1;         // parameter that says little before the size is about right
+    bool friction = false;  // a law of the joint's speed, against it
 };
+constexpr Row friction(Row row)
+{
+    row.friction = true;
+    return row;
+}
 
 Starts product(std::initializer_list<double> first, std::initializer_list<double> second)
 {
@@ -333,16 +339,17 @@ Starts custom_well(const Setting &s)
 }
 
 // Name, linear, starts; the largest size that any rig has; the number of the parameter that is held
-// until the size is about right.
-const Row rows[] = {{"viscous", true, viscous},
-                    {"coulomb", true, coulomb},
-                    {"coulomb-asymmetry", true, coulomb_asymmetry},
-                    {"viscous-asymmetry", true, viscous_asymmetry},
-                    {"stribeck", true, stribeck},
-                    {"quadratic-drag", true, quadratic_drag},
-                    {"stiction", false, stiction},
-                    {"load-friction", true, load_friction},
-                    {"friction-drift", true, friction_drift},
+// until the size is about right. friction(): where several of one joint leave a rest, they are
+// pieces of one law that the catalogue lacks.
+const Row rows[] = {friction({"viscous", true, viscous}),
+                    friction({"coulomb", true, coulomb}),
+                    friction({"coulomb-asymmetry", true, coulomb_asymmetry}),
+                    friction({"viscous-asymmetry", true, viscous_asymmetry}),
+                    friction({"stribeck", true, stribeck}),
+                    friction({"quadratic-drag", true, quadratic_drag}),
+                    friction({"stiction", false, stiction}),
+                    friction({"load-friction", true, load_friction}),
+                    friction({"friction-drift", true, friction_drift}),
                     {"cable-stiffness", true, cable_stiffness},
                     {"cable-hysteresis", false, cable_hysteresis, HUGE_VAL, 1},
                     {"torque-offset", true, torque_offset},
@@ -415,15 +422,13 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
 
 bool is_friction(const mk_effect_info *effect, const double *values)
 {
-    static const char *const laws[] = {"viscous",        "coulomb",           "stribeck",
-                                       "quadratic-drag", "coulomb-asymmetry", "stiction",
-                                       "load-friction",  "friction-drift"};
     if (std::strcmp(effect->name, "custom") == 0)
         return std::strchr(Custom::about((int)values[1]).text, 'v') != nullptr;
     if (std::strcmp(effect->name, "custom-wave") == 0)
         return std::strchr(CustomWave::text((int)values[2]), 'v') != nullptr;
-    return std::any_of(std::begin(laws), std::end(laws),
-                       [&](const char *law) { return std::strcmp(effect->name, law) == 0; });
+    return std::any_of(std::begin(rows), std::end(rows), [&](const Row &row) {
+        return row.friction && std::strcmp(effect->name, row.name) == 0;
+    });
 }
 
 bool is_library(const mk_effect_info *effect)
