@@ -219,10 +219,19 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
     ck_assert(mk::with_candidate(m, with.added, more));
     ck_assert(search.refit(more, nullptr, with));
     mk::CauseSearch causes(m, search, refit);
-    causes.best = with;
-    causes.rounds.push_back({{with}, {}});
-    causes.simplify();
-    ck_assert_str_eq(causes.rounds[0].ranked[0].added.effect->name, "coulomb");
+    // As it is found, and as a rival of another cause that takes its place.
+    mk::Hypothesis other = with;
+    other.added = search.starts(m, "viscous", 2).front();
+    for (const bool rival : {false, true}) {
+        causes.best = rival ? other : with;
+        causes.rounds.clear();
+        causes.rounds.push_back({{causes.best, with}, {}});
+        if (rival)
+            causes.let_lead(1);
+        else
+            causes.simplify();
+        ck_assert_str_eq(causes.rounds[0].ranked[0].added.effect->name, "coulomb");
+    }
     ck_assert_double_lt(causes.best.penalised_nlml, with.penalised_nlml);
     ck_assert_double_eq_tol(causes.best.point.model.effect[0].value[0], 0.003, 3e-4);
 }

@@ -676,10 +676,8 @@ class Explainer
             best = other;
             chosen = i;
         }
-        if (chosen == 0)
-            return;
-        std::swap(ranked[0], ranked[chosen]);
-        causes->best = ranked[0];
+        if (chosen > 0)
+            causes->let_lead(chosen);
     }
 
     // Where not all is explained, a term that helps the training data alone may spoil for held-out

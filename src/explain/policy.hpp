@@ -35,7 +35,7 @@ constexpr double SHOWN_BY_TRIAL = 0.3;
 // interval, leaves the choice to predictions.
 constexpr double LIKELIHOOD_SAYS_LITTLE = 0.5;
 
-// Standard error of a cause's size, over the size, from which the data leave it open.
+// Standard error of a cause's size or shape, over its value, from which the data leave it open.
 constexpr double OPEN_SIZE = 0.5;
 
 // --- process noise of a fit, rad/s per sqrt(s), or of 1 cm where a joint slides ---

@@ -445,14 +445,14 @@ bool CauseSearch::has_open_size(size_t cause) const
            policy::OPEN_SIZE;
 }
 
-// Whether the data leave a parameter of the law open beside its size: standard error >= value.
+// Whether the data leave a parameter of the law open beside its size.
 bool CauseSearch::has_open_shape(size_t cause) const
 {
     const int at = model.effect_count + (int)cause;
     const mk_effect_info &info = *mk_effect(best.point.model.effect[at].index);
     for (int k = 0; k < info.parameter_count; k++)
         if (k != rounds[cause].ranked[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
-            Search::relative_error(best, at, k) >= 1.0)
+            Search::relative_error(best, at, k) >= policy::OPEN_SIZE)
             return true;
     return false;
 }
@@ -862,10 +862,15 @@ void CauseSearch::polish_rivals()
     if (rounds.size() == 1 && rounds[0].ranked.size() > 1 &&
         rounds[0].ranked[1].penalised_nlml <
             rounds[0].ranked[0].penalised_nlml -
-                (is_library(rounds[0].ranked[1].added.effect) ? BETTER_TERM : BETTER)) {
-        std::swap(rounds[0].ranked[0], rounds[0].ranked[1]);
-        best = rounds[0].ranked[0];
-    }
+                (is_library(rounds[0].ranked[1].added.effect) ? BETTER_TERM : BETTER))
+        let_lead(1);
+}
+
+void CauseSearch::let_lead(size_t rival)
+{
+    std::swap(rounds[0].ranked[0], rounds[0].ranked[rival]);
+    best = rounds[0].ranked[0];
+    simplify();
 }
 
 } // namespace mk

@@ -60,6 +60,8 @@ class CauseSearch
     bool go_on(const PredictionSearch &found);
     // Puts simpler laws in the place of those with a parameter that the data leave open.
     void simplify();
+    // A rival takes the place of the only cause, as the simplest law that says the same.
+    void let_lead(size_t rival);
     int tried() const { return most_tried; }
 
     // What leaving data out says of each cause of `best`; empty where it was not asked.
