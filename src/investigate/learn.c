@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "investigate/doubt.h"
 #include "investigate/zeros.h"
 #include "mechkit/log.h"
 #include "mechkit/signal.h"
@@ -74,8 +75,10 @@ enum mk_status learn_read_log(const char *path, const struct experiment *x,
                               struct mk_error *err)
 {
     const enum mk_status st = mk_log_read(path, out, err);
-    if (st == MK_OK)
+    if (st == MK_OK) {
+        doubt_cut(*out, model);
         shift(*out, model, x->origin, 1.0);
+    }
     return st;
 }
 
@@ -203,18 +206,22 @@ static double extent(const struct mk_log *log, const char *column, size_t rows)
     return high > low ? high - low : 0.0;
 }
 
-bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
+bool learn_motor_is_dead(const char *log_path, const struct mk_model *model,
                          const char *prediction_path, double *command)
 {
     const double still = 2.0, moves = 20.0; /* counts */
     const int motor = mk_plant(model->plant)->motor_joint;
     const double count = mk_model_count(model, motor);
-    struct mk_log *predicted = NULL;
-    *command = extent(log, "u", log->rows);
-    if (extent(log, angle[motor], log->rows) > still * count ||
-        mk_log_read(prediction_path, &predicted, NULL) != MK_OK)
-        return false;
-    const bool dead = extent(predicted, angle[motor], log->rows) > moves * count;
+    struct mk_log *log = NULL, *predicted = NULL;
+    bool dead = false;
+    *command = 0.0;
+    if (mk_log_read(log_path, &log, NULL) == MK_OK &&
+        mk_log_read(prediction_path, &predicted, NULL) == MK_OK) {
+        *command = extent(log, "u", log->rows);
+        dead = extent(log, angle[motor], log->rows) <= still * count &&
+               extent(predicted, angle[motor], log->rows) > moves * count;
+    }
+    mk_log_free(log);
     mk_log_free(predicted);
     return dead;
 }

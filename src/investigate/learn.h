@@ -11,7 +11,8 @@ MK_NODISCARD enum mk_status learn_write_prediction(const char *path, const struc
                                                    const struct experiment *x, double rate_hz,
                                                    struct mk_error *err);
 
-/* The log of an experiment, its angles counted from the first one's zero. */
+/* The log of an experiment, as far as it can be believed (doubt.h), its angles counted from the
+ * first one's zero. */
 MK_NODISCARD enum mk_status learn_read_log(const char *path, const struct experiment *x,
                                            const struct mk_model *model, struct mk_log **out,
                                            struct mk_error *err);
@@ -32,7 +33,7 @@ double learn_worst(const struct experiment *x, const struct mk_model *model, int
 
 /* Whether the motor's joint stood still while the prediction that was written down moves it;
  * *command: the range of the command meanwhile. */
-bool learn_motor_is_dead(const struct mk_log *log, const struct mk_model *model,
+bool learn_motor_is_dead(const char *log_path, const struct mk_model *model,
                          const char *prediction_path, double *command);
 
 /* The largest error of free runs over each log, over the noise. False: one cannot be followed. */

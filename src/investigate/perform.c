@@ -8,6 +8,7 @@
 #include "investigate/learn.h"
 #include "investigate/salvage.h"
 #include "mechkit/data_check.h"
+#include "mechkit/log.h"
 
 #define LEAST_S 1.0 /* of a log that is learned from */
 
@@ -88,19 +89,24 @@ static enum mk_status tell_dead_motor(struct investigation *v, struct experiment
                                       v->j->count, command);
 }
 
-/* Reads the log, and decides whether it is learned from. One that is too short is read all the
- * same: there may be a reason for it. */
+/* How long a log is, as far as it can be believed. */
+static double lasts(const struct mk_log *log)
+{
+    const double *t = mk_log_get(log, "t");
+    return t && log->rows > 0 ? t[log->rows - 1] - t[0] : 0.0;
+}
+
+/* Reads the log, and decides whether it is learned from. */
 static enum mk_status read_result(struct investigation *v, struct experiment *x,
                                   struct mk_error *err)
 {
     const int number = v->j->count - 1;
     x->used = false;
-    if (x->ran_s < LEAST_S) {
-        (void)!investigation_read_log(v, number, NULL);
+    if (x->ran_s < LEAST_S)
         return MK_OK;
-    }
     enum mk_status st = investigation_read_log(v, number, err);
-    x->used = st == MK_OK && mk_data_check_uses(&v->j->given, v->log[number], MK_DATA_EXPLAIN);
+    x->used = st == MK_OK && lasts(v->log[number]) >= LEAST_S &&
+              mk_data_check_uses(&v->j->given, v->log[number], MK_DATA_EXPLAIN);
     return st;
 }
 
@@ -145,8 +151,7 @@ enum mk_status investigation_judge(struct investigation *v, struct mk_error *err
         st = read_result(v, x, err);
     if (st != MK_OK)
         return st;
-    const struct mk_log *result = v->log[j->count - 1];
-    if (result && learn_motor_is_dead(result, &j->given, prediction, &command))
+    if (learn_motor_is_dead(log, &j->given, prediction, &command))
         return tell_dead_motor(v, x, command, err);
     compare_with_prediction(v, x, &foretold, log, prediction);
     x->state = EXPERIMENT_JUDGED;
