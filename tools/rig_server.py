@@ -5,15 +5,20 @@ usage: rig_server.py [--plant P] [--listen HOST:PORT] [--set NAME=VALUE ...] [op
 
 Shares nothing with mechkit but what is written there, so it tells whether that is complete; it is also a
 place to start from for a simulator of one's own. Equations are integrated by Runge and Kutta's method in
-steps of 1 ms at most. One client at a time, as a board. The motor is off when it hangs up, is silent for
-longer than the watchdog's time, or says so. No package beyond Python's own is needed.
+steps of 1 ms at most (wheels: 0.25 ms). One client at a time, as a board. The motor is off when it hangs up, is
+silent for longer than the watchdog's time, or says so. No package beyond Python's own is needed.
 
 Friction of the joint that no motor drives: --set coulomb=LEVEL, --set viscous=COEFFICIENT. Boards differ:
 --no-step (its clock cannot be stepped), --no-stream, --cpr A,B, --bits N (of its counters), --cut N (what
 it sends arrives N bytes at a time), --slow MS (before each answer), --leave-after N (exchanges; it then
-closes the connection, and takes the next client), --signs A,B (-1: an encoder that counts backwards).
-In a run, which begins when the counters are zeroed, somebody may be at the rig or it may break: --hold
-RUN:FROM:TO (s; softly, at the last joint), --dead-motor RUN (from that run on).
+closes the connection, and takes the next client), --signs A,B (-1: an encoder that counts backwards), --swap
+(the plugs of two encoders).
+In a run, which begins when the counters are zeroed (0: before the first), somebody may be at the rig or it
+may break, at times in s: --hold RUN:FROM:TO (softly, at the last joint), --dead-motor RUN[:FROM[:TO]]
+(without TO for good), --loose RUN:FROM:TO:JOINT (a wire of its encoder: the counter stands still, and is right
+again at the end; :lost behind it: it goes on from where it stood), --stop-clock RUN:FROM:TO (in readings).
+Once: --leave RUN:AT, --reboot RUN:AT (counters, numbers and clock from 0; all but HELLO is refused), --stall
+RUN:AT:SECONDS (of the wall's clock without an answer; the rig moves on for as long).
 """
 import argparse
 import math
@@ -26,6 +31,7 @@ import wire
 
 U_MAX = 10.0
 LONGEST_STEP = 1e-3  # s
+WHEEL_STEP = 2.5e-4  # s: dry friction of a light wheel is stiff
 WATCHDOG_FAULT, LINE_FAULT, STREAM_FAULT = 1, 2, 3
 STATUS_WATCHDOG, STATUS_OTHER, STATUS_FAULT, STATUS_STREAM = 1, 2, 4, 8
 UNKNOWN, LENGTH, RANGE, STATE, NONE = 2, 3, 4, 5, 6
@@ -98,13 +104,27 @@ class Rig:
                 self.friction[name] = float(value)
             else:
                 self.p[int(name[1:]) - 1] = float(value)
+        self.longest = WHEEL_STEP if "wheel" in o.plant else LONGEST_STEP
         self.cpr, self.signs, self.bits = o.cpr, o.signs, o.bits
-        self.hold, self.dead_motor = o.hold, o.dead_motor
+        self.hold, self.dead_motor, self.loose = o.hold, o.dead_motor, o.loose
+        self.plugs = [1, 0] if o.swap else [0, 1]
         self.rest, self.runs, self.time = rest, 0, 0.0
         self.begin()
 
     def begin(self):
         self.q, self.v, self.zeroed = list(self.rest), [0.0] * len(self.rest), [0, 0]
+        self.stuck, self.lost = None, [0, 0]
+
+    def within(self, run, begin, end):
+        return self.runs == run and begin <= self.time < end
+
+    def hangs_still(self):
+        return max(map(abs, self.v)) < 1e-12 and self.q == self.rest
+
+    def motor_is_dead(self):
+        run, begin, end = self.dead_motor + [0.0, math.inf][len(self.dead_motor) - 1:]
+        later = 0 < run < self.runs and math.isinf(end)
+        return later or self.within(run, begin, end)
 
     def passive(self, v):
         return self.friction["viscous"] * v + self.friction["coulomb"] * sign(v)
@@ -113,15 +133,18 @@ class Rig:
         return v, self.law(self.p, q, v, u, self.passive)
 
     def advance(self, seconds, u):
-        steps = max(1, math.ceil(seconds / LONGEST_STEP - 1e-9))
-        if 0 < self.dead_motor <= self.runs:
-            u = 0.0
+        steps = max(1, math.ceil(seconds / self.longest - 1e-9))
         h = seconds / steps
 
         def along(x, d, k):
             return [a + k * b for a, b in zip(x, d)]
+        told = u
+        if self.hangs_still() and told == 0.0:  # nobody pays for a rig that nobody uses
+            self.time += seconds
+            return
         for _ in range(steps):
             q, v = self.q, self.v
+            u = 0.0 if self.motor_is_dead() else told
             v1, a1 = self.derivative(q, v, u)
             v2, a2 = self.derivative(along(q, v1, h / 2), along(v, a1, h / 2), u)
             v3, a3 = self.derivative(along(q, v2, h / 2), along(v, a2, h / 2), u)
@@ -129,21 +152,41 @@ class Rig:
             self.q = [x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(q, v1, v2, v3, v4)]
             self.v = [x + h / 6 * (a + 2 * b + 2 * c + d) for x, a, b, c, d in zip(v, a1, a2, a3, a4)]
             self.time += h
-            if self.runs == self.hold[0] and self.hold[1] <= self.time < self.hold[2]:
+            if self.within(*self.hold):
                 self.v[-1] -= h * (5.0 * (self.q[-1] - self.rest[-1]) + 0.5 * self.v[-1]) / self.p[0]
+
+            self.wire_of_an_encoder()
 
     def position(self, j):
         if j >= len(self.q):
             return 0
         return round(self.signs[j] * (self.q[j] - self.rest[j]) * self.cpr[j] / (2 * math.pi))
 
+    def wire_of_an_encoder(self):
+        """Hangs by a thread, or holds again."""
+        j = self.loose.joint
+        if self.within(*self.loose.when):
+            if self.stuck is None:
+                self.stuck = self.position(j)
+        elif self.stuck is not None:
+            self.lost[j] += (self.position(j) - self.stuck) * self.loose.loses
+            self.stuck = None
+
+    def counted(self, j):
+        if j == self.loose.joint and self.stuck is not None:
+            return self.stuck - self.lost[j]
+        return self.position(j) - self.lost[j]
+
+    def forget(self):
+        self.zeroed = [self.counted(0), self.counted(1)]
+
     def zero(self):
-        self.zeroed = [self.position(0), self.position(1)]
+        self.forget()
         self.runs, self.time = self.runs + 1, 0.0
 
     def counters(self):
         half = 1 << (self.bits - 1)
-        return [(self.position(j) - self.zeroed[j] + half) % (2 * half) - half for j in range(2)]
+        return [(self.counted(j) - self.zeroed[j] + half) % (2 * half) - half for j in self.plugs]
 
 
 class Refused(Exception):
@@ -163,7 +206,7 @@ class Board:
         self.watchdog, self.fed = 20000000, 0
         self.exchanges = self.bites = self.late = self.repeated = self.broken = 0
         self.sequence, self.last = 0, b""
-        self.period = 0
+        self.period = self.stopped_at = 0
         self.decoder, self.errors = wire.Decoder(), 0
         self.out = []
 
@@ -225,12 +268,17 @@ class Board:
 
     # --- readings
 
+    def read_clock(self):
+        if not self.rig.within(*self.o.stop_clock):
+            self.stopped_at = self.now
+        return self.stopped_at
+
     def status(self):
         return (STATUS_WATCHDOG * self.fired | STATUS_OTHER * (self.applied != self.wished)
                 | STATUS_FAULT * (self.fault > 1) | STATUS_STREAM * bool(self.period))
 
     def reading(self, micro):
-        counters, latched = self.rig.counters(), self.now
+        counters, latched = self.rig.counters(), self.read_clock()
         self.command(micro)
         self.exchanges += 1
         return struct.pack("<2iQiHHI", *counters, latched, self.applied, self.status(), self.fault,
@@ -390,6 +438,11 @@ class Board:
         self.greeted, self.watched = False, False
         self.decoder, self.out = wire.Decoder(), []
 
+    def reboot(self):
+        self.hang_up()
+        self.opened, self.now, self.exchanges = time.monotonic_ns(), 0, 0
+        self.rig.forget()
+
 
 class Left(Exception):
     pass
@@ -404,24 +457,71 @@ def send(o, line, board):
     board.out = []
 
 
+def has_gone(line):
+    poll = select.poll()
+    poll.register(line, select.POLLRDHUP)
+    return bool(poll.poll(50))
+
+
+def fall_silent(o, board, line):
+    before = board.applied
+    board.run_to(board.now + int(o.stall[2] * 1e9))
+    print("silent: command %g, was %g" % (board.applied / wire.MICRO, before / wire.MICRO), flush=True)
+    until = time.monotonic() + o.stall[2]
+    while time.monotonic() < until and not has_gone(line):
+        pass
+
+
+def trouble(o, board, line):
+    """What happens once."""
+    if due(o.stall, board.rig):
+        fall_silent(o, board, line)
+        o.stall = None
+    if due(o.reboot, board.rig):
+        o.reboot = None
+        print("reboot: was %g" % (board.applied / wire.MICRO), flush=True)
+        board.reboot()
+    if due(o.leave, board.rig):
+        o.leave = None
+        raise Left
+
+
+def due(moment, rig):
+    return moment is not None and rig.within(moment[0], moment[1], math.inf)
+
+
 def serve_one(o, board, line):
     """Until the client has gone, or is left."""
     line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     until = board.exchanges + o.leave_after if o.leave_after else None
     while True:
         board.live()
-        due = None if board.stepped else board.due()
-        wait = 0.05 if due is None else min(0.05, max(0.0, (due - board.now) * 1e-9))
+        at = None if board.stepped else board.due()
+        wait = 0.05 if at is None else min(0.05, max(0.0, (at - board.now) * 1e-9))
         if select.select([line], [], [], wait)[0]:
             data = line.recv(65536)
             if not data:
                 return
             board.receive(data)
         board.live()
+        trouble(o, board, line)
         send(o, line, board)
         if until is not None and board.exchanges >= until:
             o.leave_after = 0
             raise Left
+
+
+def moment(text):
+    return [float(x) for x in text.split(":")]
+
+
+class Loose:
+    """RUN:FROM:TO:JOINT[:lost]"""
+
+    def __init__(self, text="-1:0:0:1"):
+        parts = text.split(":")
+        self.when, self.joint = [float(x) for x in parts[:3]], int(parts[3]) - 1
+        self.loses = parts[4:] == ["lost"]
 
 
 def pair(text):
@@ -440,8 +540,13 @@ def main():
     parser.add_argument("--cut", type=int, default=0)
     parser.add_argument("--slow", type=float, default=0.0)
     parser.add_argument("--leave-after", type=int, default=0)
-    parser.add_argument("--hold", type=lambda text: [float(x) for x in text.split(":")], default=[0, 0, 0])
-    parser.add_argument("--dead-motor", type=int, default=0)
+    parser.add_argument("--swap", action="store_true")
+    parser.add_argument("--hold", type=moment, default=[-1, 0, 0])
+    parser.add_argument("--loose", type=Loose, default=Loose())
+    parser.add_argument("--stop-clock", type=moment, default=[-1, 0, 0])
+    for once in ("--leave", "--reboot", "--stall"):
+        parser.add_argument(once, type=moment)
+    parser.add_argument("--dead-motor", type=moment, default=[-1.0])
     parser.add_argument("--no-step", action="store_true")
     parser.add_argument("--no-stream", action="store_true")
     o = parser.parse_args()
