@@ -229,6 +229,39 @@ static bool budget_is_nearly_spent(const struct investigation *v)
            investigation_spent_s(v->j) + 2.0 * each > 60.0 * v->o->minutes;
 }
 
+/* What is run next, and what the model predicts of it. */
+static enum mk_status plan_next(struct investigation *v, struct experiment *x, struct mk_error *err)
+{
+    const struct journal *j = v->j;
+    char name[64], path[JOURNAL_PATH];
+    enum mk_status st = MK_OK;
+    if (!v->explained)
+        st = choose_first(v, x, err);
+    else if (budget_is_nearly_spent(v))
+        choose_test(v, x, true);
+    else if (!choose_rivals(v, x) && !choose_rest(v, x) && !choose_known(v, x))
+        choose_test(v, x, false);
+    if (st != MK_OK)
+        return st;
+    learn_noise(&j->given, v->explained ? v->e : NULL, x->noise);
+    return learn_write_prediction(
+        journal_file(j, path, journal_name(name, j->count, "-prediction.csv")), &v->model, x,
+        j->settings.rate_hz, err);
+}
+
+/* A model that makes nonsense of its logs may run away where it is simulated: then what was given
+ * is gone on from, as if nothing were known. */
+static enum mk_status plan_from_what_was_given(struct investigation *v, struct experiment *x,
+                                               struct mk_error *err)
+{
+    investigation_say(v, "What explains the logs so far cannot be simulated: the next experiment "
+                         "is planned from the model that was given.");
+    x->why[0] = x->expected[0] = '\0';
+    v->explained = false;
+    v->model = v->j->given;
+    return plan_next(v, x, err);
+}
+
 enum mk_status investigation_choose(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
@@ -245,18 +278,9 @@ enum mk_status investigation_choose(struct investigation *v, struct mk_error *er
     const double begin = investigation_now_s();
     x->seconds = j->settings.seconds;
     x->window_s = WINDOW_S;
-    if (!v->explained)
-        st = choose_first(v, x, err);
-    else if (budget_is_nearly_spent(v))
-        choose_test(v, x, true);
-    else if (!choose_rivals(v, x) && !choose_rest(v, x) && !choose_known(v, x))
-        choose_test(v, x, false);
-    if (st != MK_OK)
-        return st;
-    learn_noise(&j->given, v->explained ? v->e : NULL, x->noise);
-    st = learn_write_prediction(
-        journal_file(j, path, journal_name(name, j->count, "-prediction.csv")), &v->model, x,
-        j->settings.rate_hz, err);
+    st = plan_next(v, x, err);
+    if (st == MK_ERR_NUMERIC && v->explained)
+        st = plan_from_what_was_given(v, x, err);
     if (st == MK_OK)
         st = mk_model_write(journal_file(j, path, journal_name(name, j->count, "-model.ini")),
                             &v->model, "the model before this experiment was run", err);
