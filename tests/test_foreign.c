@@ -166,14 +166,27 @@ END_TEST
 
 /* --- what is wrong with it -------------------------------------------------------------------- */
 
-START_TEST(an_encoder_that_counts_backwards_is_told)
+/* Before anything was driven but the two short pushes. */
+START_TEST(wrong_wires_are_told_with_what_to_do)
 {
+    static const char *const wires[][2] = {
+        {"--signs=1,-1", "encoder 2 counts backwards: exchange its A and B wires"},
+        {"--signs=-1,1", "encoder 1 counts backwards: exchange its A and B wires"},
+        {"--signs=-1,-1", "the motor turns backwards: exchange its two wires"},
+        {"--swap", "the encoders are swapped: exchange their plugs at the board"},
+        {"--swap --signs=-1,-1", "the encoders are swapped: exchange their plugs at the board"},
+    };
+    char options[100];
     if (skipped())
         return;
-    serve("--plant furuta --signs 1,-1");
-    new_folder("backwards");
+    snprintf(options, sizeof options, "--plant furuta %s", wires[_i][0]);
+    serve(options);
+    new_folder("wires");
     ck_assert_int_eq(investigate_rig("furuta", "--fast"), 1);
-    ck_assert_says("encoder 2 counts backwards");
+    ck_assert_says(wires[_i][1]);
+    server_says("gone: command 0,");
+    read_journal_of(folder, &journal);
+    ck_assert_int_eq(journal.count, 0);
 }
 END_TEST
 
@@ -228,6 +241,78 @@ START_TEST(a_motor_that_gives_nothing_ends_it_and_what_was_learned_stays)
 }
 END_TEST
 
+/* Gone in the middle of the first run: its fault does not yet say that it was the motor. */
+START_TEST(a_motor_that_dies_in_a_run_is_no_cause)
+{
+    if (skipped())
+        return;
+    serve(PENDULUM " --dead-motor 1:2");
+    new_folder("fuse");
+    ck_assert_int_eq(investigate_rig("pendulum", "--fast"), 1);
+    ck_assert_says("nothing moved");
+    read_journal_of(folder, &journal);
+    ck_assert_str_ne(journal.experiment[0].fault, "");
+    ck_assert(!journal.experiment[0].used);
+    end_server();
+    serve(PENDULUM);
+    ck_assert_int_eq(investigate_rig("pendulum", "--fast"), 0);
+    read_journal_of(folder, &journal);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+    ck_assert_knows(pendulum, 4);
+}
+END_TEST
+
+/* A wire of an encoder: before the first run and in it, right again or off by what was missed, for
+ * a moment or for good. */
+START_TEST(an_encoder_with_a_loose_wire_is_no_cause)
+{
+    static const char *const loose[] = {"0:1:1.4:1", "1:1.5:1.7:1", "1:2:2.3:1:lost", "1:3:9:1",
+                                        "2:1:1.05:1:lost"};
+    char options[100];
+    if (skipped())
+        return;
+    snprintf(options, sizeof options, PENDULUM " --loose %s", loose[_i]);
+    serve(options);
+    new_folder("loose");
+    int code = investigate_rig("pendulum", "--fast");
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal_of(folder, &journal);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+    ck_assert_knows(pendulum, 4);
+}
+END_TEST
+
+/* Each in the first run, with the motor driving: it ends with the motor off, and the same command
+ * goes on. */
+START_TEST(a_board_that_is_not_itself_ends_it_and_the_same_command_goes_on)
+{
+    static const char *const trouble[][2] = {
+        {"--stall 1:1.5:3", "silent: command 0, was "},
+        {"--reboot 1:1.5", "reboot: was "},
+        {"--stop-clock 1:1.5:9", "gone: command 0,"},
+        {"--leave 0:0.5", "gone: command 0,"},
+    };
+    char options[100];
+    if (skipped())
+        return;
+    snprintf(options, sizeof options, PENDULUM " %s", trouble[_i][0]);
+    serve(options);
+    new_folder("trouble");
+    ck_assert_int_eq(investigate_rig("pendulum", "--fast"), 1);
+    ck_assert_msg(strstr(said, "the same command goes on") || strstr(said, "check cable"), "%s",
+                  said);
+    server_says(trouble[_i][1]);
+    server_says("gone: command 0,");
+    int code = investigate_rig("pendulum", "--fast");
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal_of(folder, &journal);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+}
+END_TEST
+
 START_TEST(a_run_in_which_somebody_held_the_rig_is_left_out)
 {
     if (skipped())
@@ -258,10 +343,14 @@ Suite *suite_foreign(void)
     TCase *wrong = tcase_create("wrong");
     tcase_set_timeout(wrong, 240);
     tcase_add_checked_fixture(wrong, NULL, end_server);
-    tcase_add_test(wrong, an_encoder_that_counts_backwards_is_told);
+    tcase_add_loop_test(wrong, wrong_wires_are_told_with_what_to_do, 0, 5);
     tcase_add_test(wrong, a_board_that_answers_too_slowly_is_not_taken_for_a_rig_at_rest);
     tcase_add_test(wrong, a_server_that_hangs_up_and_comes_back_elsewhere_is_gone_on_with);
     tcase_add_test(wrong, a_motor_that_gives_nothing_ends_it_and_what_was_learned_stays);
+    tcase_add_test(wrong, a_motor_that_dies_in_a_run_is_no_cause);
+    tcase_add_loop_test(wrong, an_encoder_with_a_loose_wire_is_no_cause, 0, 5);
+    tcase_add_loop_test(wrong, a_board_that_is_not_itself_ends_it_and_the_same_command_goes_on, 0,
+                        4);
     suite_add_tcase(s, wrong);
     TCase *held = tcase_create("held"); /* a search for what is not there takes its time */
     tcase_set_timeout(held, 900);

@@ -4,15 +4,20 @@
 
 #include <fcntl.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include "investigate/doubt.h"
+#include "investigate/investigate.h"
 #include "investigate/nudge.h"
 #include "investigate/plan.h"
 #include "investigate/runs.h"
+#include "investigate/salvage.h"
 #include "mechkit/log.h"
 #include "mechkit/rig.h"
 #include "support/files.h"
@@ -251,6 +256,133 @@ START_TEST(an_investigation_that_is_killed_goes_on_and_runs_nothing_twice)
     ck_assert_int_eq(run_command(said, sizeof said, "%s", command), 0);
     read_journal_of(folder, &journal);
     ck_assert_int_eq(journal.count, count);
+}
+END_TEST
+
+/* A child that is killed the moment that it tells of this. In simulated time a log is written when
+ * 4096 rows wait: ten seconds have more. */
+#define LONGER "--fast --seconds 10 --tries 100"
+#define LATE 0.9
+
+static const char *killed_at; /* NULL: at a calculation */
+
+static bool kill_at_its_word(void *user, double done, const char *what)
+{
+    const bool runs = strcmp(what, "running") == 0;
+    const bool moves = runs || strstr(what, "rest") || strstr(what, "calm");
+    (void)user;
+    if (killed_at ? strcmp(what, killed_at) == 0 && (!runs || done > LATE) : !moves)
+        raise(SIGKILL);
+    return true;
+}
+
+static void investigate_until_killed(const char *rig, const char *folder)
+{
+    const pid_t child = fork();
+    ck_assert_int_ge(child, 0);
+    if (child == 0) {
+        struct investigate_options o;
+        investigate_default(&o);
+        o.folder = folder;
+        o.model = model_of(rig);
+        o.settings.fast = true;
+        o.settings.tries = 100;
+        o.progress = kill_at_its_word;
+        snprintf(o.settings.rig, sizeof o.settings.rig, "%s", model_of(rig));
+        _exit(investigate(&o, &journal, NULL) == MK_OK ? 0 : 1);
+    }
+    int status;
+    ck_assert_int_eq(waitpid(child, &status, 0), child);
+    ck_assert_msg(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL, "%x", (unsigned)status);
+}
+
+/* What it was run from is on the disk before the rig moves: a log says nothing of where an arm was
+ * when the counters were zeroed. */
+START_TEST(a_run_whose_program_is_killed_is_kept_and_not_run_again)
+{
+    const char *folder = new_folder("in-a-run");
+    killed_at = "running";
+    investigate_until_killed("pendulum", folder);
+    read_journal_of(folder, &journal);
+    ck_assert_int_eq(journal.experiment[0].state, EXPERIMENT_PLANNED);
+    ck_assert_str_ne(journal.experiment[0].run_at, "");
+    char run_at[JOURNAL_DATE], *before = file_of(folder, "exp-01.csv");
+    ck_assert_ptr_nonnull(before);
+    snprintf(run_at, sizeof run_at, "%s", journal.experiment[0].run_at);
+    int code = investigate_rig("pendulum", model_of("pendulum"), folder, LONGER);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    ck_assert_says("its log is there");
+    read_journal_of(folder, &journal);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+    ck_assert_str_eq(journal.experiment[0].run_at, run_at);
+    char *after = file_of(folder, "exp-01.csv");
+    ck_assert_str_eq(after, before);
+    free(before);
+    free(after);
+}
+END_TEST
+
+START_TEST(a_program_that_is_killed_as_it_waits_or_calculates_goes_on)
+{
+    static const char *const at[] = {"coming to rest", NULL};
+    const char *folder = new_folder("in-thought");
+    killed_at = at[_i];
+    investigate_until_killed("pendulum", folder);
+    read_journal_of(folder, &journal);
+    int code = investigate_rig("pendulum", model_of("pendulum"), folder, LONGER);
+    ck_assert_msg(code == 0, "%d: %s", code, said);
+    read_journal_of(folder, &journal);
+    ck_assert_str_eq(journal.stopped, "validated");
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
+    run_command(said, sizeof said, "ls %s/exp-??.csv | wc -l", folder);
+    ck_assert_int_eq(atoi(said), journal.count);
+}
+END_TEST
+
+START_TEST(a_log_that_a_killed_program_left_says_what_ended_its_run)
+{
+    static const struct {
+        const char *note, *fault;
+        bool broken_off;
+    } left[] = {
+        {"# fault: encoder-stuck joint 2 at 0.0030 s\n", "encoder-stuck joint 2 at 0.0030 s",
+         false},
+        {"# fault: unplugged at 0.0030 s\n", "unplugged at 0.0030 s", true},
+        {"", "broken off: the program ended while it ran", true},
+    };
+    for (size_t i = 0; i < sizeof left / sizeof left[0]; i++) {
+        char text[200];
+        bool found;
+        struct experiment x = {.seconds = 5.0};
+        snprintf(text, sizeof text, "# mechkit-log: 1\nt,q1,u\n0,0,0\n0.002,0,1\n%s", left[i].note);
+        ck_assert_int_eq(salvage_log(&x, scratch_text("left.csv", text), &found, NULL), MK_OK);
+        ck_assert(found);
+        ck_assert_str_eq(x.fault, left[i].fault);
+        ck_assert(x.broken_off == left[i].broken_off);
+        ck_assert_double_eq_tol(x.ran_s, 0.002, 1e-12);
+    }
+}
+END_TEST
+
+/* Nobody knows since when a reading that stood still was wrong. A right model predicts what is left
+ * of the log. */
+START_TEST(a_log_is_learned_from_up_to_where_its_encoder_stood_still)
+{
+    static const char *const faults[] = {"at 1700 stuck 2", "at 1700 stuck 1",
+                                         "at 1700 stuck 2 for 60"};
+    char options[200];
+    const char *folder = new_folder("stuck");
+    snprintf(options, sizeof options, SHORT " --experiments 1 --faults '%s'", faults[_i]);
+    (void)investigate_rig("furuta", model_of("furuta"), folder, options);
+    ck_assert_says("stopped: encoder-");
+    read_journal_of(folder, &journal);
+    const struct experiment *x = &journal.experiment[0];
+    ck_assert(x->used && !x->broken_off);
+    for (int j = 0; j < 2; j++)
+        ck_assert_msg(x->error[j] < 2.0 * x->noise[j], "joint %d: %g of %g", j + 1, x->error[j],
+                      x->noise[j]);
+    ck_assert_int_eq(last_finding_of(&journal)->causes, 0);
 }
 END_TEST
 
@@ -590,6 +722,44 @@ START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
 }
 END_TEST
 
+/* A wire of an encoder that hangs by a thread for a moment, too short or too slow for a fault; its
+ * counter goes on from where it stood. */
+START_TEST(readings_that_stood_still_though_the_joint_moved_are_found_and_no_others)
+{
+    static const struct {
+        const char *rig, *input;
+    } runs[] = {{"pendulum", "4*sin(5*t)"},
+                {"inertia-wheel", "4*sin(5*t)"},
+                {"furuta", "4*square(1.1)"},
+                {"reaction-wheel", "6*sin(9*t)"},
+                {"cart-pole", "3*sin(4*t)"}};
+    const char *name = runs[_i].rig, *path = open_loop_log(name, runs[_i].input, 3.0);
+    struct mk_log *log;
+    ck_assert_int_eq(mk_model_read(model_of(name), &rig_model, NULL), MK_OK);
+    ck_assert_int_eq(mk_log_read(path, &log, NULL), MK_OK);
+    const int last = mk_model_joints(&rig_model) - 1;
+    const size_t rows = log->rows;
+    struct doubt doubt = doubt_cut(log, &rig_model);
+    ck_assert_msg(doubt.joint == 0 && log->rows == rows, "joint %d at %g", doubt.joint, doubt.at_s);
+    for (size_t c = 0; c < log->column_count; c++) {
+        double *q = log->columns[c].data;
+        if (strcmp(log->columns[c].name, last > 0 ? "q2" : "q1") != 0)
+            continue;
+        size_t at = 300; /* the first moment from then on that it is fast */
+        while (at < 1200 && fabs(q[at] - q[at - 5]) < 40.0 * mk_model_count(&rig_model, last))
+            at++;
+        const double lost = q[at + 50] - q[at];
+        for (size_t k = at; k < rows; k++)
+            q[k] = k < at + 50 ? q[at] : q[k] - lost;
+        doubt = doubt_cut(log, &rig_model);
+        ck_assert_int_eq(doubt.joint, last + 1);
+        ck_assert_uint_eq(log->rows, at + 1);
+        ck_assert_double_eq(doubt.at_s, mk_log_get(log, "t")[at]);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
 Suite *suite_investigate(void)
 {
     Suite *s = suite_create("investigate");
@@ -617,6 +787,10 @@ Suite *suite_investigate(void)
     suite_add_tcase(s, more);
     TCase *ends = tcase_create("ends");
     tcase_set_timeout(ends, 240);
+    tcase_add_test(ends, a_run_whose_program_is_killed_is_kept_and_not_run_again);
+    tcase_add_loop_test(ends, a_program_that_is_killed_as_it_waits_or_calculates_goes_on, 0, 2);
+    tcase_add_test(ends, a_log_that_a_killed_program_left_says_what_ended_its_run);
+    tcase_add_loop_test(ends, a_log_is_learned_from_up_to_where_its_encoder_stood_still, 0, 3);
     tcase_add_test(ends, a_signal_ends_it_with_the_journal_whole);
     tcase_add_test(ends,
                    a_board_that_fails_ends_it_with_the_motor_off_and_the_same_command_goes_on);
@@ -637,6 +811,8 @@ Suite *suite_investigate(void)
                         2);
     tcase_add_loop_test(parts, whatever_is_cancelled_while_the_motor_drives_ends_with_the_motor_off,
                         0, 3);
+    tcase_add_loop_test(
+        parts, readings_that_stood_still_though_the_joint_moved_are_found_and_no_others, 0, 5);
     tcase_add_test(parts, a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits);
     suite_add_tcase(s, parts);
     return s;

@@ -2,6 +2,7 @@
 #ifndef MECHKIT_INVESTIGATE_INVESTIGATION_H
 #define MECHKIT_INVESTIGATE_INVESTIGATION_H
 
+#include "investigate/doubt.h"
 #include "investigate/investigate.h"
 #include "investigate/runs.h"
 #include "mechkit/explain.h"
@@ -51,9 +52,10 @@ bool investigation_is_over(struct investigation *v);
 /* Tries controllers with the given and the final model. */
 MK_NODISCARD enum mk_status investigation_control(struct investigation *v, struct mk_error *err);
 
-/* The log of an experiment (0-based), counted from the zero of the first; kept in v->log. */
+/* The log of an experiment (0-based), counted from the zero of the first; kept in v->log. *doubt:
+ * as learn_read_log() finds it, none where the log was there; NULL: nobody asks. */
 MK_NODISCARD enum mk_status investigation_read_log(struct investigation *v, int number,
-                                                   struct mk_error *err);
+                                                   struct doubt *doubt, struct mk_error *err);
 /* Explains the logs of the first `count` experiments, from the given model with its zeros free
  * (zeros.h); v->e, v->model and v->explained are what comes of it. An experiment that contradicts
  * all others is left out. */

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "investigate/doubt.h"
 #include "investigate/zeros.h"
 #include "mechkit/log.h"
 #include "mechkit/signal.h"
@@ -72,11 +71,13 @@ static void shift(struct mk_log *log, const struct mk_model *model, const double
 
 enum mk_status learn_read_log(const char *path, const struct experiment *x,
                               const struct mk_model *model, struct mk_log **out,
-                              struct mk_error *err)
+                              struct doubt *doubt, struct mk_error *err)
 {
     const enum mk_status st = mk_log_read(path, out, err);
     if (st == MK_OK) {
-        doubt_cut(*out, model);
+        const struct doubt found = doubt_cut(*out, model);
+        if (doubt)
+            *doubt = found;
         shift(*out, model, x->origin, 1.0);
     }
     return st;
@@ -173,9 +174,9 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     const struct mk_predict_options options = {.window_s = x->window_s};
     struct mk_predict_figures figures;
     size_t failed = 0;
-    enum mk_status st = learn_read_log(log_path, x, model, &log, err);
+    enum mk_status st = learn_read_log(log_path, x, model, &log, NULL, err);
     if (st == MK_OK)
-        st = learn_read_log(prediction_path, x, model, &written, err);
+        st = learn_read_log(prediction_path, x, model, &written, NULL, err);
     if (st == MK_OK)
         st = mk_predict(model, log, &options, &windows, &figures, &failed, err);
     if (st == MK_OK)

@@ -2,6 +2,7 @@
 #ifndef MECHKIT_INVESTIGATE_LEARN_H
 #define MECHKIT_INVESTIGATE_LEARN_H
 
+#include "investigate/doubt.h"
 #include "investigate/journal.h"
 #include "mechkit/explain.h"
 
@@ -11,11 +12,11 @@ MK_NODISCARD enum mk_status learn_write_prediction(const char *path, const struc
                                                    const struct experiment *x, double rate_hz,
                                                    struct mk_error *err);
 
-/* The log of an experiment, as far as it can be believed (doubt.h), its angles counted from the
- * first one's zero. */
+/* The log of an experiment, as far as it can be believed (*doubt, which may be NULL), its angles
+ * counted from the first one's zero. */
 MK_NODISCARD enum mk_status learn_read_log(const char *path, const struct experiment *x,
                                            const struct mk_model *model, struct mk_log **out,
-                                           struct mk_error *err);
+                                           struct doubt *doubt, struct mk_error *err);
 
 /* Holds the log of an experiment against the model that foresaw it and what was written down: fills
  * error, whole, passed. `x->window_s` and `x->noise` say how; the latter becomes what a rig that is

@@ -11,8 +11,31 @@
 #include "mechkit/log.h"
 
 #define LEAST_S 1.0 /* of a log that is learned from */
+#define STARTS 3    /* of a run, at most */
 
 /* --- running ---------------------------------------------------------------------------------- */
+
+/* From rest. A rig that moves again as the run is to begin, as one whose encoder stood still while
+ * it came to rest, is waited for once more. */
+static enum mk_status run_from_rest(struct investigation *v, struct experiment *x,
+                                    struct rig_run *run, struct mk_error *err)
+{
+    enum mk_status st = MK_OK;
+    for (int i = 0; i < STARTS; i++) {
+        st = rig_rest(&v->rig, err);
+        if (st != MK_OK)
+            return st;
+        (void)mk_date_text(x->run_at);
+        memcpy(x->origin, v->rig.origin, sizeof x->origin);
+        /* Where its log is counted from: a program that is killed cannot say it later. */
+        st = investigation_save(v, err);
+        if (st == MK_OK)
+            st = rig_experiment(&v->rig, run, x->input, x->seconds, err);
+        if (st != MK_ERR_FAULT || run->fault != MK_FAULT_NOT_HANGING)
+            break;
+    }
+    return st;
+}
 
 /* The experiment on the rig. `ran`: some of it was run, and is in the log. A fault of the board,
  * not of the rig, is an error. */
@@ -23,13 +46,7 @@ static enum mk_status run_on_rig(struct investigation *v, struct experiment *x, 
     const double begin = rig_seconds(&v->rig);
     struct rig_run run = {
         .nominal = &v->model, .model_off = v->explained ? 0.0 : j->settings.model_off, .log = path};
-    *ran = false;
-    enum mk_status st = rig_rest(&v->rig, err);
-    if (st != MK_OK)
-        return st;
-    (void)mk_date_text(x->run_at);
-    memcpy(x->origin, v->rig.origin, sizeof x->origin);
-    st = rig_experiment(&v->rig, &run, x->input, x->seconds, err);
+    enum mk_status st = run_from_rest(v, x, &run, err);
     x->ran_s = run.ran_s;
     snprintf(x->fault, sizeof x->fault, "%s", run.fault_text);
     x->broken_off = st != MK_OK || rig_fault_is_of_the_board(run.fault);
@@ -72,6 +89,19 @@ enum mk_status investigation_run(struct investigation *v, struct mk_error *err)
 
 /* --- judging and learning --------------------------------------------------------------------- */
 
+/* Runs that faults of the rig stopped just before may have been stopped by the same: nobody knows
+ * since when the motor gave nothing. */
+static void doubt_runs_before(struct journal *j)
+{
+    for (int i = j->count - 2; i >= 0; i--) {
+        struct experiment *x = &j->experiment[i];
+        if (!x->fault[0] || x->broken_off || !x->used)
+            break;
+        x->used = false;
+        journal_put(x->came, " Left out: the motor may have given nothing towards its end.");
+    }
+}
+
 /* Nobody is to go on with a rig whose motor gives nothing; the experiment does not count. */
 static enum mk_status tell_dead_motor(struct investigation *v, struct experiment *x, double command,
                                       struct mk_error *err)
@@ -80,6 +110,7 @@ static enum mk_status tell_dead_motor(struct investigation *v, struct experiment
     x->broken_off = true;
     x->state = EXPERIMENT_LEARNED;
     journal_put(x->came, "Nothing moved: nothing is learned from it.");
+    doubt_runs_before(v->j);
     const enum mk_status st = investigation_save(v, err);
     return st != MK_OK ? st
                        : mk_error_set(err, MK_ERR_EXPECT,
@@ -96,6 +127,20 @@ static double lasts(const struct mk_log *log)
     return t && log->rows > 0 ? t[log->rows - 1] - t[0] : 0.0;
 }
 
+/* No fault was seen while it ran: it is one all the same. */
+static void tell_doubt(const struct investigation *v, struct experiment *x, const struct doubt *d)
+{
+    if (d->joint == 0 || x->fault[0])
+        return;
+    snprintf(x->fault, sizeof x->fault, "encoder-stuck, joint %d, at %.2f s, as its log shows",
+             d->joint, d->at_s);
+    investigation_say(
+        v,
+        "  in doubt: the reading of joint %d stood still from %.2f s on, faster than "
+        "the joint can stop: is a wire of its encoder loose? Learned from up to there",
+        d->joint, d->at_s);
+}
+
 /* Reads the log, and decides whether it is learned from. */
 static enum mk_status read_result(struct investigation *v, struct experiment *x,
                                   struct mk_error *err)
@@ -104,7 +149,9 @@ static enum mk_status read_result(struct investigation *v, struct experiment *x,
     x->used = false;
     if (x->ran_s < LEAST_S)
         return MK_OK;
-    enum mk_status st = investigation_read_log(v, number, err);
+    struct doubt doubt = {0, 0.0};
+    enum mk_status st = investigation_read_log(v, number, &doubt, err);
+    tell_doubt(v, x, &doubt);
     x->used = st == MK_OK && lasts(v->log[number]) >= LEAST_S &&
               mk_data_check_uses(&v->j->given, v->log[number], MK_DATA_EXPLAIN);
     return st;

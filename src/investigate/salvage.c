@@ -2,11 +2,35 @@
 
 #include <errno.h>
 #include <stdio.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/origin.h"
+#include "investigate/runs.h"
 #include "mechkit/log.h"
+
+/* Whether what the log says to have ended its run was the board, not the rig. */
+static bool ended_by_the_board(const char *fault)
+{
+    for (int f = 0; f < MK_FAULT_COUNT; f++) {
+        const char *name = mk_fault_name((enum mk_fault)f);
+        const size_t n = strlen(name);
+        if (strncmp(fault, name, n) == 0 && fault[n] == ' ')
+            return rig_fault_is_of_the_board((enum mk_fault)f);
+    }
+    return true;
+}
+
+/* `fault`: of the log; NULL: none. */
+static void say_how_it_ended(struct experiment *x, const char *fault)
+{
+    const bool early = x->ran_s < 0.99 * x->seconds - 0.1;
+    x->broken_off = fault ? ended_by_the_board(fault) : early;
+    snprintf(x->fault, sizeof x->fault, "%s",
+             fault   ? fault
+             : early ? "broken off: the program ended while it ran"
+                     : "");
+}
 
 enum mk_status salvage_log(struct experiment *x, const char *path, bool *found,
                            struct mk_error *err)
@@ -19,14 +43,10 @@ enum mk_status salvage_log(struct experiment *x, const char *path, bool *found,
     const double *t =
         mk_log_read(path, &log, NULL) == MK_OK && log->rows > 0 ? mk_log_get(log, "t") : NULL;
     if (t) {
-        const double ran = t[log->rows - 1] - t[0];
-        x->ran_s = ran;
-        x->broken_off = ran < 0.99 * x->seconds - 0.1;
+        x->ran_s = t[log->rows - 1] - t[0];
+        say_how_it_ended(x, mk_log_find_meta(log, "fault"));
         mk_log_free(log);
         *found = true;
-        snprintf(x->fault, sizeof x->fault, "%s",
-                 x->broken_off ? "broken off: the program ended while it ran" : "");
-        (void)mk_date_text(x->run_at);
         return MK_OK;
     }
     mk_log_free(log);

@@ -10,13 +10,14 @@
 #define AGREES 3.0 /* times the noise: a log that is foretold */
 #define ODD 8.0    /* one that is not */
 
-enum mk_status investigation_read_log(struct investigation *v, int number, struct mk_error *err)
+enum mk_status investigation_read_log(struct investigation *v, int number, struct doubt *doubt,
+                                      struct mk_error *err)
 {
     char name[64], path[JOURNAL_PATH];
     if (v->log[number])
         return MK_OK;
     return learn_read_log(journal_file(v->j, path, journal_name(name, number, ".csv")),
-                          &v->j->experiment[number], &v->j->given, &v->log[number], err);
+                          &v->j->experiment[number], &v->j->given, &v->log[number], doubt, err);
 }
 
 static enum mk_status explain_logs(struct investigation *v, const struct mk_log *const *logs,
@@ -55,7 +56,7 @@ static enum mk_status gather(struct investigation *v, int count, struct logs *ou
     out->n = 0;
     for (int i = 0; i < count && st == MK_OK; i++)
         if (v->j->experiment[i].used) {
-            st = investigation_read_log(v, i, err);
+            st = investigation_read_log(v, i, NULL, err);
             out->log[out->n] = v->log[i];
             out->number[out->n++] = i;
         }
