@@ -61,8 +61,8 @@ enum mk_status investigation_look(struct investigation *v, struct mk_error *err)
         return investigation_cancelled(v)
                    ? mk_error_set(err, MK_ERR_INTR, "ended by a signal, motor off")
                    : mk_error_set(err, MK_ERR_FAULT,
-                                  "the first short push was broken off, the board "
-                                  "tripped: check cable and power");
+                                  "the first short push was broken off, the board tripped or is "
+                                  "gone: check cable and power. The same command goes on");
     const int joints = mk_model_joints(&j->given);
     if (!rig_nudge_is_well(&n) || an_encoder_is_dead(&n, joints))
         return wrong_wiring(&n, &j->given, err);

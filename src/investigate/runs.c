@@ -307,7 +307,7 @@ static enum mk_status rest_step(struct rig *r, struct resting *now, double t, bo
     if (!rig_watch_step(&now->w, drives && r->calms ? calming_command(r, &now->c) : 0.0))
         return mk_error_set(err, MK_ERR_NODEV,
                             "the board fell silent while the rig came to rest: check cable and "
-                            "power");
+                            "power. The same command goes on");
     st = hears(&now->w, err);
     if (st != MK_OK)
         return st;
@@ -383,8 +383,8 @@ static enum mk_status lead_back(struct rig *r, struct mk_error *err)
     rig_motor_off(r->board);
     return well ? MK_OK
                 : mk_error_set(err, MK_ERR_NODEV,
-                               "the board tripped while joint %d was led back: check cable and "
-                               "power",
+                               "the board tripped, or is gone, while joint %d was led back: "
+                               "check cable and power. The same command goes on",
                                motor + 1);
 }
 
