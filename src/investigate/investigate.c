@@ -51,6 +51,7 @@ static enum mk_status go_on(struct investigation *v, struct mk_error *err)
 static enum mk_status take_up(struct investigation *v, struct mk_error *err)
 {
     struct journal *j = v->j;
+    char path[JOURNAL_PATH];
     int known = 0; /* experiments that were learned from */
     for (int i = 0; i < j->count; i++)
         if (j->experiment[i].state == EXPERIMENT_LEARNED && j->experiment[i].finding.verdict[0])
@@ -58,7 +59,12 @@ static enum mk_status take_up(struct investigation *v, struct mk_error *err)
     if (strcmp(j->stopped, "budget") == 0 && investigation_counted(j) < v->o->experiments &&
         investigation_spent_s(j) < 60.0 * v->o->minutes)
         j->stopped[0] = j->stopped_why[0] = '\0';
-    return known > 0 ? investigation_explain(v, known, err) : MK_OK;
+    enum mk_status st = known > 0 ? investigation_explain(v, known, err) : MK_OK;
+    /* A log may have been left out since the model was written. */
+    if (st == MK_OK && v->explained && !j->stopped[0])
+        st = mk_model_write(journal_file(j, path, "model.ini"), &v->model,
+                            "mechkit investigate: the model as it is known so far", err);
+    return st;
 }
 
 /* --- beginning -------------------------------------------------------------------------------- */

@@ -98,6 +98,7 @@ static void doubt_runs_before(struct journal *j)
         if (!x->fault[0] || x->broken_off || !x->used)
             break;
         x->used = false;
+        x->finding = (struct journal_finding){.verdict = ""};
         journal_put(x->came, " Left out: the motor may have given nothing towards its end.");
     }
 }
