@@ -1,7 +1,7 @@
 // What plants are written with: the motion that a law sees, the sinks that take its terms, and what
 // a plant has unless it says otherwise.
 //
-// A plant is one struct in a file of its own (plant_<name>.hpp), an include and a row in plants.hpp.
+// A plant is one struct in its own file (plant_<name>.hpp), an include and a row in plants.hpp.
 // Every plant is linear in its base parameters p_i and in its accelerations:
 //     sum_i p_i (D_i(q) a + h_i(q, v)) = right-hand side,
 // so a law states, term by term, what p_i is multiplied with: entries of the symmetric mass matrix
