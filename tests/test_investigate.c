@@ -546,15 +546,20 @@ END_TEST
 static struct mk_model rig_model;
 static struct rig rig;
 
-static void open_rig(const char *name)
+static void open_rig_that_flickers(const char *name, double counts)
 {
     ck_assert_int_eq(mk_model_read(model_of(name), &rig_model, NULL), MK_OK);
     rig = (struct rig){.given = &rig_model, .rate_hz = 500.0, .limits = {.u_max = NAN}};
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         rig.limits.q_min[j] = rig.limits.q_max[j] = rig.limits.v_max[j] = NAN;
-    const struct mk_board_config config = {.model = &rig_model, .seed = 1};
+    const struct mk_board_config config = {.model = &rig_model, .seed = 1, .count_noise = counts};
     ck_assert_int_eq(rig_open(&rig, mk_board_backend_by_name("virtual"), &config, true, NULL),
                      MK_OK);
+}
+
+static void open_rig(const char *name)
+{
+    open_rig_that_flickers(name, 0.0);
 }
 
 START_TEST(a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor)
@@ -628,6 +633,26 @@ START_TEST(a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known)
     /* The truth, as the virtual board knows it. */
     const double *q = mk_rig_state(mk_board_virtual_rig(rig.board));
     ck_assert_double_eq_tol(rig.origin[0], q[0], 0.01 * size);
+    rig_close(&rig);
+}
+END_TEST
+
+/* A reading that is a count off at every zero would be a place that wanders. */
+START_TEST(the_place_of_a_wheel_is_known_to_the_count_though_its_readings_flicker)
+{
+    open_rig_that_flickers("inertia-wheel", 0.4);
+    struct mk_model nominal = rig_model;
+    const double count = mk_model_count(&rig_model, 0);
+    ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+    for (int i = 0; i < 12; i++) {
+        char log[40];
+        snprintf(log, sizeof log, "flicker-%d.csv", i);
+        struct rig_run run = {.nominal = &nominal, .log = scratch(log)};
+        ck_assert_int_eq(rig_experiment(&rig, &run, "3*sin(9*t)", 0.5, NULL), MK_OK);
+        ck_assert_int_eq(rig_rest(&rig, NULL), MK_OK);
+        const double *q = mk_rig_state(mk_board_virtual_rig(rig.board));
+        ck_assert_double_eq_tol(rig.origin[0] / count, q[0] / count, 0.52);
+    }
     rig_close(&rig);
 }
 END_TEST
@@ -809,6 +834,7 @@ Suite *suite_investigate(void)
     tcase_add_loop_test(parts, a_rig_without_friction_in_its_bearing_is_calmed_by_its_motor, 1, 5);
     tcase_add_loop_test(parts, a_joint_that_rests_anywhere_is_led_back_and_its_place_is_known, 0,
                         2);
+    tcase_add_test(parts, the_place_of_a_wheel_is_known_to_the_count_though_its_readings_flicker);
     tcase_add_loop_test(parts, whatever_is_cancelled_while_the_motor_drives_ends_with_the_motor_off,
                         0, 3);
     tcase_add_loop_test(

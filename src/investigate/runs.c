@@ -266,11 +266,29 @@ static enum mk_status switch_motor(struct rig *r, struct calming *c, bool on, do
 
 #define LONG_BITS 24
 
-static void note_origin(struct rig *r, const struct rig_watch *w)
+/* Counters at rest. Between two counts a reading flickers, and a count off at every zero is a place
+ * that wanders: the count that most readings say is the mean's nearest. */
+struct counters {
+    double sum[MK_MAX_JOINTS];
+    int readings;
+    double since_s; /* when the rest began that they are of */
+};
+
+static void count_at_rest(struct counters *c, const struct rig_watch *w, double since_s)
+{
+    if (c->since_s != since_s)
+        *c = (struct counters){.since_s = since_s};
+    for (int j = 0; j < w->joints; j++)
+        c->sum[j] += w->raw[j];
+    c->readings++;
+}
+
+static void note_origin(struct rig *r, const struct rig_watch *w, const struct counters *c)
 {
     for (int j = 0; j < w->joints; j++)
         if (r->framed && w->bits >= LONG_BITS && rig_rests_anywhere(r->given, j))
-            r->origin[j] = r->zeroed_at[j] + w->raw[j] * mk_model_count(r->given, j);
+            r->origin[j] =
+                r->zeroed_at[j] + round(c->sum[j] / c->readings) * mk_model_count(r->given, j);
 }
 
 /* Who hears nothing would take it for rest. */
@@ -290,6 +308,7 @@ struct resting {
     struct rig_watch w;
     struct stillness s;
     struct calming c;
+    struct counters n;
     bool driven;   /* the motor was on in the last step */
     double said_s; /* when it was told last */
 };
@@ -313,6 +332,7 @@ static enum mk_status rest_step(struct rig *r, struct resting *now, double t, bo
         return st;
     follow(&now->c, &now->w, drives, t);
     look(&now->s, r, now->w.q, t, first || drives || now->driven);
+    count_at_rest(&now->n, &now->w, now->s.since_s);
     now->driven = drives;
     return MK_OK;
 }
@@ -327,7 +347,7 @@ static bool rests(const struct resting *now, const struct rig *r, double t)
 
 static enum mk_status until_still(struct rig *r, struct mk_error *err)
 {
-    struct resting now = {.driven = false};
+    struct resting now = {.n.since_s = -1.0};
     const double begin = rig_seconds(r);
     rig_watch_begin(&now.w, r->board, r->given);
     for (bool first = true;; first = false) {
@@ -336,7 +356,7 @@ static enum mk_status until_still(struct rig *r, struct mk_error *err)
         if (st != MK_OK)
             return st;
         if (rests(&now, r, t)) {
-            note_origin(r, &now.w);
+            note_origin(r, &now.w, &now.n);
             return MK_OK;
         }
         if (t > REST_MOST_S)
