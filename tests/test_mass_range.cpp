@@ -10,6 +10,7 @@
 
 #include "ident/fit.hpp"
 #include "ident/free_runs.hpp"
+#include "ident/stepper.hpp"
 #include "mechkit/explain.h"
 #include "suites.h"
 #include "support/cases.hpp"
@@ -95,6 +96,25 @@ struct Measured {
 };
 
 } // namespace
+
+// Half a turn from its zero a pendulum has another optimum, with a weight of the other sign.
+START_TEST(no_step_of_a_fit_leaps_to_a_zero_half_a_turn_off)
+{
+    mk_model m;
+    mk_model_default(MK_PLANT_REACTION_WHEEL, &m);
+    ck_assert_int_eq(mk_model_add_effect(&m, "encoder-offset", 1, nullptr), MK_OK);
+    const std::vector<int> free = mk::fitted_parameters(m);
+    const long n = (long)free.size();
+    mk::QuadraticModel far;
+    far.information = Eigen::MatrixXd::Identity(n, n);
+    far.gradient = Eigen::VectorXd::Constant(n, -1e3);
+    const mk::Stepper stepper(m, free);
+    mk_model stepped = m;
+    stepper.apply(stepped, stepper.solve(far, 0.0));
+    ck_assert_double_lt(stepped.effect[0].value[0], 0.0);
+    ck_assert_double_ge(stepped.effect[0].value[0], -0.5);
+}
+END_TEST
 
 START_TEST(a_mass_stays_between_two_values_that_agree_and_a_quarter_beyond)
 {
@@ -230,6 +250,7 @@ extern "C" Suite *suite_mass_range(void)
     TCase *t = tcase_create("masses");
     tcase_set_timeout(t, 60);
     tcase_add_test(t, a_mass_stays_between_two_values_that_agree_and_a_quarter_beyond);
+    tcase_add_test(t, no_step_of_a_fit_leaps_to_a_zero_half_a_turn_off);
     tcase_add_test(t, friction_has_no_range_nor_what_two_values_disagree_about);
     tcase_add_test(t, a_third_value_widens_a_range_or_leaves_none);
     tcase_add_test(t, what_a_fit_pays_outside_of_the_range_has_the_slope_that_it_says);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/dense.hpp"
 
@@ -12,6 +13,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double FARTHEST = 2.5; // times its value, in one step
+constexpr double TURN = 0.5;     // rad, of a zero or a tilt in one step
 
 Stepper::Stepper(const mk_model &m, const std::vector<int> &f) : model(m), free(f)
 {
@@ -33,7 +35,28 @@ Stepper::Stepper(const mk_model &m, const std::vector<int> &f) : model(m), free(
         }
     }
     turn.setIdentity(n, n);
+    keep_zeros_near();
     find_pairs();
+}
+
+// The zero of an encoder, the direction of gravity: half a turn further there is another optimum,
+// with moments of the other sign, which no step may leap to.
+void Stepper::keep_zeros_near()
+{
+    int number = mk_plant(model.plant)->parameter_count;
+    for (int e = 0; e < model.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(model.effect[e].index);
+        for (int k = 0; k < info->parameter_count; k++, number++) {
+            const mk_parameter_info &p = info->parameter[k];
+            const long i = place_of(number);
+            if (i < 0 || p.fit != MK_FIT_FREE || std::strcmp(p.unit, "rad") != 0 || p.min >= 0.0)
+                continue;
+            const int joint = model.effect[e].joint;
+            const double far = TURN * (joint > 0 ? mk_model_joint_scale(&model, joint - 1) : 1.0);
+            low(i) = std::max(low(i), -far / scale(i));
+            high(i) = std::min(high(i), far / scale(i));
+        }
+    }
 }
 
 VectorXd Stepper::solve(const QuadraticModel &p, double damping) const

@@ -34,6 +34,7 @@ class Stepper
     std::vector<Pair> pairs;
 
     long place_of(int number) const;
+    void keep_zeros_near();
     void find_pairs();
     void add(int e, long size, long other, bool polar);
 };
