@@ -747,6 +747,22 @@ START_TEST(a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits)
 }
 END_TEST
 
+START_TEST(a_light_link_gets_a_first_input_that_keeps_it_from_going_over_the_top)
+{
+    const char *folder = new_folder("light");
+    const char *model = scratch_text("light.ini", "[rig]\nkind = pendulum\n[parameters]\n"
+                                                  "p1 = 0.050767207348018636\n"
+                                                  "p2 = 8.555625949258838\n"
+                                                  "p3 = 0.011703837018760195\n"
+                                                  "p4 = 0.41721942106149407\n");
+    ck_assert_int_eq(run_mechkit(said, sizeof said,
+                                 "investigate --model %s --fast --experiments 1 --out %s", model,
+                                 folder),
+                     1);
+    ck_assert_says("The budget of 1 experiments is spent");
+}
+END_TEST
+
 /* A wire of an encoder that hangs by a thread for a moment, too short or too slow for a fault; its
  * counter goes on from where it stood. */
 START_TEST(readings_that_stood_still_though_the_joint_moved_are_found_and_no_others)
@@ -840,6 +856,7 @@ Suite *suite_investigate(void)
     tcase_add_loop_test(
         parts, readings_that_stood_still_though_the_joint_moved_are_found_and_no_others, 0, 5);
     tcase_add_test(parts, a_test_is_an_input_that_was_not_run_and_keeps_to_the_limits);
+    tcase_add_test(more, a_light_link_gets_a_first_input_that_keeps_it_from_going_over_the_top);
     suite_add_tcase(s, parts);
     return s;
 }

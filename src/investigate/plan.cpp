@@ -38,6 +38,7 @@ constexpr double SUSPECT_SHARE = 0.1;     // of the usual size of an effect, put
 constexpr double SEARCH_RATE_HZ = 200.0;
 constexpr int RIGS = 2;             // around the model that must keep to the limits as well
 constexpr double FIRST_SHARE = 0.6; // of the command's limit, while only a textbook model is there
+constexpr int WEAKER = 3;           // times half of that, where no such input keeps to the limits
 constexpr double TEST_SHARE = 0.5;  // of it, at least
 constexpr double FIRST_PROCESS_NOISE = 1e-3; // a rig is far from its textbook
 
@@ -372,34 +373,46 @@ bool plan_keeps(const plan_query *q, const char *input)
     return mk::Planner(*q).keeps(input, nullptr);
 }
 
-enum mk_status plan_first(const plan_query *q, plan *out, mk_error *err)
+// What an excitation is asked for the first experiment.
+static mk_excite_options first_options(const plan_query &q, const mk::Known &k)
 {
-    const mk::Known k = mk::describe(*q);
     mk_excite_options o;
-    mk_excitation e = {};
     mk_excite_default(&k.model, &o);
     o.criterion = MK_EXCITE_D;
-    o.seconds = q->seconds;
-    o.rate_hz = q->rate_hz;
+    o.seconds = q.seconds;
+    o.rate_hz = q.rate_hz;
     o.harmonics = 8;
-    o.spread = q->spread;
+    o.spread = q.spread;
     o.process_noise = mk::FIRST_PROCESS_NOISE;
-    o.u_max = mk::FIRST_SHARE * q->limits.u_max;
+    o.u_max = mk::FIRST_SHARE * q.limits.u_max;
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
-        o.q_min[j] = q->limits.q_min[j];
-        o.q_max[j] = q->limits.q_max[j];
-        o.v_max[j] = q->limits.v_max[j];
-        o.noise[j] = q->noise[j];
+        o.q_min[j] = q.limits.q_min[j];
+        o.q_max[j] = q.limits.q_max[j];
+        o.v_max[j] = q.limits.v_max[j];
+        o.noise[j] = q.noise[j];
     }
     std::fill(o.fixed, o.fixed + MK_MAX_FIT_PARAMETERS, true);
     for (int number : k.free)
         o.fixed[number] = false;
-    o.evaluations = q->tries;
-    o.seed = q->seed;
-    o.threads = q->threads;
-    o.progress = q->progress;
-    o.progress_context = q->progress_context;
-    const enum mk_status st = mk_excite(&k.model, &o, &e, err);
+    o.evaluations = q.tries;
+    o.seed = q.seed;
+    o.threads = q.threads;
+    o.progress = q.progress;
+    o.progress_context = q.progress_context;
+    return o;
+}
+
+enum mk_status plan_first(const plan_query *q, plan *out, mk_error *err)
+{
+    const mk::Known k = mk::describe(*q);
+    mk_excite_options o = first_options(*q, k);
+    mk_excitation e = {};
+    enum mk_status st = mk_excite(&k.model, &o, &e, err);
+    // A light link is driven over the top by next to any input of that strength.
+    for (int i = 0; i < mk::WEAKER && st == MK_ERR_NUMERIC; i++) {
+        o.u_max *= 0.5;
+        st = mk_excite(&k.model, &o, &e, err);
+    }
     if (st != MK_OK)
         return st;
     *out = {};
