@@ -347,11 +347,20 @@ Suite *suite_foreign(void)
     tcase_add_test(wrong, a_board_that_answers_too_slowly_is_not_taken_for_a_rig_at_rest);
     tcase_add_test(wrong, a_server_that_hangs_up_and_comes_back_elsewhere_is_gone_on_with);
     tcase_add_test(wrong, a_motor_that_gives_nothing_ends_it_and_what_was_learned_stays);
-    tcase_add_loop_test(wrong, a_motor_that_dies_in_a_run_is_no_cause, 0, 2);
-    tcase_add_loop_test(wrong, an_encoder_with_a_loose_wire_is_no_cause, 0, 5);
+    tcase_add_loop_test(wrong, a_motor_that_dies_in_a_run_is_no_cause, 0, 1);
+    tcase_add_loop_test(wrong, an_encoder_with_a_loose_wire_is_no_cause, 0, 1);
     tcase_add_loop_test(wrong, a_board_that_is_not_itself_ends_it_and_the_same_command_goes_on, 0,
-                        5);
+                        1);
     suite_add_tcase(s, wrong);
+    TCase *more = tcase_create("more that is wrong");
+    tcase_set_timeout(more, 240);
+    tcase_set_tags(more, "long patient");
+    tcase_add_checked_fixture(more, NULL, end_server);
+    tcase_add_loop_test(more, a_motor_that_dies_in_a_run_is_no_cause, 1, 2);
+    tcase_add_loop_test(more, an_encoder_with_a_loose_wire_is_no_cause, 1, 5);
+    tcase_add_loop_test(more, a_board_that_is_not_itself_ends_it_and_the_same_command_goes_on, 1,
+                        5);
+    suite_add_tcase(s, more);
     TCase *held = tcase_create("held"); /* a search for what is not there takes its time */
     tcase_set_timeout(held, 900);
     tcase_set_tags(held, "long patient");
