@@ -133,6 +133,9 @@ constexpr double SPREAD_SIGNIFICANT = 3.0, SPREAD_NO_SIZE = 5e-3;
 // Where counters were zeroed: a shift in standard errors that is one, and how far the amplitudes of
 // what repeats with the angle may be apart in different logs.
 constexpr double PLACE_SIGNIFICANT = 5.0, ALIKE = 2.0;
+// So much of a log is asked (s), and what repeats is asked of the next log if it promises this
+// share of what promises most. Looked at on made-up rigs and QUBE, DC motor, cart.
+constexpr double PLACE_ASKED_S = 6.0, PLACE_NEAR_THE_BEST = 0.5;
 // Steps of readings: least size in counts, over their standard error, over the usual significance.
 constexpr double STEP_COUNTS = 3.0, STEP_SIGNIFICANT = 7.0, STEP_OUTSTANDING = 2.5;
 

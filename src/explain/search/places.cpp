@@ -28,10 +28,6 @@ namespace mk
 namespace
 {
 
-constexpr double ASKED_S = 6.0; // s: so much of a log says where it was zeroed
-// Share of what promises most in a log that a cause must promise there to be asked of the next one.
-constexpr double NEAR_THE_BEST = 0.5;
-
 // The parameter of an effect that is its phase; -1: it has none.
 int phase_of(const mk_effect_info *effect)
 {
@@ -49,25 +45,28 @@ double cycles_of(const Candidate &c)
     return 1.0;
 }
 
-// Whether the model moves the same wherever the joint is: looked at in a few states.
+// Whether the model moves the same wherever the joint is, and reads so much more: looked at in a
+// few states.
 bool place_is_free(const mk_model &m, int joint)
 {
     constexpr double SAME = 1e-9, PUSH = 0.3;
-    if (!m.joint_linear[joint] && !mk_plant(m.plant)->joint_is_wheel[joint] &&
-        !mk_plant(m.plant)->joint_is_level[joint])
-        return false;
     const double size = mk_model_joint_scale(&m, joint), u[MK_MAX_INPUTS] = {PUSH * m.u_max, 0.0};
     const int n = mk_model_joints(&m), states = mk_model_state_count(&m);
     for (double turn : {0.4, 1.3, 2.9}) {
         double q[MK_MAX_JOINTS] = {0.2, 0.5}, v[MK_MAX_JOINTS] = {1.1, -0.7};
         double x[MK_MAX_STATES], here[MK_MAX_STATES], there[MK_MAX_STATES];
+        double read[MK_MAX_JOINTS], read_there[MK_MAX_JOINTS];
         for (int j = 0; j < n; j++)
             q[j] *= mk_model_joint_scale(&m, j), v[j] *= mk_model_joint_scale(&m, j);
         mk_model_initial_state(&m, q, v, x);
         mk_model_rhs(&m, 0.0, x, u, here);
+        mk_model_measure(&m, 0.0, x, read);
         q[joint] += turn * size;
         mk_model_initial_state(&m, q, v, x);
         mk_model_rhs(&m, 0.0, x, u, there);
+        mk_model_measure(&m, 0.0, x, read_there);
+        if (!(std::fabs(read_there[joint] - read[joint] - turn * size) <= SAME * size))
+            return false;
         for (int i = 0; i < states; i++)
             if (!(std::fabs(here[i] - there[i]) <= SAME * (1.0 + std::fabs(here[i]))))
                 return false;
@@ -80,13 +79,12 @@ struct OneLog {
     std::vector<FitLog> pieces;
     std::unique_ptr<Search> search;
     Hypothesis refit;
-    std::vector<double> promise; // by candidate
     double amplitude = 0.0, phase = 0.0, phase_error = 0.0;
 
     bool load(const mk_log &log, const mk_model &model, bool half)
     {
         mk_record record;
-        double hole = 0.0, left = ASKED_S;
+        double hole = 0.0, left = policy::PLACE_ASKED_S;
         if (mk_record_from_log(&log, &model, &record, nullptr) != MK_OK)
             return false;
         for (const Piece &p : pieces_of(record, half ? record.rows / 2 : record.rows, hole)) {
@@ -100,7 +98,7 @@ struct OneLog {
     // The refitted model follows the log with states and process noise of its own; what each cause
     // promises beyond it.
     bool ask(const Hypothesis &shared, const SearchOptions &options,
-             const std::vector<Candidate> &asked)
+             const std::vector<Candidate> &asked, std::vector<double> &promise)
     {
         std::vector<const FitLog *> all;
         for (const FitLog &piece : pieces)
@@ -150,14 +148,15 @@ std::vector<Candidate> that_repeat(const std::vector<Candidate> &all, const mk_m
 }
 
 // Those of `asked` that promise enough in a log, and nearly as much as any; `together`: what each
-// has promised in all logs so far.
+// has promised in the logs to learn from so far.
 void keep_promising(const std::vector<double> &promise, bool learned, std::vector<Candidate> &asked,
                     std::vector<double> &together)
 {
     const double most = *std::max_element(promise.begin(), promise.end());
     size_t kept = 0;
     for (size_t c = 0; c < asked.size(); c++) {
-        if (!(promise[c] > policy::ACCEPT_FIRST && promise[c] >= NEAR_THE_BEST * most))
+        if (!(promise[c] > policy::ACCEPT_FIRST &&
+              promise[c] >= policy::PLACE_NEAR_THE_BEST * most))
             continue;
         together[kept] = together[c] + (learned ? promise[c] : 0.0);
         asked[kept++] = asked[c];
@@ -234,13 +233,14 @@ class Finder
 
     bool ask(size_t l, std::vector<Candidate> &asked, std::vector<double> &together)
     {
+        std::vector<double> promise;
         const bool known = l < learn.size();
         const bool half = !known || (held.empty() && l + 1 == learn.size());
         const mk_log &log = known ? *learn[l] : *held[l - learn.size()];
         if (search.cancelled || !logs[l].load(log, model, half) ||
-            !logs[l].ask(refit, search.settings(), asked))
+            !logs[l].ask(refit, search.settings(), asked, promise))
             return false;
-        keep_promising(logs[l].promise, known, asked, together);
+        keep_promising(promise, known, asked, together);
         return true;
     }
     // Whether it promises more, log by log, than any cause that is common to all logs.
