@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <poll.h>
 #include <pty.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,17 +20,39 @@ static double now_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void *sleep_on(void *pty)
+static void *sleep_on(void *sleeper)
 {
-    struct pty *p = pty;
+    const struct pty_sleeper *own = sleeper;
+    struct pty *p = own->pty;
+    cpu_set_t cpu;
+    CPU_ZERO(&cpu);
+    CPU_SET((size_t)own->cpu, &cpu);
+    pthread_setaffinity_np(pthread_self(), sizeof cpu, &cpu);
     while (!p->awake) {
         const double due = now_s() + 1e-3;
         usleep(1000);
         long late_us = (long)(1e6 * (now_s() - due));
-        if (late_us > p->overslept_us)
-            p->overslept_us = late_us;
+        long most_us = p->overslept_us;
+        while (late_us > most_us &&
+               !atomic_compare_exchange_weak(&p->overslept_us, &most_us, late_us))
+            ;
     }
     return NULL;
+}
+
+/* On each processor that this process may use. */
+static void start_sleepers(struct pty *p)
+{
+    cpu_set_t allowed;
+    if (sched_getaffinity(0, sizeof allowed, &allowed) != 0)
+        return;
+    for (int cpu = 0; cpu < CPU_SETSIZE && p->n_sleepers < PTY_SLEEPERS; cpu++) {
+        struct pty_sleeper *s = &p->sleepers[p->n_sleepers];
+        s->pty = p;
+        s->cpu = cpu;
+        if (CPU_ISSET((size_t)cpu, &allowed) && pthread_create(&s->thread, NULL, sleep_on, s) == 0)
+            p->n_sleepers++;
+    }
 }
 
 void pty_start(struct pty *p, int rows, int cols, const char *folder, const char *language,
@@ -52,7 +75,7 @@ void pty_start(struct pty *p, int rows, int cols, const char *folder, const char
             execvp(argv[0], (char *const *)(uintptr_t)argv);
         _exit(127);
     }
-    p->watched = pthread_create(&p->sleeper, NULL, sleep_on, p) == 0;
+    start_sleepers(p);
 }
 
 static bool read_some(struct pty *p, double seconds)
@@ -159,7 +182,7 @@ void pty_end(struct pty *p)
     pty_hang_up(p);
     vt_free(&p->vt);
     p->awake = true;
-    if (p->watched)
-        pthread_join(p->sleeper, NULL);
-    p->watched = false;
+    for (int i = 0; i < p->n_sleepers; i++)
+        pthread_join(p->sleepers[i].thread, NULL);
+    p->n_sleepers = 0;
 }

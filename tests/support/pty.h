@@ -9,6 +9,8 @@
 
 #include "support/vt.h"
 
+#define PTY_SLEEPERS 64
+
 struct pty {
     struct vt vt;
     int fd; /* our side; -1: closed */
@@ -16,11 +18,16 @@ struct pty {
     int status; /* of waitpid, once it has ended */
     bool ended;
     size_t written; /* bytes that the program has written */
-    /* A thread that does nothing but sleep, and by how much it overslept at most. */
-    pthread_t sleeper;
+    /* A thread on each processor that does nothing but sleep, and by how much they overslept at
+     * most: a processor that is taken away is seen by its own sleeper alone. */
+    struct pty_sleeper {
+        struct pty *pty;
+        int cpu;
+        pthread_t thread;
+    } sleepers[PTY_SLEEPERS];
+    int n_sleepers;
     _Atomic long overslept_us;
     atomic_bool awake;
-    bool watched;
 };
 
 /* Starts argv (ended by NULL) in `folder`, in a terminal of this size. `language` is LC_ALL. */
