@@ -11,6 +11,7 @@
 #include "mechkit/exchange.h"
 #include "mechkit/ident.h"
 #include "mechkit/sim.h"
+#include "sim/predict.h"
 #include "support/files.h"
 #include "support/program.h"
 
@@ -230,6 +231,55 @@ START_TEST(of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_i
     }
     mk_log_free(rest);
     mk_log_free(copy);
+    mk_log_free(log);
+}
+END_TEST
+
+/* By the steps of fits, which comparisons of models go by, and by a solver with error control. What
+ * a late reading shows of the time before a window each extrapolates in its own way: rows within
+ * 4 ms of a start are not compared. */
+static void check_steps_of_fits(const struct mk_model *m, const struct mk_log *log, double within)
+{
+    struct mk_log *fine, *coarse;
+    struct mk_predict_figures f, g;
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_predict_options o = {.window_s = 0.5};
+    size_t failed;
+    fine = predict(m, log, o.window_s, &f);
+    ck_assert_msg(mk_predict_angles(m, log, &o, &coarse, &g, &failed, &err) == MK_OK, "%s",
+                  err.message);
+    ck_assert_uint_eq(failed, 0);
+    ck_assert_uint_eq(g.windows, f.windows);
+    ck_assert_uint_eq(g.rows, f.rows);
+    ck_assert_ptr_null(mk_log_get(coarse, "dq1"));
+    for (int j = 0; j < mk_model_joints(m); j++) {
+        const char *name = j == 0 ? "q1" : "q2";
+        const double *a = mk_log_get(fine, name), *b = mk_log_get(coarse, name);
+        const double *y = mk_log_get(log, name), *window = mk_log_get(fine, "window");
+        for (size_t k = 0; k < log->rows; k++)
+            if (isnan(y[k]))
+                ck_assert(isnan(b[k]));
+            else if (k >= 2 && window[k - 2] == window[k])
+                ck_assert_double_eq_tol(a[k], b[k], within);
+    }
+    mk_log_free(fine);
+    mk_log_free(coarse);
+}
+
+START_TEST(the_steps_of_fits_predict_what_a_solver_predicts)
+{
+    struct mk_model m;
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    struct mk_log *log = record(&m, 2 * M_PI / 4000, 5);
+    double *q1 = log->columns[2].data, *q2 = log->columns[3].data;
+    q1[300] = q2[700] = q2[701] = NAN; /* readings that are missing */
+    check_steps_of_fits(&m, log, 1e-5);
+    /* A late reading shows an earlier state; an effect that remembers has a state. */
+    add_effect(&m, "sensor-delay", 0, 0.004);
+    check_steps_of_fits(&m, log, 2e-5);
+    mk_model_default(MK_PLANT_PENDUBOT, &m);
+    add_effect(&m, "actuator-lag", 0, 0.01);
+    check_steps_of_fits(&m, log, 2e-5);
     mk_log_free(log);
 }
 END_TEST
@@ -493,6 +543,7 @@ Suite *suite_predict(void)
     tcase_add_test(t, a_window_knows_nothing_of_later_readings);
     tcase_add_test(t, dropped_rows_and_readings_do_not_stop_a_prediction);
     tcase_add_test(t, of_what_is_left_out_nothing_is_predicted_and_nothing_goes_on_behind_it);
+    tcase_add_test(t, the_steps_of_fits_predict_what_a_solver_predicts);
     tcase_add_test(t, a_log_may_begin_at_any_time);
     tcase_add_test(t, offsets_and_delays_of_the_model_are_in_the_prediction);
     tcase_add_test(t, commands_are_found_under_their_names);

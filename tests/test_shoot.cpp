@@ -251,6 +251,33 @@ START_TEST(derivatives_by_forty_columns_are_exact)
 }
 END_TEST
 
+// Against the plain sums, of columns that fill registers and that do not, of more rows than go
+// together.
+START_TEST(normal_equations_are_the_sums_of_products_of_the_rows_of_a_joint)
+{
+    for (int columns : {1, 7, 8, 21, mk::GRAM_MAX_COLUMNS})
+        for (int joint : {-1, 0, 1}) {
+            const int rows = 75;
+            std::vector<double> a((size_t)(rows * columns)), got((size_t)(columns * columns), NAN);
+            std::vector<int> joint_of;
+            for (size_t i = 0; i < a.size(); i++)
+                a[i] = std::sin(0.7 * (double)(i * i % 1013));
+            for (int i = 0; i < rows; i++)
+                joint_of.push_back(i % 3 == 1);
+            mk::gram({a.data(), rows, columns, joint < 0 ? nullptr : joint_of.data(), joint},
+                     got.data());
+            for (int c = 0; c < columns; c++)
+                for (int d = 0; d < columns; d++) {
+                    double sum = 0.0;
+                    for (int i = 0; i < rows; i++)
+                        if (joint < 0 || joint_of[(size_t)i] == joint)
+                            sum += a[(size_t)(i * columns + c)] * a[(size_t)(i * columns + d)];
+                    ck_assert_double_eq_tol(got[(size_t)(c * columns + d)], sum, 1e-12);
+                }
+        }
+}
+END_TEST
+
 START_TEST(trajectories_agree_with_sundials)
 {
     Bench b((enum mk_plant_kind)_i);
@@ -747,6 +774,7 @@ Suite *suite_shoot(void)
     tcase_add_loop_test(t, stretches_side_by_side_come_out_as_if_alone, 0, MK_PLANT_COUNT);
     tcase_add_test(t, stretches_side_by_side_switch_and_shift_each_at_its_own_instant);
     tcase_add_test(t, derivatives_by_forty_columns_are_exact);
+    tcase_add_test(t, normal_equations_are_the_sums_of_products_of_the_rows_of_a_joint);
     suite_add_tcase(s, t);
     t = tcase_create("output-error");
     tcase_set_timeout(t, 60);

@@ -187,9 +187,8 @@ void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t 
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<const RowMajor> J(task.jac, (long)n, task.columns);
     Eigen::Map<const VectorXd> r(s.residual.data(), (long)n);
-    s.normal.setZero(task.columns, task.columns);
-    s.normal.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
-    s.normal.triangularView<Eigen::StrictlyUpper>() = s.normal.transpose();
+    s.normal.resize(task.columns, task.columns);
+    gram({task.jac, (long)n, task.columns, nullptr, 0}, s.normal.data());
     s.right = J.transpose() * r;
 }
 

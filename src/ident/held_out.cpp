@@ -1,7 +1,7 @@
 #include "ident/held_out.hpp"
 
 #include "base/parallel.hpp"
-#include "mechkit/sim.h"
+#include "sim/predict.h"
 
 namespace mk
 {
@@ -43,7 +43,8 @@ enum mk_status HeldOut::add_log(const mk_model &m, size_t number, HeldOutFigures
     o.second_half = half;
     mk_predict_figures figures;
     mk_log *prediction = nullptr;
-    enum mk_status st = mk_predict(&m, logs[number], &o, &prediction, &figures, nullptr, err);
+    enum mk_status st =
+        mk_predict_angles(&m, logs[number], &o, &prediction, &figures, nullptr, err);
     if (st == MK_OK)
         add_windows(m, (int)number, *prediction, figures.from_s, f);
     mk_log_free(prediction);

@@ -10,10 +10,13 @@
 #include "sim/predict.h"
 #include "sim/start_state.h"
 
+/* What is wanted of the runs. */
+enum wanted { ANGLES_AND_SPEEDS, WHOLE_STATES, ANGLES_ONLY };
+
 struct prediction {
     const struct mk_model *model;
     struct mk_record rec;
-    struct mk_sim *sim;
+    struct mk_sim *sim; /* NULL: angles alone, by the steps of fits */
     struct mk_start_finder *finder;
     int joints;
     double *q[MK_MAX_JOINTS], *dq[MK_MAX_JOINTS];
@@ -151,10 +154,12 @@ static size_t run_together(struct prediction *p, const struct mk_row_range *wind
     for (size_t i = 0; i < count; i++)
         fitted[i] =
             (struct mk_row_range){window[i].first, fitted_to(p, window[i].first, window[i].last)};
-    const enum mk_status found = mk_start_states(p->finder, fitted, count, x[0], status, err);
+    enum mk_status found = mk_start_states(p->finder, fitted, count, x[0], status, err);
+    if (found == MK_OK && !p->sim)
+        found = mk_free_angles(p->finder, window, count, x[0], status, p->q, err);
     for (size_t i = 0; i < count; i++) {
         enum mk_status st = found == MK_OK ? status[i] : found;
-        if (st == MK_OK)
+        if (st == MK_OK && p->sim)
             st = run_window(p, window[i].first, window[i].last, x[i], err);
         failed += st != MK_OK;
         *last = st;
@@ -235,7 +240,7 @@ static void compare(const struct prediction *p, size_t from, struct mk_predict_f
 }
 
 static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool windowed,
-                                  bool states)
+                                  enum wanted wanted)
 {
     static const char *const angle[] = {"q1", "q2"}, *const speed[] = {"dq1", "dq2"};
     double *t = mk_log_add_column(log, "t");
@@ -246,12 +251,12 @@ static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool
     for (int j = 0; j < p->joints; j++)
         if (!(p->q[j] = mk_log_add_column(log, angle[j])))
             return MK_ERR_NOMEM;
-    for (int j = 0; j < p->joints; j++)
+    for (int j = 0; wanted != ANGLES_ONLY && j < p->joints; j++)
         if (!(p->dq[j] = mk_log_add_column(log, speed[j])))
             return MK_ERR_NOMEM;
     if (windowed && !(p->window = mk_log_add_column(log, "window")))
         return MK_ERR_NOMEM;
-    for (int i = 0; states && i < mk_model_state_count(p->model); i++) {
+    for (int i = 0; wanted == WHOLE_STATES && i < mk_model_state_count(p->model); i++) {
         char name[16];
         snprintf(name, sizeof name, "x%d", i + 1);
         if (!(p->x[i] = mk_log_add_column(log, name)))
@@ -309,7 +314,7 @@ static enum mk_status read_log(struct prediction *p, const struct mk_log *log, d
 }
 
 static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
-                              const struct mk_predict_options *options, bool states,
+                              const struct mk_predict_options *options, enum wanted wanted,
                               struct mk_log **out, struct mk_predict_figures *figures,
                               size_t *failed, struct mk_error *err)
 {
@@ -326,8 +331,8 @@ static enum mk_status predict(const struct mk_model *model, const struct mk_log 
     if (st == MK_OK)
         st = mk_log_create(p.rec.rows, &made);
     if (st == MK_OK)
-        st = add_columns(&p, made, window_s > 0.0, states);
-    if (st == MK_OK)
+        st = add_columns(&p, made, window_s > 0.0, wanted);
+    if (st == MK_OK && wanted != ANGLES_ONLY)
         st = mk_sim_create(p.model, &config, &p.sim, err);
     if (st == MK_OK && !(p.finder = mk_start_finder_create(&p.rec, p.model)))
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
@@ -353,7 +358,7 @@ enum mk_status mk_predict(const struct mk_model *model, const struct mk_log *log
                           const struct mk_predict_options *options, struct mk_log **out,
                           struct mk_predict_figures *figures, size_t *failed, struct mk_error *err)
 {
-    return predict(model, log, options, false, out, figures, failed, err);
+    return predict(model, log, options, ANGLES_AND_SPEEDS, out, figures, failed, err);
 }
 
 enum mk_status mk_predict_states(const struct mk_model *model, const struct mk_log *log,
@@ -361,5 +366,13 @@ enum mk_status mk_predict_states(const struct mk_model *model, const struct mk_l
                                  struct mk_predict_figures *figures, size_t *failed,
                                  struct mk_error *err)
 {
-    return predict(model, log, options, true, out, figures, failed, err);
+    return predict(model, log, options, WHOLE_STATES, out, figures, failed, err);
+}
+
+enum mk_status mk_predict_angles(const struct mk_model *model, const struct mk_log *log,
+                                 const struct mk_predict_options *options, struct mk_log **out,
+                                 struct mk_predict_figures *figures, size_t *failed,
+                                 struct mk_error *err)
+{
+    return predict(model, log, options, ANGLES_ONLY, out, figures, failed, err);
 }

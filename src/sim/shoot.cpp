@@ -69,4 +69,9 @@ void shoot(ShootTask *tasks, int count)
     while (derivatives && done < tasks->free_count);
 }
 
+void gram(const GramTask &task, double *out)
+{
+    family().beside[1]->gram(task, out);
+}
+
 } // namespace mk

@@ -65,11 +65,24 @@ inline void shoot(ShootTask &task)
     shoot(&task, 1);
 }
 
+// A'A of the rows of A (row-major, `columns` to a row) that are of one joint; joint_of nullptr: of
+// all. By the widest instructions of this machine, so that the last digits are the machine's.
+struct GramTask {
+    const double *a;
+    long rows;
+    int columns; // at most GRAM_MAX_COLUMNS
+    const int *joint_of;
+    int joint;
+};
+constexpr int GRAM_MAX_COLUMNS = SHOOT_MAX_COLUMNS + 1; // derivatives, and a residual beside them
+void gram(const GramTask &task, double *out);
+
 // A kernel: how many tasks side by side. Its `run` differentiates by as many free parameters as it
 // has room for, from first_free on, and returns how many.
 struct ShootKernel {
     int width;
     int (*run)(ShootTask *tasks, int count, int first_free);
+    void (*gram)(const GramTask &task, double *out); // nullptr where there are no derivatives
 };
 
 } // namespace mk

@@ -26,8 +26,8 @@
 // Every interval has a lane of its own: it goes at its own pace, with its own steps, and when it
 // arrives the next one takes its place. What comes out does not depend on who travels beside it.
 //
-// sim/shoot_lanes.hpp has the lanes, shoot_switches.hpp the steps that end at a switch, and
-// shoot_readings.hpp what is compared on the way.
+// sim/shoot_lanes.hpp has the lanes, shoot_switches.hpp the steps that end at a switch,
+// shoot_readings.hpp what is compared on the way, and shoot_normal.hpp its normal equations.
 #include "model/rhs.hpp"
 #include "sim/shoot.hpp"
 #include "sim/shoot_lanes.hpp"
@@ -737,6 +737,7 @@ class Shooter
 } // namespace MK_KERNEL_NS
 } // namespace mk
 
+#include "sim/shoot_normal.hpp"
 #include "sim/shoot_readings.hpp"
 #include "sim/shoot_switches.hpp"
 
@@ -755,7 +756,11 @@ static int run(ShootTask *tasks, int count, int first_free)
 }
 
 extern const ShootKernel shoot_kernel;
-const ShootKernel shoot_kernel = {W, run};
+#if MK_DERIVATIVES && MK_WIDTH > 1
+const ShootKernel shoot_kernel = {W, run, gram};
+#else
+const ShootKernel shoot_kernel = {W, run, nullptr};
+#endif
 
 } // namespace MK_KERNEL_NS
 } // namespace mk

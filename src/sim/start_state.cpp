@@ -151,3 +151,28 @@ try {
 } catch (const std::bad_alloc &) {
     return mk_error_set(err, MK_ERR_NOMEM, "no memory for the start states");
 }
+
+enum mk_status mk_free_angles(mk_start_finder *f, const mk_row_range *windows, size_t count,
+                              const double *x, enum mk_status *status,
+                              double *const q[MK_MAX_JOINTS], mk_error *err)
+try {
+    const long ns = mk_model_state_count(f->model);
+    std::vector<mk::WindowFit> fits;
+    std::vector<VectorXd> states;
+    std::vector<size_t> of;
+    fits.reserve(count);
+    for (size_t i = 0; i < count; i++) {
+        if (status[i] != MK_OK)
+            continue;
+        fits.emplace_back(*f, windows[i].first, windows[i].last);
+        states.emplace_back(Eigen::Map<const VectorXd>(x + i * MK_MAX_STATES, ns));
+        of.push_back(i);
+    }
+    const std::vector<char> fine = mk::WindowFit::angles(fits, states, q);
+    for (size_t k = 0; k < of.size(); k++)
+        if (!fine[k])
+            status[of[k]] = mk_error_set(err, MK_ERR_NUMERIC, "the model runs away");
+    return MK_OK;
+} catch (const std::bad_alloc &) {
+    return mk_error_set(err, MK_ERR_NOMEM, "no memory for the free runs");
+}

@@ -32,6 +32,14 @@ enum mk_status mk_start_state(struct mk_start_finder *finder, size_t first, size
 enum mk_status mk_start_states(struct mk_start_finder *finder, const struct mk_row_range *windows,
                                size_t count, double *x, enum mk_status *status,
                                struct mk_error *err);
+/* Angles of the free runs over windows from states x (as mk_start_states has them), q[j] by row of
+ * the log: by the fixed steps that start states are found with, all windows side by side. Rows
+ * without a reading stay as they are, and so do those behind where the model runs away; windows
+ * whose status is not MK_OK are not run, and the others' is MK_ERR_NUMERIC where it does.
+ * MK_ERR_NOMEM: none was run. */
+enum mk_status mk_free_angles(struct mk_start_finder *finder, const struct mk_row_range *windows,
+                              size_t count, const double *x, enum mk_status *status,
+                              double *const q[MK_MAX_JOINTS], struct mk_error *err);
 
 #ifdef __cplusplus
 }

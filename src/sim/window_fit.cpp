@@ -294,6 +294,40 @@ std::vector<double> WindowFit::costs(std::vector<WindowFit> &fits, const std::ve
     return squares;
 }
 
+std::vector<char> WindowFit::angles(std::vector<WindowFit> &fits, const std::vector<VectorXd> &x,
+                                    double *const q[MK_MAX_JOINTS])
+{
+    std::vector<ShootTask> tasks;
+    for (size_t i = 0; i < fits.size(); i++) {
+        WindowFit &fit = fits[i];
+        fit.joint.resize(fit.residual.size());
+        tasks.push_back(fit.task_over(x[i], fit.to, 0));
+        tasks.back().joint_of = fit.joint.data();
+    }
+    shoot(tasks.data(), (int)tasks.size());
+    std::vector<char> fine;
+    for (size_t i = 0; i < fits.size(); i++) {
+        fits[i].angles_of(tasks[i], q);
+        fine.push_back(tasks[i].finite);
+    }
+    return fine;
+}
+
+// The residuals of each joint come row by row: h(x(t_k)) = y_k - r_k / w_k .
+void WindowFit::angles_of(const ShootTask &task, double *const q[MK_MAX_JOINTS]) const
+{
+    size_t row[MK_MAX_JOINTS] = {from, from};
+    for (size_t i = 0; i < task.row_count; i++) {
+        const int j = task.joint_of[i];
+        size_t &k = row[j];
+        while (k < to && !(f.data.w[j][k] > 0.0))
+            k++;
+        if (k < to && std::isfinite(task.residual[i]))
+            q[j][k] = f.data.q[j][k] - task.residual[i] / f.data.w[j][k];
+        k++;
+    }
+}
+
 std::vector<char> WindowFit::normals_at(std::vector<WindowFit> &fits,
                                         const std::vector<VectorXd> &x,
                                         std::vector<WindowNormal> &out)
@@ -344,7 +378,8 @@ bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
     Eigen::Map<const VectorXd> r(task.residual, n);
-    out.H = J.transpose() * J;
+    out.H.resize(task.columns, task.columns);
+    gram({task.jac, n, task.columns, nullptr, 0}, out.H.data());
     out.g = J.transpose() * r;
     out.squares = r.squaredNorm();
     out.readings = task.row_count;
@@ -390,46 +425,44 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
     Eigen::Map<const VectorXd> r(task.residual, n);
-    const MatrixXd Js = J.leftCols(ns), Jp = J.rightCols(p);
     // states = Js'Js + K, pull = K (z0 - z); both = [Js'Jp, Js'r + pull].
-    MatrixXd states = dense::transpose_product(Js, Js);
+    MatrixXd normal(task.columns, task.columns);
+    gram({task.jac, n, task.columns, nullptr, 0}, normal.data());
+    MatrixXd states = normal.topLeftCorner(ns, ns);
     states.diagonal() *= 1.0 + TRACE;
     states.diagonal().array() += TRACE;
     for (long s = 2 * mk_model_joints(f.model); s < ns; s++)
         states(s, s) += known(s);
-    VectorXd pull = VectorXd::Zero(ns);
+    MatrixXd both(ns, p + 1);
+    both << normal.topRightCorner(ns, p), J.leftCols(ns).transpose() * r;
     if (expected.size() > 0)
-        pull.tail(expected.size()) =
+        both.col(p).tail(expected.size()) +=
             known.tail(expected.size())
                 .cwiseProduct(expected -
                               Eigen::Map<const VectorXd>(task.x, ns).tail(expected.size()));
     // One decomposition for all p + 1 right-hand sides.
-    MatrixXd both(ns, p + 1);
-    both << dense::transpose_product(Js, Jp), dense::transpose_product(Js, VectorXd(r)) + pull;
     const MatrixXd solved = dense::solve_symmetric(states, both);
     out.follow = solved.leftCols(p);
     out.shift = solved.col(p);
-    const MatrixXd left = Jp - Js * out.follow;
-    const VectorXd rest = r - Js * out.shift;
+    // [left rest] = [Jp r] - Js [follow shift], and its products joint by joint.
+    RowMajor left(n, p + 1);
+    left << J.rightCols(p), r;
+    left.noalias() -= J.leftCols(ns) * solved;
+    MatrixXd product(p + 1, p + 1);
     for (int j = 0; j < mk_model_joints(f.model); j++) {
-        MatrixXd part(n, p);
-        VectorXd part_rest(n);
-        long rows = 0;
         out.before[j] = 0.0;
+        out.readings[j] = 0;
         for (long i = 0; i < n; i++)
             if (task.joint_of[i] == j) {
                 out.before[j] += r(i) * r(i);
-                part.row(rows) = left.row(i);
-                part_rest(rows++) = rest(i);
+                out.readings[j]++;
             }
-        part.conservativeResize(rows, p);
-        part_rest.conservativeResize(rows);
-        out.H[j] = dense::transpose_product(part, part);
-        out.g[j] = dense::transpose_product(part, part_rest);
-        out.squares[j] = part_rest.squaredNorm();
-        out.readings[j] = (size_t)rows;
+        gram({left.data(), n, (int)p + 1, task.joint_of, j}, product.data());
+        out.H[j] = product.topLeftCorner(p, p);
+        out.g[j] = product.col(p).head(p);
+        out.squares[j] = product(p, p);
     }
-    out.finite = left.allFinite() && rest.allFinite();
+    out.finite = left.allFinite();
 }
 
 ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)

@@ -83,7 +83,12 @@ class WindowFit
                                         std::vector<Eigen::VectorXd> &x, Care care);
     // Sum of squares over the window; infinite where the model runs away.
     double cost(const Eigen::VectorXd &x);
-    // The same of several windows of one model.
+    // Angles of the trajectories from x, at rows of the windows that have a reading; others stay.
+    // Of several windows of one model. Which of them could be run to their ends.
+    static std::vector<char> angles(std::vector<WindowFit> &fits,
+                                    const std::vector<Eigen::VectorXd> &x,
+                                    double *const q[MK_MAX_JOINTS]);
+    // Sums of squares of several windows of one model.
     static std::vector<double> costs(std::vector<WindowFit> &fits,
                                      const std::vector<Eigen::VectorXd> &x);
     // The normal equations of several windows of one model about the trajectories from x, what is
@@ -134,6 +139,7 @@ class WindowFit
     void take(const ShootTask &task, Progress &p) const;
     void add_known(const Progress &p, WindowNormal &out) const;
     ShootTask task_over(const Eigen::VectorXd &x, size_t last, int columns);
+    void angles_of(const ShootTask &task, double *const q[MK_MAX_JOINTS]) const;
     bool normal_of(const ShootTask &task, WindowNormal &out) const;
     void quadratic_of(const ShootTask &task, WindowQuadratic &out) const;
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
