@@ -39,6 +39,16 @@ MatrixXd lower_root(const MatrixXd &wide, Eigen::Index n)
     return qr.matrixQR().topRows(n).triangularView<Eigen::Upper>().transpose();
 }
 
+MatrixXd product(const MatrixXd &a, const MatrixXd &b)
+{
+    return a * b;
+}
+
+VectorXd product(const MatrixXd &a, const VectorXd &b)
+{
+    return a * b;
+}
+
 MatrixXd transpose_product(const MatrixXd &a, const MatrixXd &b)
 {
     return a.transpose() * b;
@@ -49,9 +59,24 @@ VectorXd transpose_product(const MatrixXd &a, const VectorXd &b)
     return a.transpose() * b;
 }
 
+MatrixXd product_transpose(const MatrixXd &a, const MatrixXd &b)
+{
+    return a * b.transpose();
+}
+
 MatrixXd inverse(const MatrixXd &a)
 {
     return a.inverse();
+}
+
+MatrixXd solve(const MatrixXd &a, const MatrixXd &b)
+{
+    return a.partialPivLu().solve(b);
+}
+
+VectorXd solve(const MatrixXd &a, const VectorXd &b)
+{
+    return a.partialPivLu().solve(b);
 }
 
 VectorXd eigenvalues(const MatrixXd &a)
@@ -74,6 +99,11 @@ bool least_squares(const MatrixXd &x, const VectorXd &y, double threshold, Vecto
         return false;
     b = qr.solve(y);
     return true;
+}
+
+VectorXd shortest_solution(const MatrixXd &x, const VectorXd &y)
+{
+    return x.completeOrthogonalDecomposition().solve(y);
 }
 
 } // namespace mk::dense

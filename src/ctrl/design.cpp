@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
+
 namespace mk::design
 {
 
@@ -44,7 +46,7 @@ int mk_design_controllability(int n, const double *a_in, const double *b_in, dou
             for (int i = 0; i < n; i++) {
                 column.stableNormalize();
                 q.col(i) = column;
-                column = a * column;
+                column = mk::dense::product(a, column);
             }
             Vector s = singular_values(q.cast<Complex>());
             double limit = (tolerance > 0.0 ? tolerance : n * 2.3e-16) * s(0);
@@ -69,7 +71,7 @@ enum mk_status mk_design_poles(int n, const double *a, const double *b, const do
     return guarded(err, [&] {
         Matrix closed = matrix_from(a, n, n);
         if (k)
-            closed -= matrix_from(b, n, 1) * matrix_from(k, 1, n);
+            closed -= mk::dense::product(matrix_from(b, n, 1), matrix_from(k, 1, n));
         CVector poles = eigenvalues(closed);
         std::sort(poles.data(), poles.data() + n, [](Complex x, Complex y) {
             return x.real() != y.real() ? x.real() < y.real() : x.imag() < y.imag();

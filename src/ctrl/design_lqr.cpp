@@ -1,11 +1,13 @@
 // Optimal state feedback: continuous, discrete, and sampled from the continuous problem.
 #include "ctrl/design_priv.hpp"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
+
 using namespace mk::design;
+using namespace mk::dense;
 
 namespace
 {
@@ -28,7 +30,7 @@ enum mk_status read_problem(int n, const double *a, const double *b, const doubl
         return mk_error_set(err, MK_ERR_INVALID, "Q must be finite and symmetric");
     if (!(r > 0.0) || !std::isfinite(r))
         return mk_error_set(err, MK_ERR_INVALID, "r must be positive");
-    if (eigenvalues(out.q).real().minCoeff() < -1e-9 * out.q.norm())
+    if (mk::design::eigenvalues(out.q).real().minCoeff() < -1e-9 * out.q.norm())
         return mk_error_set(err, MK_ERR_INVALID, "Q must not be indefinite");
     return MK_OK;
 }
@@ -39,7 +41,7 @@ template <class Growth>
 enum mk_status check_solvable(const Problem &s, Growth growth, mk_error *err)
 {
     constexpr double BORDER = 1e-7; // a double mode there splits by the root of rounding
-    for (Complex mode : eigenvalues(s.a)) {
+    for (Complex mode : mk::design::eigenvalues(s.a)) {
         double g = growth(mode);
         const char *lack = nullptr;
         if (g >= 0.0 && !(reach(s.a, s.b, mode) > OUT_OF_REACH))
@@ -66,7 +68,10 @@ bool riccati_by_schur(const Problem &s, Matrix &p)
 {
     const Eigen::Index n = s.a.rows();
     Matrix h(2 * n, 2 * n);
-    h << s.a, -s.b * s.b.transpose() / s.r, -s.q, -s.a.transpose();
+    h.topLeftCorner(n, n) = s.a;
+    h.topRightCorner(n, n) = product_transpose(s.b, s.b) / -s.r;
+    h.bottomLeftCorner(n, n) = -s.q;
+    h.bottomRightCorner(n, n) = -s.a.transpose();
     CMatrix t, u;
     if (!schur_form(h, t, u))
         return false;
@@ -76,8 +81,8 @@ bool riccati_by_schur(const Problem &s, Matrix &p)
             move_up(t, u, i, stable++, nullptr);
     if (stable != n)
         return false;
-    CMatrix x = u.topLeftCorner(n, n), y = u.bottomLeftCorner(n, n);
-    Matrix raw = x.transpose().partialPivLu().solve(y.transpose()).real();
+    Matrix raw =
+        solve_real(u.topLeftCorner(n, n).transpose(), u.bottomLeftCorner(n, n).transpose());
     p = 0.5 * (raw + raw.transpose());
     return p.allFinite();
 }
@@ -93,13 +98,14 @@ enum mk_status solve_lqr(const Problem &s, Solution &out, mk_error *err)
         return no_solution(err);
     // Newton's method (D. L. Kleinman 1968) squares what error is left.
     for (int i = 0; i < 2; i++) {
-        Matrix gain = s.b.transpose() * out.p / s.r, next;
-        if (!solve_lyapunov(s.a - s.b * gain, s.q + gain.transpose() * s.r * gain, next))
+        Matrix gain = transpose_product(s.b, out.p) / s.r, next;
+        if (!solve_lyapunov(s.a - product(s.b, gain), s.q + transpose_product(gain, gain) * s.r,
+                            next))
             break;
         out.p = next;
     }
-    out.k = s.b.transpose() * out.p / s.r;
-    if (!(eigenvalues(s.a - s.b * out.k).real().maxCoeff() < 0.0))
+    out.k = transpose_product(s.b, out.p) / s.r;
+    if (!(mk::design::eigenvalues(s.a - product(s.b, out.k)).real().maxCoeff() < 0.0))
         return no_solution(err);
     return MK_OK;
 }
@@ -111,12 +117,12 @@ enum mk_status solve_lqr(const Problem &s, Solution &out, mk_error *err)
 bool riccati_by_doubling(const Problem &s, Matrix &p)
 {
     const Eigen::Index n = s.a.rows();
-    Matrix a = s.a, g = s.b * s.b.transpose() / s.r, h = s.q, eye = Matrix::Identity(n, n);
+    Matrix a = s.a, g = product_transpose(s.b, s.b) / s.r, h = s.q, eye = Matrix::Identity(n, n);
     for (int step = 0; step < 60; step++) {
-        Eigen::PartialPivLU<Matrix> w(eye + g * h);
-        Matrix wa = w.solve(a), wg = w.solve(g);
-        Matrix more = a.transpose() * h * wa, moreg = a * wg * a.transpose();
-        a = (a * wa).eval();
+        const Matrix w = eye + product(g, h), wa = solve(w, a), wg = solve(w, g);
+        Matrix more = product(transpose_product(a, h), wa),
+               moreg = product_transpose(product(a, wg), a);
+        a = product(a, wa);
         h += 0.5 * (more + more.transpose());
         g += 0.5 * (moreg + moreg.transpose());
         if (!h.allFinite())
@@ -137,9 +143,9 @@ enum mk_status solve_dlqr(const Problem &s, Solution &out, mk_error *err)
         return st;
     if (!riccati_by_doubling(s, out.p))
         return no_solution(err);
-    Matrix pb = out.p * s.b;
-    out.k = pb.transpose() * s.a / (s.r + (s.b.transpose() * pb)(0, 0));
-    if (!(eigenvalues(s.a - s.b * out.k).cwiseAbs().maxCoeff() < 1.0))
+    Matrix pb = product(out.p, s.b);
+    out.k = transpose_product(pb, s.a) / (s.r + transpose_product(s.b, pb)(0, 0));
+    if (!(mk::design::eigenvalues(s.a - product(s.b, out.k)).cwiseAbs().maxCoeff() < 1.0))
         return no_solution(err);
     return MK_OK;
 }
@@ -154,9 +160,11 @@ Matrix sampled_cost(const Problem &s, double dt)
     f.topRightCorner(n, 1) = s.b;
     w.topLeftCorner(n, n) = s.q;
     w(n, n) = s.r;
-    big << -f.transpose() * dt, w * dt, Matrix::Zero(m, m), f * dt;
+    big.topLeftCorner(m, m) = -f.transpose() * dt;
+    big.topRightCorner(m, m) = w * dt;
+    big.bottomRightCorner(m, m) = f * dt;
     Matrix e = exponential(big);
-    Matrix cost = e.bottomRightCorner(m, m).transpose() * e.topRightCorner(m, m);
+    Matrix cost = transpose_product(e.bottomRightCorner(m, m), Matrix(e.topRightCorner(m, m)));
     return 0.5 * (cost + cost.transpose());
 }
 
@@ -168,7 +176,8 @@ enum mk_status solve_sampled(const Matrix &ad, const Matrix &bd, const Matrix &w
     const Eigen::Index n = ad.rows();
     double r = w(n, n);
     Matrix shift = w.bottomLeftCorner(1, n) / r;
-    Problem s = {ad - bd * shift, bd, w.topLeftCorner(n, n) - shift.transpose() * r * shift, r};
+    Problem s = {ad - product(bd, shift), bd,
+                 w.topLeftCorner(n, n) - transpose_product(shift, shift) * r, r};
     enum mk_status st = solve_dlqr(s, out, err);
     if (st == MK_OK)
         out.k += shift;
@@ -180,9 +189,10 @@ enum mk_status solve_sampled(const Matrix &ad, const Matrix &bd, const Matrix &w
 void look_ahead(const Matrix &ad, const Matrix &bd, const Matrix &w, Solution &s)
 {
     Matrix ahead(ad.rows(), ad.cols() + 1);
-    ahead << ad, bd;
-    s.k = (s.k * ahead).eval();
-    s.p = (w + ahead.transpose() * s.p * ahead).eval();
+    ahead.leftCols(ad.cols()) = ad;
+    ahead.rightCols(1) = bd;
+    s.k = product(s.k, ahead);
+    s.p = w + product(transpose_product(ahead, s.p), ahead);
 }
 
 } // namespace

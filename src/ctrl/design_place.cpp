@@ -1,8 +1,9 @@
 // Pole placement: Ackermann's formula, and one eigenvalue at a time on the Schur form.
 #include "ctrl/design_priv.hpp"
 
-#include <Eigen/LU>
 #include <cmath>
+
+#include "base/dense.hpp"
 
 using namespace mk::design;
 
@@ -61,17 +62,20 @@ enum mk_status mk_design_ackermann(int n, const double *a_in, const double *b_in
             return reached;
         q.col(0) = b;
         for (int i = 1; i < n; i++)
-            q.col(i) = a * q.col(i - 1);
+            q.col(i) = mk::dense::product(a, Vector(q.col(i - 1)));
         // Columns of unit length: pivots then compare like with like.
         Vector size = q.colwise().norm();
         q.array().rowwise() /= size.transpose().array();
         Vector last = Vector::Unit(n, n - 1) / size(n - 1);
-        Vector first = q.transpose().partialPivLu().solve(last);
+        Vector first = mk::dense::solve(q.transpose(), last);
         // phi(A) factor by factor; conjugate factors make the product real.
-        CMatrix row = first.transpose().cast<Complex>(), ac = a.cast<Complex>();
-        for (int i = 0; i < n; i++)
-            row = (row * ac - Complex(re[i], im[i]) * row).eval();
-        Matrix gain = row.real();
+        CVector row = first.cast<Complex>(), next(n);
+        for (int i = 0; i < n; i++) {
+            for (int j = 0; j < n; j++)
+                next(j) = row.cwiseProduct(a.col(j)).sum();
+            row = next - Complex(re[i], im[i]) * row;
+        }
+        Matrix gain = row.real().transpose();
         if (!gain.allFinite())
             return mk_error_set(err, MK_ERR_NUMERIC,
                                 "the controllability matrix is too near singular");
@@ -99,7 +103,9 @@ enum mk_status mk_design_place(int n, const double *a_in, const double *b_in, co
         enum mk_status reached = check_reach(a, input, t.diagonal(), err);
         if (reached != MK_OK)
             return reached;
-        CVector b = u.adjoint() * input.cast<Complex>();
+        CVector b(n);
+        for (int i = 0; i < n; i++)
+            b(i) = u.col(i).conjugate().cwiseProduct(input.col(0)).sum();
         CMatrix gain = CMatrix::Zero(1, n);
         for (int i = 0; i < n; i++) {
             Complex shift = (t(n - 1, n - 1) - Complex(re[i], im[i])) / b(n - 1);
