@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "base/dense.hpp"
 #include "ident/cma_es.hpp"
 #include "ident/fit.hpp"
 #include "ident/information.hpp"
@@ -154,7 +155,7 @@ START_TEST(foreseen_errors_are_the_cramer_rao_bound)
             for (size_t k = 0; k < u.size(); k++)
                 jac(2 * (long)k + j, c) = (side[1][k] - side[0][k]) / 2e-5 / o.noise[j];
         }
-    Eigen::MatrixXd cov = (jac.transpose() * jac).ldlt().solve(Eigen::MatrixXd::Identity(11, 11));
+    Eigen::MatrixXd cov = mk::dense::inverse(mk::dense::transpose_product(jac, jac));
     for (int i = 0; i < 7; i++)
         ck_assert_double_eq_tol(sqrt(f.covariance(i, i)) / sqrt(cov(i, i)), 1.0, 0.01);
 }

@@ -1,6 +1,5 @@
 #include "exchange/consistency.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -165,6 +164,11 @@ void Fit::rows(const Point &p, double phi[2][MK_MAX_PARAMETERS + 2], double tau[
     }
 }
 
+MatrixXd scaled(const MatrixXd &a, const VectorXd &scale)
+{
+    return scale.asDiagonal() * a * scale.asDiagonal();
+}
+
 bool Fit::solve(double span)
 {
     const int unknowns = np_ + extra_;
@@ -188,7 +192,7 @@ bool Fit::solve(double span)
         x = x > 0.0 && std::isfinite(x) ? 1.0 / x : 1.0;
     VectorXd values;
     MatrixXd vectors;
-    dense::eigen(scale.asDiagonal() * gram * scale.asDiagonal(), values, vectors);
+    dense::eigen(scaled(gram, scale), values, vectors);
     // Directions that the motion says nothing about stay at zero, their deviation at a large
     // number.
     VectorXd inverse = values, variance = values;
@@ -198,7 +202,8 @@ bool Fit::solve(double span)
         variance[i] = seen ? 1.0 / values[i] : 1e10 / values[unknowns - 1];
     }
     const MatrixXd axes = scale.asDiagonal() * vectors;
-    p_ = axes * (inverse.asDiagonal() * (axes.transpose() * right));
+    p_ =
+        dense::product(axes, VectorXd(inverse.cwiseProduct(dense::transpose_product(axes, right))));
     if (!p_.allFinite())
         return false;
     if (undriven_)
@@ -206,7 +211,7 @@ bool Fit::solve(double span)
     // Neighbouring points share their readings: as many of them count as windows fit in.
     double windows = std::max(1.0, span / (2.0 * HALF_WINDOW));
     double independent = std::min(windows, static_cast<double>(points_.size())) * n_;
-    double rest = std::max(0.0, squares - 2.0 * p_.dot(right) + p_.dot(gram * p_));
+    double rest = std::max(0.0, squares - 2.0 * p_.dot(right) + p_.dot(dense::product(gram, p_)));
     double share = independent / (static_cast<double>(points_.size()) * n_);
     double noise = rest * share / std::max(1.0, independent - unknowns);
     deviation_ = ((axes * variance.asDiagonal()).cwiseProduct(axes).rowwise().sum() * noise / share)
@@ -222,8 +227,15 @@ bool step_towards(const MatrixXd &h, const VectorXd &b, std::vector<bool> &off_z
     for (size_t i = 0; i < off_zero.size(); i++)
         if (off_zero[i])
             in.push_back(static_cast<long>(i));
-    const VectorXd optimum =
-        MatrixXd(h(in, in)).completeOrthogonalDecomposition().solve(VectorXd(b(in)));
+    const long count = static_cast<long>(in.size());
+    MatrixXd h_in(count, count);
+    VectorXd b_in(count);
+    for (long i = 0; i < count; i++) {
+        b_in(i) = b(in[i]);
+        for (long k = 0; k < count; k++)
+            h_in(i, k) = h(in[i], in[k]);
+    }
+    const VectorXd optimum = dense::shortest_solution(h_in, b_in);
     double reach = 1.0;
     long first = -1;
     for (size_t k = 0; k < in.size(); k++) {
@@ -250,12 +262,12 @@ void Fit::solve_physical()
     constexpr double NEGLIGIBLE = 1e-9; // of the scaled gradient
     const long n = right_.size();
     VectorXd scale = gram_.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-    const MatrixXd h = scale.asDiagonal() * gram_ * scale.asDiagonal();
+    const MatrixXd h = scaled(gram_, scale);
     const VectorXd b = scale.cwiseProduct(right_);
     VectorXd x = VectorXd::Zero(n);
     std::vector<bool> off_zero(static_cast<size_t>(n), false);
     for (long step = 0; step < 10 * n; step++) {
-        VectorXd slope = b - h * x;
+        VectorXd slope = b - dense::product(h, x);
         long best = -1;
         for (long i = 0; i < n; i++)
             if (!off_zero[static_cast<size_t>(i)] &&

@@ -92,7 +92,10 @@ class Evolution
     std::vector<size_t> order; // best first
     mk_random random;
 
-    VectorXd step(size_t i) const { return axes * lengths.cwiseProduct(normal.col((long)i)); }
+    VectorXd step(size_t i) const
+    {
+        return dense::product(axes, VectorXd(lengths.cwiseProduct(normal.col((long)i))));
+    }
     VectorXd point(size_t i) const { return previous + previous_sigma * step(i); }
     VectorXd previous;
     double previous_sigma = 0.0;
@@ -121,10 +124,11 @@ class Evolution
             drawn += k.weight(i) * normal.col((long)order[(size_t)i]);
             spread += k.weight(i) * y * y.transpose();
         }
-        VectorXd moved = axes * lengths.cwiseProduct(drawn);
+        VectorXd moved = dense::product(axes, VectorXd(lengths.cwiseProduct(drawn)));
         mean += sigma * moved;
-        path_sigma = (1.0 - k.c_sigma) * path_sigma +
-                     std::sqrt(k.c_sigma * (2.0 - k.c_sigma) * k.mass) * (axes * drawn);
+        path_sigma =
+            (1.0 - k.c_sigma) * path_sigma +
+            std::sqrt(k.c_sigma * (2.0 - k.c_sigma) * k.mass) * dense::product(axes, drawn);
         double settled = std::sqrt(1.0 - std::pow(1.0 - k.c_sigma, 2.0 * (double)g));
         bool slow = path_sigma.norm() / settled < (1.4 + 2.0 / ((double)n + 1.0)) * k.normal_length;
         path_c *= 1.0 - k.c_c;

@@ -3,7 +3,7 @@
 #ifndef MECHKIT_IDENT_CMA_ES_HPP
 #define MECHKIT_IDENT_CMA_ES_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <cstdint>
 #include <functional>
 

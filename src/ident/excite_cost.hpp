@@ -2,7 +2,7 @@
 #ifndef MECHKIT_IDENT_EXCITE_COST_HPP
 #define MECHKIT_IDENT_EXCITE_COST_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include "ident/information.hpp"
 #include "ident/waveforms.hpp"

@@ -17,7 +17,7 @@
 #ifndef MECHKIT_IDENT_FIT_HPP
 #define MECHKIT_IDENT_FIT_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <cmath>
 #include <memory>
 #include <utility>

@@ -14,6 +14,9 @@
 namespace mk
 {
 
+using dense::product;
+using dense::product_transpose;
+using dense::transpose_product;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -78,28 +81,31 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, Quadrat
         out.log_determinant += dense::invert_positive(A, s.P);
         s.C = C;
         s.a = a;
-        D -= C.transpose() * s.P * C;
-        d -= C.transpose() * s.P * a;
-        out.state_decrease += 0.5 * a.dot(s.P * a);
+        const MatrixXd CP = transpose_product(C, s.P);
+        D -= product(CP, C);
+        d -= product(CP, a);
+        out.state_decrease += 0.5 * a.dot(product(s.P, a));
         if (s.last)
             break;
         s.F = s.jac_end.topRows(ns).transpose();
         const MatrixXd &F = s.F;
         MatrixXd B = s.jac_end.bottomRows(nf).transpose();
         VectorXd gap = s.x_end - point.nodes[l].x.col((long)i + 1);
-        MatrixXd S = F * s.P * F.transpose();
+        const MatrixXd FP = product(F, s.P);
+        MatrixXd S = product_transpose(FP, F);
         const VectorXd variance = process_variance(point, l, i);
         S.diagonal() += variance;
         out.log_determinant += dense::invert_positive(S, s.A_next);
-        s.mu = gap + F * s.P * a;
-        out.state_decrease +=
-            0.5 * (gap.cwiseAbs2().cwiseQuotient(variance).sum() - s.mu.dot(s.A_next * s.mu));
-        s.G = B - F * s.P * C;
-        D += s.G.transpose() * s.A_next * s.G;
-        d -= s.G.transpose() * s.A_next * s.mu;
+        s.mu = gap + product(FP, a);
+        out.state_decrease += 0.5 * (gap.cwiseAbs2().cwiseQuotient(variance).sum() -
+                                     s.mu.dot(product(s.A_next, s.mu)));
+        s.G = B - product(FP, C);
+        const MatrixXd GA = transpose_product(s.G, s.A_next);
+        D += product(GA, s.G);
+        d -= product(GA, s.mu);
         A = s.A_next;
-        C = -s.A_next * s.G;
-        a = s.A_next * s.mu;
+        C = -product(s.A_next, s.G);
+        a = product(s.A_next, s.mu);
     }
 }
 
@@ -160,7 +166,8 @@ void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
         const Source &s = sources[n];
         VectorXd seen = step;
         if (!s.place.empty()) {
-            const VectorXd b = s.P * (length * s.beta - s.K.transpose() * step);
+            const VectorXd b =
+                product(s.P, VectorXd(length * s.beta - transpose_product(s.K, step)));
             for (size_t i = 0; i < s.place.size(); i++) {
                 seen(s.place[i]) += b((long)i);
                 point.own[n]((long)s.which[i]) +=
@@ -174,11 +181,12 @@ void Fit::substitute(FitPoint &point, const VectorXd &step, double length) const
         VectorXd next;
         for (size_t i = work[l].size(); i-- > 0;) {
             const Segment &s = work[l][i];
-            VectorXd right = length * s.a - s.C * by;
+            VectorXd right = length * s.a - product(s.C, by);
             if (!s.last) {
-                right += s.F.transpose() * (s.A_next * (next - length * s.mu - s.G * by));
+                const VectorXd rest = next - length * s.mu - product(s.G, by);
+                right += transpose_product(s.F, product(s.A_next, rest));
             }
-            next = s.P * right;
+            next = product(s.P, right);
             point.nodes[l].x.col((long)i) += next;
         }
     }

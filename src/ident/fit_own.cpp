@@ -83,9 +83,16 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Qua
         out.gradient += s.d;
         if (s.place.empty())
             continue;
-        MatrixXd M = s.D(s.place, s.place);
-        s.K = s.D(Eigen::all, s.place);
-        s.beta = s.d(s.place);
+        const long count = (long)s.place.size();
+        MatrixXd M(count, count);
+        s.K.resize(s.D.rows(), count);
+        s.beta.resize(count);
+        for (long i = 0; i < count; i++) {
+            s.K.col(i) = s.D.col(s.place[(size_t)i]);
+            s.beta(i) = s.d(s.place[(size_t)i]);
+            for (long k = 0; k < count; k++)
+                M(i, k) = s.D(s.place[(size_t)i], s.place[(size_t)k]);
+        }
         for (size_t i = 0; i < s.place.size(); i++) {
             const int number = own[s.which[i]];
             const double unit =
@@ -96,9 +103,10 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Qua
             out.log_determinant -= std::log(unit);
         }
         out.log_determinant += dense::invert_positive(M, s.P);
-        out.information -= s.K * s.P * s.K.transpose();
-        out.gradient -= s.K * s.P * s.beta;
-        out.state_decrease += 0.5 * s.beta.dot(s.P * s.beta);
+        const MatrixXd KP = dense::product(s.K, s.P);
+        out.information -= dense::product_transpose(KP, s.K);
+        out.gradient -= dense::product(KP, s.beta);
+        out.state_decrease += 0.5 * s.beta.dot(dense::product(s.P, s.beta));
     }
 }
 
@@ -115,7 +123,7 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticMode
         //     var b       = P + M cov M' ,              M = -P K' ,
         //     var (p + b) = P + (E' + M) cov (E' + M)' ,
         // E' + M being row i of M with 1 added in the column of its own mean.
-        const MatrixXd by = -s.P * s.K.transpose();
+        const MatrixXd by = -dense::product_transpose(s.P, s.K);
         for (size_t i = 0; i < s.place.size(); i++) {
             const long k = (long)i;
             const double unit = scale_of(point.model, own[s.which[i]]);
@@ -125,9 +133,12 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticMode
             v.number = own[s.which[i]];
             v.source = (int)n;
             v.deviation = point.own[n]((long)s.which[i]);
-            v.deviation_error = unit * std::sqrt(std::max(s.P(k, k) + of_b.dot(cov * of_b), 0.0));
+            v.deviation_error =
+                unit * std::sqrt(std::max(s.P(k, k) + of_b.dot(dense::product(cov, of_b)), 0.0));
             v.value = mk_model_parameter(&point.model, v.number) + v.deviation;
-            v.std_error = unit * std::sqrt(std::max(s.P(k, k) + of_value.dot(cov * of_value), 0.0));
+            v.std_error =
+                unit *
+                std::sqrt(std::max(s.P(k, k) + of_value.dot(dense::product(cov, of_value)), 0.0));
             all.push_back(v);
         }
     }

@@ -21,6 +21,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/dense.hpp"
 #include "ident/stepper.hpp"
 
 using Eigen::VectorXd;
@@ -216,7 +217,8 @@ FreeRuns::Step FreeRuns::step_of(const RunPoint &point, const RunQuadraticModel 
     step.coordinates = stepper.solve(whole(point, quadratic.free, parts, folds), damping);
     step.scaled = stepper.parameters(step.coordinates);
     for (const Normal &part : parts)
-        step.own.push_back(part.M * (part.beta - part.K.transpose() * step.scaled));
+        step.own.push_back(dense::product(
+            part.M, VectorXd(part.beta - dense::transpose_product(part.K, step.scaled))));
     return step;
 }
 

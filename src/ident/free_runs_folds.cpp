@@ -111,8 +111,8 @@ QuadraticModel FreeRuns::whole(const RunPoint &point, const std::vector<int> &wa
         if (f == but)
             continue;
         const Normal &part = parts[f];
-        p.information += part.A - part.K * part.M * part.K.transpose();
-        p.gradient += part.a - part.K * (part.M * part.beta);
+        p.information += part.A - dense::product_transpose(dense::product(part.K, part.M), part.K);
+        p.gradient += part.a - dense::product(part.K, dense::product(part.M, part.beta));
     }
     for (long i = 0; i < n; i++) {
         double slope = 0.0;
@@ -207,7 +207,8 @@ void FreeRuns::add_errors(const RunQuadraticModel &quadratic, const std::vector<
             double square = 0.0;
             if (q.finite && j < mk_model_joints(&near) && deviation[j] > 0.0) {
                 const double n = (double)q.readings[j], unit = 1.0 / (deviation[j] * deviation[j]);
-                square = unit * (q.squares[j] - 2.0 * q.g[j].dot(d) + d.dot(q.H[j] * d));
+                square =
+                    unit * (q.squares[j] - 2.0 * q.g[j].dot(d) + d.dot(dense::product(q.H[j], d)));
                 out.square[j] += square;
                 out.rows[j] += n;
                 sum += std::max(square, n * ROUNDING * unit);
@@ -243,7 +244,8 @@ bool FreeRuns::left_out(const RunPoint &point, const RunQuadraticModel &quadrati
             Normal begin = normal_of(quadratic, columns, f, true);
             eliminate_own(point, wanted, begin);
             begin.beta -= pull_of_prior(point, f);
-            const VectorXd b = begin.M * (begin.beta - begin.K.transpose() * step);
+            const VectorXd b = dense::product(
+                begin.M, VectorXd(begin.beta - dense::transpose_product(begin.K, step)));
             for (size_t i = 0; i < own.size(); i++)
                 step(place[i]) += b((long)i);
         }

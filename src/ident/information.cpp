@@ -15,7 +15,6 @@ namespace
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Standard deviations before the experiment: so large that the readings decide.
 constexpr double STATE_PRIOR = 1.0, PARAMETER_PRIOR = 30.0;
@@ -129,22 +128,23 @@ class Forecast
 
     void learn()
     {
-        Eigen::Map<RowMajor> rows(jac.data(), (long)task.row_count, ns + np);
-        MatrixXd seen = rows * root;
+        // A column for each reading.
+        const MatrixXd rows = Eigen::Map<MatrixXd>(jac.data(), ns + np, (long)task.row_count);
+        const MatrixXd seen = dense::transpose_product(rows, root);
         MatrixXd gain = MatrixXd::Identity(ns + np, ns + np);
-        gain.selfadjointView<Eigen::Lower>().rankUpdate(seen.transpose());
+        gain += dense::transpose_product(seen, seen);
         root = dense::solve_by_root(gain, root.transpose()).transpose().eval();
 
-        MatrixXd direct = rows.rightCols(np);
-        direct.noalias() += rows.leftCols(ns) * chain;
-        sensitivity.noalias() += direct.transpose() * direct;
+        MatrixXd direct = rows.bottomRows(np).transpose();
+        direct += dense::transpose_product(rows.topRows(ns), chain);
+        sensitivity += dense::transpose_product(direct, direct);
     }
 
     void carry(double dt)
     {
-        Eigen::Map<RowMajor> end(jac_end.data(), ns, ns + np);
+        const MatrixXd end = Eigen::Map<MatrixXd>(jac_end.data(), ns + np, ns); // transposed
         MatrixXd wide = MatrixXd::Zero(ns + np, ns + np + 2 * joints);
-        wide.topLeftCorner(ns, ns + np) = end * root;
+        wide.topLeftCorner(ns, ns + np) = dense::transpose_product(end, root);
         wide.block(ns, 0, np, ns + np) = root.bottomRows(np);
         // A random walk of the speed over dt, and the angle that it makes.
         for (int j = 0; j < joints; j++) {
@@ -156,7 +156,7 @@ class Forecast
             wide(j, column + 1) = dt * variance / std::sqrt(12.0);
         }
         root = dense::lower_root(wide, ns + np);
-        chain = end.leftCols(ns) * chain + end.rightCols(np);
+        chain = dense::transpose_product(end.topRows(ns), chain) + end.bottomRows(np).transpose();
         x = Eigen::Map<VectorXd>(x_end.data(), ns);
     }
 
@@ -168,7 +168,8 @@ class Forecast
 
     void judge(PredictedExperiment &out) const
     {
-        out.covariance = root.bottomRows(np) * root.bottomRows(np).transpose();
+        const MatrixXd below = root.bottomRows(np);
+        out.covariance = dense::product_transpose(below, below);
         VectorXd unit = sensitivity.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
         VectorXd physical = Eigen::Map<const VectorXd>(scale.data(), np).cwiseInverse();
         out.condition_scaled = condition_of(unit.asDiagonal() * sensitivity * unit.asDiagonal());

@@ -5,7 +5,7 @@
 #ifndef MECHKIT_IDENT_INFORMATION_HPP
 #define MECHKIT_IDENT_INFORMATION_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <vector>
 
 #include "mechkit/model.h"

@@ -2,7 +2,7 @@
 #ifndef MECHKIT_IDENT_MEASURE_HPP
 #define MECHKIT_IDENT_MEASURE_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <string>
 #include <vector>
 

@@ -42,7 +42,7 @@ bool parabola(const mk_record &rec, size_t first, size_t last, Section &p)
     }
     if (readings < 8 || commands == 0)
         return false;
-    Eigen::Vector3d c = normal.ldlt().solve(right);
+    Eigen::Vector3d c = dense::solve_symmetric(normal, Eigen::VectorXd(right));
     p.q = base + c(0);
     p.v = c(1) / half;
     p.a = 2.0 * c(2) / (half * half);
@@ -108,9 +108,9 @@ Regressed regress_plain(const Eigen::MatrixXd &x, const Eigen::VectorXd &y)
     if (!dense::least_squares(unit, y, 1e-6, b))
         return r;
     r.value = scale.cwiseInverse().cwiseProduct(b);
-    r.residual = y - x * r.value;
+    r.residual = y - dense::product(x, r.value);
     double variance = r.residual.squaredNorm() / (double)(x.rows() - x.cols());
-    Eigen::MatrixXd inverse = dense::inverse(unit.transpose() * unit);
+    Eigen::MatrixXd inverse = dense::inverse(dense::transpose_product(unit, unit));
     r.covariance =
         variance * scale.cwiseInverse().asDiagonal() * inverse * scale.cwiseInverse().asDiagonal();
     r.determined = true;

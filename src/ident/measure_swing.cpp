@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 
+#include "base/dense.hpp"
 #include "ident/measure.hpp"
 #include "mechkit/ident.h"
 
@@ -82,7 +83,7 @@ bool vertex(const std::vector<double> &t, const std::vector<double> &q, size_t k
         normal += row * row.transpose();
         right += (q[i] - q[k]) * row;
     }
-    Eigen::Vector4d c = normal.ldlt().solve(right);
+    Eigen::Vector4d c = dense::solve_symmetric(normal, Eigen::VectorXd(right));
     double s = 0.0;
     for (int i = 0; i < 8; i++)
         s -= (c(1) + s * (2.0 * c(2) + 3.0 * s * c(3))) / (2.0 * c(2) + 6.0 * s * c(3));

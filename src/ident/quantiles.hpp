@@ -2,7 +2,7 @@
 #ifndef MECHKIT_IDENT_QUANTILES_HPP
 #define MECHKIT_IDENT_QUANTILES_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 
 namespace mk

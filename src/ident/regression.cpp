@@ -142,14 +142,19 @@ Eigen::MatrixXd add_weighted(const Eigen::MatrixXd &values, const Block &weight,
                              Sums &sums)
 {
     long n = values.cols() - 1;
-    Eigen::MatrixXd weighted = weight * values.leftCols(n);
-    sums.normal += values.leftCols(n).transpose() * weighted;
-    sums.right += weighted.transpose() * values.col(n);
-    sums.square += values.col(n).dot(weight * values.col(n));
+    const Eigen::MatrixXd x = values.leftCols(n);
+    const Eigen::VectorXd y = values.col(n);
+    Eigen::MatrixXd weighted = dense::product(weight, x);
+    sums.normal += dense::transpose_product(x, weighted);
+    sums.right += dense::transpose_product(weighted, y);
+    sums.square += y.dot(dense::product(weight, y));
     sums.expected += (weight * self).trace();
-    sums.spread += weighted.transpose() * self * weighted;
+    sums.spread +=
+        dense::product(dense::transpose_product(weighted, Eigen::MatrixXd(self)), weighted);
     for (size_t i = 0; i < shared.size(); i++) {
-        Eigen::MatrixXd half = weighted.transpose() * shared[i] * past[i].weighted;
+        const Eigen::MatrixXd between =
+            dense::transpose_product(weighted, Eigen::MatrixXd(shared[i]));
+        const Eigen::MatrixXd half = dense::product(between, past[i].weighted);
         sums.spread += half + half.transpose();
     }
     return weighted;
@@ -159,9 +164,9 @@ Eigen::MatrixXd add_weighted(const Eigen::MatrixXd &values, const Block &weight,
 void add_white(const Eigen::MatrixXd &values, Sums &sums)
 {
     long n = values.cols() - 1;
-    auto x = values.leftCols(n);
-    sums.normal += x.transpose() * x;
-    sums.right += x.transpose() * values.col(n);
+    const Eigen::MatrixXd x = values.leftCols(n);
+    sums.normal += dense::transpose_product(x, x);
+    sums.right += dense::transpose_product(x, Eigen::VectorXd(values.col(n)));
     sums.square += values.col(n).squaredNorm();
     sums.expected += (double)values.rows();
     sums.spread = sums.normal;
@@ -182,7 +187,7 @@ Sums Regression::gather(int round) const
         while (!past.empty() && row.centre - past.back().row.centre >= row.noise[0][0].size())
             past.pop_back();
         Eigen::MatrixXd values = reduced(row), weighted;
-        Eigen::VectorXd left = values.col(n) - values.leftCols(n) * before;
+        Eigen::VectorXd left = values.col(n) - dense::product(values.leftCols(n), before);
         sums.residual += left * left.transpose();
         sums.rows++;
         Block self = covariance(row, row, &WeakRow::noise, form.equations, joints);
@@ -240,7 +245,7 @@ void Regression::fill(const Sums &sums, const Eigen::VectorXd &p, const Eigen::M
                       mk_ident_result &r) const
 {
     r.cost = std::max(sums.square - p.dot(sums.right), 0.0);
-    Eigen::MatrixXd cov = inverse * sums.spread * inverse;
+    Eigen::MatrixXd cov = dense::product(dense::product(inverse, sums.spread), inverse);
     // The level of the noise is what the residuals show.
     double expected = sums.expected - (inverse * sums.spread).trace();
     double level2 = r.cost / std::max(expected, 1e-300);

@@ -3,7 +3,7 @@
 #ifndef MECHKIT_IDENT_REGRESSION_HPP
 #define MECHKIT_IDENT_REGRESSION_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include "ident/method.hpp"
 #include "ident/weak.hpp"

@@ -1,6 +1,6 @@
 #include "ident/residual_torque.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
@@ -186,9 +186,10 @@ class Blocks
 VectorXd solve(const MatrixXd &x, const VectorXd &y, const VectorXd &w)
 {
     constexpr double RIDGE = 1e-7; // of terms that these data cannot tell apart
-    MatrixXd normal = x.transpose() * w.asDiagonal() * x;
+    const MatrixXd weighted = w.asDiagonal() * x;
+    MatrixXd normal = dense::transpose_product(weighted, x);
     normal.diagonal().array() += RIDGE * normal.diagonal().maxCoeff() + 1e-300;
-    return dense::solve_symmetric(normal, VectorXd(x.transpose() * w.cwiseProduct(y)));
+    return dense::solve_symmetric(normal, dense::transpose_product(x, VectorXd(w.cwiseProduct(y))));
 }
 
 // One equation as a regression y = x beta, of the blocks without holes.

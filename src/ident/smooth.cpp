@@ -17,7 +17,7 @@
 #include <new>
 #include <vector>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include "sim/period.hpp"
 

@@ -61,8 +61,8 @@ void Stepper::keep_zeros_near()
 
 VectorXd Stepper::solve(const QuadraticModel &p, double damping) const
 {
-    MatrixXd information = turn.transpose() * p.information * turn;
-    VectorXd gradient = turn.transpose() * p.gradient;
+    MatrixXd information = dense::product(dense::transpose_product(turn, p.information), turn);
+    VectorXd gradient = dense::transpose_product(turn, p.gradient);
     long n = gradient.size();
     VectorXd step = VectorXd::Zero(n);
     std::vector<bool> held((size_t)n, false);

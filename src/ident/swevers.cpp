@@ -1,6 +1,7 @@
 // Swevers and others (1997): speeds and accelerations count as known, the errors are those of the
 // torques. A command that is known has none, so what motors and model leave in the equations stands
 // for it; the angles' errors come on top, as in the report.
+#include "base/dense.hpp"
 #include "ident/regression.hpp"
 
 namespace mk
@@ -13,7 +14,7 @@ Block weight(const RowNoise &noise)
 {
     Block s = noise.angles;
     s.diagonal() += noise.residual.diagonal().cwiseMax(1e-300);
-    return s.inverse();
+    return dense::inverse(s);
 }
 
 constexpr LinearMethod LAW = {false, 4, false, weight};

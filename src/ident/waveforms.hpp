@@ -2,7 +2,7 @@
 #ifndef MECHKIT_IDENT_WAVEFORMS_HPP
 #define MECHKIT_IDENT_WAVEFORMS_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <string>
 #include <vector>
 

@@ -7,7 +7,7 @@
 // than the model's error changes count as one.
 #include "sim/own_values.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -247,12 +247,13 @@ class Estimate
             const MatrixXd K = e.H.topRightCorner(ns, n);
             // K and the gradient in one go.
             MatrixXd both(ns, n + 1);
-            both << K, e.g.head(ns);
+            both.leftCols(n) = K;
+            both.col(n) = e.g.head(ns);
             const MatrixXd solved = mk::dense::solve_symmetric(states, both);
             const double weight = independent / (typical + error[w]);
-            precision +=
-                weight * (e.H.bottomRightCorner(n, n) - K.transpose() * solved.leftCols(n));
-            g += weight * (e.g.tail(n) - K.transpose() * solved.col(n));
+            precision += weight * (e.H.bottomRightCorner(n, n) -
+                                   mk::dense::transpose_product(K, MatrixXd(solved.leftCols(n))));
+            g += weight * (e.g.tail(n) - mk::dense::transpose_product(K, VectorXd(solved.col(n))));
         }
         return mk::dense::solve_symmetric(precision, g);
     }

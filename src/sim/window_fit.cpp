@@ -447,7 +447,7 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     // [left rest] = [Jp r] - Js [follow shift], and its products joint by joint.
     RowMajor left(n, p + 1);
     left << J.rightCols(p), r;
-    left.noalias() -= J.leftCols(ns) * solved;
+    left -= J.leftCols(ns).lazyProduct(solved);
     MatrixXd product(p + 1, p + 1);
     for (int j = 0; j < mk_model_joints(f.model); j++) {
         out.before[j] = 0.0;

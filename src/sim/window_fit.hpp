@@ -3,7 +3,7 @@
 #ifndef MECHKIT_SIM_WINDOW_FIT_HPP
 #define MECHKIT_SIM_WINDOW_FIT_HPP
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <memory>
 #include <vector>
 

@@ -16,11 +16,12 @@
 // out.
 #include "explain/evidence/innovations.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 
+#include "base/dense.hpp"
 #include "explain/evidence/statistics.hpp"
 
 namespace mk
@@ -156,7 +157,7 @@ class Filter
         for (size_t r = 0; r < task.row_count; r++) {
             const int j = joint_of[r];
             VectorXd h = H.row((long)r).transpose();
-            VectorXd ph = P * h;
+            VectorXd ph = dense::product(P, h);
             // Rounding may leave a little less than nothing of what is known well.
             double s = std::max(h.dot(ph), 0.0) + noise[j] * noise[j];
             double e = residual((long)r) - h.dot(correction);
@@ -168,7 +169,7 @@ class Filter
         // order.
         x = x_end + F * correction;
         // Symmetric but for rounding, which would grow.
-        const MatrixXd carried = F * P * F.transpose();
+        const MatrixXd carried = dense::product_transpose(dense::product(F, P), F);
         P = 0.5 * (carried + carried.transpose());
         // Q: white accelerations of intensity `process_noise` (times the joint's scale), and HIDDEN
         // for effects' states. Angles get none: they follow from the speeds.

@@ -69,7 +69,7 @@ void settle_at_rest(const mk_model &m, double *q)
             beside(j) += SIDE;
             slope.col(j) = (pull(beside) - a) / SIDE;
         }
-        Eigen::VectorXd step = -slope.completeOrthogonalDecomposition().solve(a);
+        Eigen::VectorXd step = -dense::shortest_solution(slope, a);
         if (!step.allFinite() || step.norm() > 0.3)
             return; // not near: the plant's own rest will do
         at += step;
