@@ -1,4 +1,5 @@
-/* The checker of the tree's rules finds what it is for. */
+/* The checker of the tree's rules finds what it is for, and the bench tells no figure that the
+ * machine disturbed. */
 #include "suites.h"
 
 #include <stdbool.h>
@@ -9,6 +10,7 @@
 #include <sys/wait.h>
 
 #include "support/files.h"
+#include "support/program.h"
 
 /* A small tree with `line` in `file`; what tools/floors.sh says of it. */
 static int check_tree(const char *file, const char *line, char *said, size_t size)
@@ -182,6 +184,73 @@ START_TEST(what_is_allowed_passes)
 }
 END_TEST
 
+/* What Python prints of these lines, run among the bench's modules. */
+static void python(const char *lines, char *said, size_t size)
+{
+    char command[4096];
+    scratch_text("try.py", lines);
+    snprintf(command, sizeof command, "cd %s/tools/bench && PYTHONPATH=. python3 -B %s 2>&1",
+             MK_SOURCE_DIR, scratch("try.py"));
+    FILE *out = popen(command, "r");
+    said[fread(said, 1, size - 1, out)] = '\0';
+    ck_assert_msg(pclose(out) == 0, "%s", said);
+}
+
+START_TEST(a_figure_of_the_bench_that_scatters_is_not_told)
+{
+    char said[4096];
+    if (!have_program("python3", "floors"))
+        return;
+    /* Rounds of a machine that halves its pace: times say nothing, ratios within a round do. */
+    python("import harness\n"
+           "pace = iter([1, 1, 2, 2, 1, 2, 1] * harness.TRIES)\n"
+           "now = [1]\n"
+           "def seconds(run, level):\n"
+           "    if run(level) == 1:\n"
+           "        now[0] = next(pace)\n"
+           "    return 1e-3 * run(level) * now[0]\n"
+           "harness.seconds_of = seconds\n"
+           "rows = harness.measure({'ours': harness.Program(lambda _: 1),\n"
+           "                        'peer': harness.Program(lambda _: 3)})\n"
+           "harness.table('title', rows, 'ours', 5)\n"
+           "print([r['ms'] for r in rows.values()])\n",
+           said, sizeof said);
+    ck_assert_msg(strstr(said, "cannot be told"), "%s", said);
+    ck_assert_msg(strstr(said, "[None, None]"), "%s", said);
+    ck_assert_msg(strstr(said, "3.00"), "%s", said);
+    /* A quiet one tells both. */
+    python("import harness\n"
+           "harness.seconds_of = lambda run, level: 1e-3 * run(level)\n"
+           "rows = harness.measure({'ours': harness.Program(lambda _: 2)})\n"
+           "harness.table('title', rows, 'ours', 1)\n"
+           "harness.table('title', rows, 'ours', 5)\n",
+           said, sizeof said);
+    ck_assert_msg(strstr(said, "2.0000") && strstr(said, "missed") && strstr(said, ": met"), "%s",
+                  said);
+}
+END_TEST
+
+START_TEST(the_history_of_the_bench_outlives_a_line_that_was_cut_short)
+{
+    char said[4096];
+    if (!have_program("python3", "floors"))
+        return;
+    python("import history, machine, os, tempfile\n"
+           "path = os.path.join(tempfile.mkdtemp(), 'h.jsonl')\n"
+           "met = machine.look()\n"
+           "assert met['processor'] and met['governor'] and met['processors'] > 0\n"
+           "row = {'quiet': {'ms': 2.0}, 'noisy': {'ms': None}}\n"
+           "history.append(path, met, {'s': row, 'deep': {'write': row}, 'other': [1]})\n"
+           "open(path, 'a').write('{\"date\": ')\n"
+           "open(path, 'a').write('\\n')\n"
+           "history.append(path, met, {'s': row})\n"
+           "print([sorted(run['ms']) for run in history.read(path)])\n",
+           said, sizeof said);
+    ck_assert_msg(strstr(said, "h.jsonl:2: not a run"), "%s", said);
+    ck_assert_msg(strstr(said, "[['deep write: quiet', 's: quiet'], ['s: quiet']]"), "%s", said);
+}
+END_TEST
+
 Suite *suite_floors(void)
 {
     Suite *s = suite_create("floors");
@@ -194,6 +263,8 @@ Suite *suite_floors(void)
     tcase_add_test(t, a_function_of_more_than_15_paths_is_found_and_one_of_15_is_not);
     tcase_add_test(t, an_exported_function_without_a_comment_is_found);
     tcase_add_test(t, files_that_need_each_other_are_found_and_others_pass);
+    tcase_add_test(t, a_figure_of_the_bench_that_scatters_is_not_told);
+    tcase_add_test(t, the_history_of_the_bench_outlives_a_line_that_was_cut_short);
     suite_add_tcase(s, t);
     return s;
 }

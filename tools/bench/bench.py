@@ -5,7 +5,8 @@ usage: bench.py BUILD LIBRARY [SECTION...]
 
 Sections are the rows of the table below; all of them without a name. BENCH_ROUNDS (7) is how often each
 program takes its turn, BENCH_SECONDS (10) how long the loop and the wire are looked at, BENCH_CASES (2) how many cases explain gets, BENCH_LONG=1 goes up to
-logs of ten million lines. docs/performance.md says what the figures mean.
+logs of ten million lines. Every run adds a line to BENCH_HISTORY (BUILD/bench-history.jsonl), which is
+drawn as BUILD/bench-history.svg. docs/performance.md says what the figures mean.
 """
 import ctypes
 import json
@@ -18,8 +19,10 @@ environment.prepare(sys.argv[1])
 
 import derivatives  # noqa: E402
 import growing  # noqa: E402
+import history  # noqa: E402
 import identify  # noqa: E402
 import logs  # noqa: E402
+import machine  # noqa: E402
 import programs  # noqa: E402
 import simulation  # noqa: E402
 
@@ -70,8 +73,11 @@ def main():
         sys.exit(f"bench: there is no section {unknown[0]}; there are {', '.join(SECTIONS)}")
     context = Context(build, sys.argv[2])
     path = os.path.join(build, "bench.json")
-    result = {"load": os.getloadavg()[0], "processors": os.cpu_count()}
-    print(f"load {result['load']:.1f} on {result['processors']} processors; CPU times, medians")
+    met = machine.look()
+    result = dict(met)
+    print(f"{machine.describe(met)}; CPU times, medians")
+    if met["load"] > 0.5:
+        print("Something else is running: figures that it disturbs are left out.")
     for name in names:
         try:
             result[name] = SECTIONS[name](context)
@@ -80,7 +86,11 @@ def main():
             result[name] = {"skipped": str(why)}
         with open(path, "w", encoding="utf-8") as file:
             json.dump(result, file, indent=1)
-    print(f"\nfigures: {path}")
+    kept = os.environ.get("BENCH_HISTORY", os.path.join(build, "bench-history.jsonl"))
+    picture = os.path.join(build, "bench-history.svg")
+    history.append(kept, met, {name: result[name] for name in names})
+    print(f"\nfigures: {path}\nhistory: {kept}" +
+          (f", drawn: {picture}" if history.plot(kept, picture) else ""))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """How everything is timed: programs in turn, round by round, by the thread's own CPU clock, so that a
-busy machine falls on all of them alike. What counts are medians, and ratios within one run."""
+busy machine falls on all of them alike. What counts are medians, and ratios within one round. A figure
+whose rounds scatter too much is not told: the machine was too noisy."""
 import math
 import os
 import statistics
@@ -7,6 +8,8 @@ import time
 
 ROUNDS = int(os.environ.get("BENCH_ROUNDS", "7"))
 LONG_ENOUGH_S = 0.02
+MOST_SCATTER = 0.10  # interquartile range of the rounds, over their median, of a figure that is told
+TRIES = 3  # sets of rounds, of which the quietest counts; no further one where all is quiet
 
 
 class Program:
@@ -42,8 +45,16 @@ def seconds_of(run, level):
         repeat *= 4
 
 
-def measure(programs, error=None, target=None):
-    """Rows by name: median milliseconds, and level and error where there are any."""
+def scatter(values):
+    """Interquartile range over the median."""
+    if len(values) < 2:
+        return math.inf
+    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+    return (high - low) / middle
+
+
+def settings_of(programs, error, target):
+    """By name the level at which a program is timed and its error there; warmed up."""
     settings = {}
     for name, program in programs.items():
         if error is None or len(program.levels) == 1:
@@ -55,24 +66,58 @@ def measure(programs, error=None, target=None):
             print(f"  {name}: left out, it does not reach an error of {target:g}")
         else:
             settings[name] = (level, off)
-    times = {name: [] for name in settings}
-    for _ in range(ROUNDS):
-        for name, (level, _off) in settings.items():
-            times[name].append(seconds_of(programs[name].run, level) / programs[name].per)
-    return {name: {"ms": 1e3 * statistics.median(times[name]),
-                   "low_ms": 1e3 * min(times[name]), "high_ms": 1e3 * max(times[name]),
-                   "level": level, "error": off, "note": programs[name].note}
-            for name, (level, off) in settings.items()}
+    return settings
+
+
+def measure(programs, error=None, target=None):
+    """Rows by name: median milliseconds (None where they scatter too much), their scatter, those of
+    all rounds, and level and error where there are any."""
+    settings = settings_of(programs, error, target)
+    best = {}
+    for _ in range(TRIES):
+        times = {name: [] for name in settings}
+        for _round in range(ROUNDS):
+            for name, (level, _off) in settings.items():
+                times[name].append(seconds_of(programs[name].run, level) / programs[name].per)
+        # A set is kept whole: ratios are those of one round.
+        noise = max((scatter(t) for t in times.values()), default=0.0)
+        if not best or noise < best["noise"]:
+            best = {"noise": noise, "times": times}
+        if noise <= MOST_SCATTER:
+            break
+    rows = {}
+    for name, (level, off) in settings.items():
+        times = [1e3 * s for s in best["times"][name]]
+        quiet = scatter(times) <= MOST_SCATTER
+        rows[name] = {"ms": statistics.median(times) if quiet else None, "scatter": scatter(times),
+                      "rounds_ms": times, "level": level, "error": off, "note": programs[name].note}
+    return rows
+
+
+def ratio(row, ours):
+    """How many times as long as ours, round by round: the median, or None where that scatters too
+    much. A machine that changes its pace between rounds leaves it alone."""
+    ratios = [a / b for a, b in zip(row["rounds_ms"], ours["rounds_ms"])]
+    return statistics.median(ratios) if scatter(ratios) <= MOST_SCATTER else None
+
+
+def cell(value, form, width):
+    return f"{value:{width}{form}}" if value is not None else f"{'too noisy':>{width}s}"
 
 
 def table(title, rows, ours, target_ms=None):
-    """Prints rows, fastest first, with the ratio to `ours`."""
+    """Prints rows, fastest first, with the ratio to `ours`, which is also put into them."""
     print(f"\n{title}\n  {'':44s} {'ms':>10s} {'error':>9s} {'times ours':>11s}")
-    for name, r in sorted(rows.items(), key=lambda item: item[1]["ms"]):
+    for name, r in sorted(rows.items(), key=lambda item: statistics.median(item[1]["rounds_ms"])):
+        r["times_ours"] = ratio(r, rows[ours])
         off = f"{r['error']:9.1e}" if r["error"] is not None else " " * 9
-        print(f"  {name:44s} {r['ms']:10.4f} {off} {r['ms'] / rows[ours]['ms']:11.2f}  {r['note']}")
+        print(f"  {name:44s} {cell(r['ms'], '.4f', 10)} {off} "
+              f"{cell(r['times_ours'], '.2f', 11)}  {r['note']}")
     if target_ms:
-        print(f"  target {target_ms:g} ms: {'met' if rows[ours]['ms'] <= target_ms else 'missed'}")
+        ms = rows[ours]["ms"]
+        met = "cannot be told, the machine is too noisy" if ms is None else \
+            "met" if ms <= target_ms else "missed"
+        print(f"  target {target_ms:g} ms: {met}")
 
 
 def exponent(sizes, seconds):

@@ -16,8 +16,9 @@ def scratch(context, name):
 
 def per_line(title, result, ours):
     for row in result.values():
-        row["lines_per_s"] = 1e3 / row["ms"]
-        row["note"] = f"{1e6 * row['ms']:.0f} ns a line"
+        if row["ms"] is not None:
+            row["lines_per_s"] = 1e3 / row["ms"]
+            row["note"] = f"{1e6 * row['ms']:.0f} ns a line"
     table(title, result, ours)
     return result
 
