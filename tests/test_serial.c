@@ -105,6 +105,34 @@ START_TEST(a_rate_that_is_none_or_too_slow_is_told)
 }
 END_TEST
 
+START_TEST(a_path_that_is_there_may_hold_a_comma)
+{
+    struct mk_serial s;
+    struct emu_board none = {0};
+    emu_stream_init(&remote.bench.stream, EMU_PTY, none);
+    ck_assert_int_eq(symlink(remote.bench.stream.device, scratch("port,9600")), 0);
+    ck_assert_msg(mk_serial_open(&s, scratch("port,9600"), &remote.err) == MK_OK, "%s",
+                  remote.err.message);
+    mk_serial_close(&s);
+    ck_assert_int_eq(unlink(scratch("port,9600")), 0);
+    emu_stream_free(&remote.bench.stream);
+}
+END_TEST
+
+/* A rate alone names no port, and a path longer than any is not cut to another one. */
+START_TEST(a_path_that_is_none_or_too_long_is_told)
+{
+    struct mk_serial s;
+    static char path[8192];
+    ck_assert_int_eq(mk_serial_open(&s, ",230400", &remote.err), MK_ERR_USAGE);
+    remote_says("PATH,BAUD");
+    memset(path, 'x', sizeof path - 1);
+    ck_assert_int_eq(mk_serial_open(&s, path, &remote.err), MK_ERR_USAGE);
+    remote_says("PATH,BAUD");
+    ck_assert_int_eq(s.fd, -1);
+}
+END_TEST
+
 START_TEST(a_port_is_raw_while_it_is_open_and_then_as_it_was)
 {
     struct mk_serial s;
@@ -194,6 +222,8 @@ Suite *suite_serial(void)
     tcase_add_test(t, the_terminal_of_the_program_itself_is_not_taken_for_a_board);
     tcase_add_test(t, a_board_that_still_boots_is_waited_for);
     tcase_add_test(t, a_rate_that_is_none_or_too_slow_is_told);
+    tcase_add_test(t, a_path_that_is_there_may_hold_a_comma);
+    tcase_add_test(t, a_path_that_is_none_or_too_long_is_told);
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);
     tcase_add_test(t, a_port_that_is_in_use_is_told_and_left_alone);
     tcase_add_test(t, ports_are_listed_with_the_name_of_what_is_plugged_in);
