@@ -96,7 +96,7 @@ static int lines_of(const char *path)
 }
 
 /* Starts a sweep and sends it a signal once its journal has some results. Returns how it ended. */
-static int signal_midway(const char *spec, const char *csv, int number, const char *errors)
+static int signal_once(const char *spec, const char *csv, int number, const char *errors)
 {
     char journal[600];
     snprintf(journal, sizeof journal, "%s.journal", csv);
@@ -108,11 +108,24 @@ static int signal_midway(const char *spec, const char *csv, int number, const ch
               (char *)NULL);
         _exit(127);
     }
-    for (int i = 0; i < 30000 && lines_of(journal) < 4; i++)
+    for (int i = 0; i < 30000 && lines_of(journal) < 4 && access(csv, F_OK) != 0; i++)
         nanosleep(&(struct timespec){0, 1000000}, NULL);
     kill(child, number);
     int status = 0;
     waitpid(child, &status, 0);
+    return status;
+}
+
+/* The same, and again where a busy machine let this process sleep until the sweep had ended. */
+static int signal_midway(const char *spec, const char *csv, int number, const char *errors)
+{
+    char journal[600];
+    snprintf(journal, sizeof journal, "%s.journal", csv);
+    int status = signal_once(spec, csv, number, errors);
+    for (int i = 0; i < 5 && access(csv, F_OK) == 0; i++) {
+        ck_assert_int_eq(unlink(csv), 0);
+        status = signal_once(spec, csv, number, errors);
+    }
     ck_assert_int_ge(lines_of(journal), 4);
     ck_assert_int_ne(access(csv, F_OK), 0);
     return status;
