@@ -31,8 +31,7 @@ namespace
 {
 
 // Steps in one call; beyond that the problem is not what we think it is.
-constexpr long MAX_STEPS =
-    500000; // in one call; beyond that the problem is not what we think it is
+constexpr long MAX_STEPS = 500000;
 
 // A link that comes to rest lets the step grow far beyond what friction at rest bears: the way back
 // takes more attempts than the usual seven.
