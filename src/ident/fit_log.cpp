@@ -1,3 +1,16 @@
+// A record made ready for a fit (ident/fit_log.hpp): its rows, commands and weights.
+//
+// A fit takes a log as rows one period T apart, each with a command. Reading k of joint j counts
+// with a weight w_k, 0 to 1 (ident/fit_shoot.cpp):
+//     r_k = w_k (y_k - h(x(t_k))) / sigma_j ,   sum_k w_k^2 independent readings in all .
+// Four things lie between a record and that.
+//     rows      that are missing come back, without readings (Builder::fill_gap);
+//     commands  that are missing are interpolated (Builder::bridge), and FitLog::doubt says by how
+//               much that may be wrong: the fit adds it to the variance of the speeds;
+//     glitches  single readings that no motion makes become missing ones (drop_glitches);
+//     weights   rounding repeats its error as long as a reading stays on its count, so that such
+//               readings are not independent (weigh).
+// A missing reading is NaN and has the weight 0. No command is NaN once fit_log() has returned.
 #include "ident/fit_log.hpp"
 
 #include <algorithm>
@@ -16,8 +29,11 @@ namespace
 {
 
 constexpr double MISSING = std::numeric_limits<double>::quiet_NaN();
+// Of the usual period. pieces_of() cuts a record at longer holes, so that no piece has one: a
+// command that is guessed for longer says nothing about the motion behind it.
 constexpr double LONGEST_HOLE = 51.0; // that is bridged, periods
 
+// The upper median; 0 of nothing.
 double median_of(std::vector<double> v)
 {
     if (v.empty())
@@ -38,6 +54,10 @@ double command(const mk_record &rec, int input, size_t row)
     return 0.0;
 }
 
+// Copies rows [begin, end) of a record into a log and fills the holes between them. The rows of the
+// log are those of the record and the ones that are put in between, so that numbers of rows differ:
+// `row` counts in the record, k in the log. copy_rows() comes first, then the first command of each
+// input is made known by the caller, then fill_commands() is called.
 class Builder
 {
   public:
@@ -56,7 +76,12 @@ class Builder
     }
 
     // A command that was not recorded is taken between its neighbours; how far off that may be
-    // shows in how badly it continues either side.
+    // shows in how badly it continues either side. The doubt of row k, in units of the command, is
+    // the sum of
+    //     |u_k - u_(k-1)|     where the row came late and the log does not say how late: the older
+    //                         command went on for an unknown part of the period ,
+    //     what bridge() says  where the command is missing.
+    // A hole that ends with a row before which the loop stood still is filled without doubt (hold).
     void fill_commands()
     {
         size_t n = log.rows();
@@ -68,6 +93,7 @@ class Builder
             for (size_t k = 0; k < n; k++) {
                 if (!std::isnan(log.u[i][k]))
                     continue;
+                // A hole: rows [k, stop).
                 size_t stop = k;
                 while (stop < n && std::isnan(log.u[i][stop]))
                     stop++;
@@ -89,6 +115,9 @@ class Builder
 
     // When readings were taken and the command changed; rows are numbered by when that should have
     // been.
+    // The column late_us is taken only where the result lies between 0 and T: after samples that
+    // were left out, the delay counts from the first of those, and whole periods between the two
+    // rows are taken off.
     double time(size_t row) const
     {
         double late = rec.late_us && row > begin ? 1e-6 * rec.late_us[row] : 0.0;
@@ -100,11 +129,16 @@ class Builder
         return rec.t[row] - rec.t[begin] + (sane ? late : 0.0);
     }
     // Whether the loop calls the row's sample late, or the first after others were left out.
+    // NaN in the column of flags says nothing.
     bool flagged(size_t row) const
     {
         constexpr unsigned OFF = MK_FLAG_LATE | MK_FLAG_OVERRUN | MK_FLAG_LOST | MK_FLAG_GAP;
         return rec.flags && rec.flags[row] >= 0.0 && ((unsigned)rec.flags[row] & OFF);
     }
+    // Appends a row at the time t: row `row` of the record, or, with SIZE_MAX, one that has neither
+    // readings nor commands. A late row whose delay is unknown loses its readings, since nobody
+    // knows when they were taken; on a board's own clock readings are on time whatever the flags
+    // say.
     void add(double t, size_t row)
     {
         const bool real = row != SIZE_MAX;
@@ -118,6 +152,7 @@ class Builder
         after_stop.push_back(real && row > begin && (flagged(row) || flagged(row - 1)));
     }
     // Rows that are missing altogether (the board kept its pace, the log did not).
+    // With n = round(gap / T) - 1 rows missing, they are put at equal distances gap / (n + 1).
     void fill_gap(size_t before, size_t after)
     {
         double gap = time(after) - time(before);
@@ -127,6 +162,7 @@ class Builder
         for (double i = 1.0; i <= count; i++)
             add(time(before) + gap * i / (count + 1.0), SIZE_MAX);
     }
+    // The last command before a row of the log that is known.
     double last_command(size_t row) const
     {
         while (row-- > 0)
@@ -135,11 +171,25 @@ class Builder
         return 0.0;
     }
     // The loop stood still, and with it the command.
+    // Rows [first, last) have the command before them. Adds no doubt.
     void hold(std::vector<double> &u, size_t first, size_t last)
     {
         for (size_t k = first; k < last; k++)
             u[k] = first > 0 ? u[first - 1] : u[last];
     }
+    // Rows [first, last), whose command nobody recorded. With x in rows from the last known
+    // command, u_a and u_b the commands before and behind the hole and n = last - first + 1 their
+    // distance,
+    //     straight(x) = u_a + x / n (u_b - u_a) ,
+    //     cubic(x)    = sum_i y_i prod_(j != i) (x - x_j) / (x_i - x_j)    (Lagrange) ,
+    // through x_i = -1, 0, n, n + 1. A signal whose slopes at both ends are d_a and d_b is taken to
+    // be smooth across the hole if
+    //     |u_b - u_a| <= 1.5 n max(|d_a|, |d_b|) ,
+    // that is, if its slopes carry it over with half as much again to spare. The doubt that is
+    // added is
+    //     0.1 |cubic - straight|                    of a smooth signal ,
+    //     |cubic - straight| + |u_b - u_a| / 2      else: it may have stepped anywhere in the hole.
+    // At the ends of the log the one neighbour that there is goes on unchanged.
     void bridge(std::vector<double> &u, size_t first, size_t last)
     {
         size_t n = u.size();
@@ -170,6 +220,8 @@ class Builder
 };
 
 // The last decimal place that the values use, when it is a coarse one.
+// That is the largest of 0.1, 0.01 ... 1e-8 of which all values are multiples, to a thousandth of
+// it; 0 where they are written more finely. Its rounding has the variance step^2 / 12.
 double last_digit(const std::vector<double> &v)
 {
     for (double step = 1e-1; step > 5e-9; step *= 0.1) {
@@ -183,9 +235,17 @@ double last_digit(const std::vector<double> &v)
 }
 
 // Two readings on one count.
+// Part of a count. Readings that come as counts differ by whole ones; those that were scaled or
+// filtered on their way differ by a little.
 constexpr double NEAR = 0.25;
 
 // How readings go from count to count where they hardly change.
+//
+// A move is a change by more than NEAR from one reading to the next. Three moves in a row that
+// alternate in sign, each of less than 1.5 counts and at most SOON readings after the one before
+// it, are a zigzag. A smooth motion that turns makes two moves that alternate, not three. Noise is
+// seen where there are FEWEST zigzags at least, and more than SHARE of the readings that stay on
+// their count.
 struct Flicker {
     bool noisy =
         false; // to and fro within a few rows, which rounding of a smooth motion never does
@@ -195,6 +255,8 @@ struct Flicker {
     {
         constexpr size_t SOON = 4, FEWEST = 3; // rows; zigzags
         constexpr double SMALL = 1.5, SHARE = 0.008, SAME = 1e-3;
+        // SMALL: counts that a move of noise is less than. SAME: difference, in counts, of readings
+        // that are one value written twice.
         size_t zigzags = 0, repeats = 0, same = 0, row = 0;
         size_t at[3] = {0, 0, 0}; // rows of the last moves, newest first
         double move[3] = {0.0, 0.0, 0.0}, previous = MISSING;
@@ -210,6 +272,7 @@ struct Flicker {
                 continue;
             for (int i = 2; i > 0; i--)
                 move[i] = move[i - 1], at[i] = at[i - 1];
+            // A large move counts as 0, which has no sign: it ends a zigzag.
             move[0] = std::fabs(d) < SMALL ? d : 0.0, at[0] = row;
             zigzags += move[0] * move[1] < 0.0 && move[1] * move[2] < 0.0 &&
                        at[0] - at[1] <= SOON && at[1] - at[2] <= SOON;
@@ -233,6 +296,11 @@ struct Stay {
     size_t way = 0;      // stays that are passed one after another, this one among them
 };
 
+// The stays of a log in their order; together they have all readings, and each reading is in one. A
+// stay ends where a reading is further than `near` (in the joint's unit) from its first one, so
+// that a slow drift does not carry a stay along. The first and the last stay are not passed: on one
+// side nobody knows. `way` of n stays passed in a row is n for each of them, 0 for a stay that is
+// not passed.
 std::vector<Stay> stays_of(const std::vector<double> &q, double near)
 {
     std::vector<Stay> stays;
@@ -262,8 +330,13 @@ std::vector<Stay> stays_of(const std::vector<double> &q, double near)
 // rounding error: together they are worth one. In passing, errors even out, unless that is a rest
 // between two slips: long stays are worth no more than short ones. Nor do they where the way from
 // one turn to the next is a few counts: how fast it goes there is not the same from one side of a
-// count to the other, and comes again with every swing. Where noise decides how long
-// they last, short ones are readings like all others: else those that stick out would weigh most.
+// count to the other, and comes again with every swing. Where noise decides how long they last,
+// short ones are readings like all others: else those that stick out would weigh most. So a stay of
+// m readings is worth
+//     min(16, m)          with noise ,
+//     min(8, m, way)      where it is passed on a way of as many stays ,
+//     1                   else ,
+// independent readings, and each of its readings has w^2 = worth / m.
 void weigh(FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
@@ -271,7 +344,8 @@ void weigh(FitLog &log, int j)
     w.assign(q.size(), 0.0);
     const Flicker flicker(q, log.count[j]);
     const bool noisy = flicker.noisy;
-    // Of noise of a third of a count; less of it leaves more.
+    // LEFT: FitLog::repeating with noise of a third of a count; less noise leaves more. With noise
+    // and readings that are not rounded to counts nothing repeats.
     constexpr double LEFT = 0.02;
     log.repeating[j] = !noisy ? 1.0 : flicker.rounded ? LEFT : 0.0;
     const double most = noisy ? 16.0 : 8.0;
@@ -286,6 +360,7 @@ void weigh(FitLog &log, int j)
 }
 
 // Over steps of 20 ms, so that a count is not a speed.
+// Missing readings make NaN, which is passed over.
 double largest_speed(const FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
@@ -299,7 +374,13 @@ double largest_speed(const FitLog &log, int j)
     return largest;
 }
 
-// A single reading far off both neighbours' line is a glitch.
+// A single reading far off both neighbours' line is a glitch. With second differences
+//     b_k = |q_(k-1) - 2 q_k + q_(k+1)| ,   limit = 8 max(99 % quantile of b, 3 noise) ,
+// reading k goes if it is further than `limit` from the mean of its neighbours, b_k / 2 > limit,
+// and these are within half of that distance of each other: what really moved that far takes its
+// next reading along. The quantile is of all rows, so that fast motion raises the limit and single
+// glitches do not. Fewer than ten differences say nothing, and all readings stay. Beside a reading
+// that went, the next one stays: NaN compares false.
 void drop_glitches(FitLog &log, int j, double noise)
 {
     std::vector<double> &q = log.q[j];
@@ -320,6 +401,7 @@ void drop_glitches(FitLog &log, int j, double noise)
 
 } // namespace
 
+// Whether a row has a reading of any joint, and its command, if the record has commands at all.
 static bool says_something(const mk_record &record, size_t row)
 {
     bool reads = false;
@@ -328,6 +410,11 @@ static bool says_something(const mk_record &record, size_t row)
     return reads && !(record.u[0] && std::isnan(record.u[0][row]));
 }
 
+// `before` is the last row that says something, `first` the row where the piece begins. A piece
+// ends with `before` where rows that are left out follow, or where the next row that says something
+// is more than LONGEST_HOLE periods away; the last one ends with the record. The period is the
+// median over all rows. `longest` is raised by holes that cut, also where the piece in front of
+// them is too short to be kept.
 std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longest)
 {
     std::vector<Piece> pieces;
@@ -353,6 +440,13 @@ std::vector<Piece> pieces_of(const mk_record &record, size_t rows, double &longe
     return pieces;
 }
 
+// The order of the steps matters: the last digit is that of commands as they were logged, before
+// any is interpolated; fill_commands() needs a first command, which is the one that the record held
+// when the piece began (0: the motor was off); glitches go before weights are given, so that they
+// have none.
+//
+// Requires first + 2 <= last <= record.rows, and a `record` that has the joints of `model`. Times
+// are from the first row of the piece, `start` is where that is in the run, s.
 FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, size_t last,
                int source)
 {
@@ -377,6 +471,8 @@ FitLog fit_log(const mk_record &record, const mk_model &model, size_t first, siz
     return log;
 }
 
+// Rows with t <= seconds. What belongs to the log as a whole (period, count, u_step, v_max,
+// repeating) stays as it is, so that fits to beginnings of different lengths compare.
 FitLog beginning_of(const FitLog &log, double seconds)
 {
     FitLog part = log;
@@ -393,6 +489,10 @@ FitLog beginning_of(const FitLog &log, double seconds)
     return part;
 }
 
+// Motion that is a cubic in time within five rows has no fourth difference; what is left is noise,
+//     d_k = q_k - 4 q_(k+1) + 6 q_(k+2) - 4 q_(k+3) + q_(k+4) ,   var d = 70 sigma^2 ,
+// and the median of |d| does not see contacts, reversals and glitches. Readings that hardly leave
+// their count give next to 0 (1e-9 rad is the least): scatter_of() adds what rounding makes.
 double fit_log_noise(const FitLog &log, int j)
 {
     const std::vector<double> &q = log.q[j];
@@ -407,6 +507,8 @@ double fit_log_noise(const FitLog &log, int j)
     return std::max(fast, 1e-9);
 }
 
+// sigma_j = max over logs of (fit_log_noise, count / sqrt(12)): the second is the standard
+// deviation of an error that is uniform over one count.
 double scatter_of(const std::vector<const FitLog *> &logs, int joint)
 {
     double scatter = 0.0;
@@ -424,6 +526,7 @@ double least_scatter(const std::vector<const FitLog *> &logs, int joint)
     return least;
 }
 
+// max_j noise_j / scatter_j; 0 without logs.
 double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise)
 {
     double most = 0.0;
@@ -432,6 +535,10 @@ double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noi
     return most;
 }
 
+// A place is the pair of counts of both joints, rounded; of one joint, its count now and BEFORE
+// rows ago. Of each reading in motion `visits` has how many readings in motion, of all logs, are at
+// its place; the result is their median, 0 where nothing moves. Beyond 1e9 counts a number is no
+// reading, and would not fit into 32 bits.
 size_t usual_visits(const std::vector<const FitLog *> &logs)
 {
     constexpr size_t BEFORE = 4;   // rows: what tells speeds apart where there is one joint only
@@ -455,6 +562,8 @@ size_t usual_visits(const std::vector<const FitLog *> &logs)
     }
     std::sort(places.begin(), places.end());
     std::vector<double> visits;
+    // Sorted, equal places lie side by side: runs [first, k) of them, each reading of which counts
+    // k - first visits.
     for (size_t first = 0, k = 1; k <= places.size(); k++)
         if (k == places.size() || places[k] != places[first]) {
             visits.insert(visits.end(), k - first, (double)(k - first));

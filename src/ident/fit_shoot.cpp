@@ -21,6 +21,7 @@ using Eigen::VectorXd;
 // Step of the passes over the data in which work is counted (FitOptions::max_passes), s.
 static constexpr double PASS_STEP = 2.5e-3;
 
+// Sum of the delays of all sensors, s: no reading is older than that.
 static double sensor_delay(const mk_model &model)
 {
     double longest = 0.0;
@@ -177,6 +178,7 @@ void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t 
             s.residual[r] += c->residual[r] / noise[s.joint[r]];
         s.x_end.head(c->x_end.size()) += c->x_end;
     }
+    // r'r of each joint.
     s.sum2[0] = s.sum2[1] = 0.0;
     for (size_t r = 0; r < n; r++) {
         s.sum2[s.joint[r]] += s.residual[r] * s.residual[r];
@@ -192,12 +194,14 @@ void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t 
     s.right = J.transpose() * r;
 }
 
+// Interval i of log l, without derivatives. Requires prepare() for this point.
 void Fit::shoot_one(const FitPoint &point, size_t l, size_t i)
 {
     const Job job = {l, i};
     shoot_some(point, {}, &job, &job + 1, false);
 }
 
+// Afterwards `work` has residuals and ends of all intervals, and normal equations if asked for.
 void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
 {
     // Enough to keep all lanes busy, few enough to stay near the processor. What is shot together

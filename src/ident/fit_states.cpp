@@ -94,6 +94,7 @@ FitPoint Fit::start(const mk_model &model)
 }
 
 // Own values of parameters that both models have; others start at their means.
+// Sources that `from` did not have start at the means too.
 void Fit::adopt_own(const FitPoint &from, FitPoint &to) const
 {
     const std::vector<int> own = own_parameters(to.model), known = own_parameters(from.model);
@@ -123,6 +124,9 @@ void Fit::adopt_own(const FitPoint &from, FitPoint &to) const
     }
 }
 
+// Angles, speeds and noise stay those of `from`, and so do the nodes where neither model or both
+// hide a joint. States of effects are made anew, of all effects: at rest at the first node, then
+// handed on by the model. The cost is that of `from` until it is computed.
 FitPoint Fit::adopt(const FitPoint &from, const mk_model &model)
 {
     FitPoint p = from;
@@ -188,6 +192,8 @@ void Fit::thin(ShootingNodes &nodes) const
 // effect's first two states), the readings give y. The end of the interval before gives how far
 // they are apart:
 //     y_(i+1) = y read ,   q_(i+1) = y read - (y - q)(end of interval i) ,   w, v likewise.
+// Ends where the model runs away: nodes behind keep both sides together. So does carry_states(),
+// whose nodes then keep their states at rest.
 void Fit::carry_apart(FitPoint &point, size_t l)
 {
     ShootingNodes &nodes = point.nodes[l];
@@ -235,6 +241,9 @@ void Fit::carry_states(FitPoint &point, size_t l)
 
 // --- shooting ---
 
+// Lays out data and one segment for each interval, [t of its node, t of the next one). To be called
+// whenever nodes, noise, own values or the model have changed; what was shot before stays in
+// `work`.
 void Fit::prepare(const FitPoint &point)
 {
     lay_data(point);

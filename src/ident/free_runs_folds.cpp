@@ -21,6 +21,9 @@ namespace mk
 
 // A and a of a fold: Gauss-Newton's terms of its windows,
 //     A = sum_w sum_j rho'(e_w) nu / s_j^2 H_wj ,   a likewise of g_wj .
+// Both are for the columns `columns` of the quadratics, n x n and n; `first_half` takes the windows
+// of first halves of logs only. Windows that cannot be run, or were left out by the stride, add
+// nothing.
 FreeRuns::Normal FreeRuns::normal_of(const RunQuadraticModel &quadratic,
                                      const std::vector<long> &columns, size_t fold,
                                      bool first_half) const
@@ -100,6 +103,8 @@ static VectorXd pull_of_prior(const RunPoint &point, size_t fold)
 
 // Sum over all folds but one (`but`; none where it is their number), own values eliminated, and the
 // priors of the parameters: (df/dp)^2 to the information, -f df/dp to the gradient.
+// `information` and `gradient` are for the `wanted` parameters in scaled units; cost and nlml are
+// not set.
 QuadraticModel FreeRuns::whole(const RunPoint &point, const std::vector<int> &wanted,
                                const std::vector<Normal> &parts, size_t but) const
 {
@@ -143,6 +148,7 @@ std::vector<FreeRuns::Normal> FreeRuns::normals_of(const RunPoint &point,
 // Spread of own values by expectation and maximisation: given the data b is normal with mean b0 and
 // covariance M (parameters held), so that
 //     spread^2 = E[b^2] = 1/folds sum_f (b_f^2 + scale^2 M_f) .
+// Changes the spreads of the model and, with them, the cost of the point.
 void FreeRuns::update_spreads(RunPoint &point, const RunQuadraticModel &quadratic) const
 {
     const std::vector<int> own = own_parameters(point.model);
@@ -223,6 +229,8 @@ void FreeRuns::add_errors(const RunQuadraticModel &quadratic, const std::vector<
 // Leave-one-fold-out by the quadratics. For each fold f, the step d_f of a fit to all other folds,
 // from the sum without f; then f's own errors there. Of parameters with own values, those of f come
 // from the first halves of its logs given d_f, and (with `halves`) its second halves are judged.
+// Errors are predictions by quadratics, with no run of a model: as good as the step is small. False
+// where a system without some fold has no finite solution.
 bool FreeRuns::left_out(const RunPoint &point, const RunQuadraticModel &quadratic,
                         const std::vector<int> &wanted, bool halves, HeldOutFigures &out) const
 {

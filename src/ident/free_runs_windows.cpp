@@ -37,6 +37,10 @@ constexpr double LONGEST_STEP = 0.005;
 //     mean = sum_k u_k (t_(k+1) - t_k) / (t_last - t_first) .
 // Its integral over each stretch is kept, so that the rig's momentum is: what a rig makes of the
 // edges between does not show in a free run, and each costs a step.
+// A stretch is rows [first, last), `last` the first row that is HELD or more behind `first`. A
+// command that is slower than that stays as it is: its stretches are single rows. The last row has
+// no time for which it is held, and keeps its value; so does a stretch in which a command is
+// missing.
 std::vector<double> smoothed(const double *u, const mk_record &record)
 {
     constexpr double NEARLY = 0.95; // times are not read to the last digit
@@ -58,6 +62,8 @@ std::vector<double> smoothed(const double *u, const mk_record &record)
 
 // --- logs and windows ---
 
+// A log that is none of the model's is passed over. logs[].u holds the commands that the records
+// point to: the vectors' storage moves along with a Log, and the records stay valid.
 FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const mk_model &near_in,
                    double window_s, int threads_in, const MassRange *masses_in)
     : folds(given.size()), near(near_in), masses(masses_in), threads(std::max(1, threads_in))
@@ -89,6 +95,8 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 }
 
 // Cuts a log into windows of window_s. A window ends where rows that are left out begin or end.
+// Windows lie side by side, in the order of logs and of time. None is made of fewer than
+// FEWEST_ROWS rows, nor of rows that are left out.
 void FreeRuns::add_windows(int log, double window_s)
 {
     const mk_record &r = logs[(size_t)log].record;
@@ -124,6 +132,9 @@ void FreeRuns::measure_readings()
 }
 
 // Windows whose runs share a model, in parts of nearly the same size.
+// `which` is in the order of the windows, and so of folds. Every part has at most TOGETHER windows;
+// n windows make ceil(n / TOGETHER) parts that differ by one window at most. Parts do not depend on
+// the number of threads.
 std::vector<std::vector<size_t>> FreeRuns::together(const RunPoint &point,
                                                     const std::vector<size_t> &which) const
 {
@@ -146,6 +157,8 @@ std::vector<std::vector<size_t>> FreeRuns::together(const RunPoint &point,
 }
 
 // The model of every fold, with its own values in it.
+// theta_f = theta + b_f within the parameter's range, and no spread any more: a model of its own
+// for each fold.
 std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
 {
     std::vector<mk_model> models(folds, point.model);
@@ -180,6 +193,7 @@ FreeRuns::Finder FreeRuns::finder_of(const RunPoint &point, const mk_model &mode
     return finder;
 }
 
+// One of each log; they refer to `models`.
 std::vector<FreeRuns::Finder> FreeRuns::finders_of(const RunPoint &point,
                                                    const std::vector<mk_model> &models,
                                                    int threads_now) const
@@ -229,6 +243,7 @@ bool FreeRuns::first_state(const mk_start_finder &finder, const RunPoint &point,
 }
 
 // Start states fitted to the readings of every window, with the point's own values.
+// x of a window that cannot be run even over a short beginning stays where the search began.
 void FreeRuns::find_states(RunPoint &point, int threads_now) const
 {
     point.x.assign(windows.size(), VectorXd::Zero(mk_model_state_count(&point.model)));
@@ -254,6 +269,7 @@ void FreeRuns::find_states(RunPoint &point, int threads_now) const
     });
 }
 
+// Own values begin at their means. The cost stays unknown (infinite) until a quadratic is there.
 RunPoint FreeRuns::start(const mk_model &model) const
 {
     RunPoint point;
@@ -283,6 +299,7 @@ RunPoint FreeRuns::adopt(const RunPoint &from, const mk_model &model, int thread
     return point;
 }
 
+// With as many states and own values in both models nothing is run; else as adopt().
 RunPoint FreeRuns::adopt_traces(const RunPoint &from, const mk_model &model, int threads_now) const
 {
     if (mk_model_state_count(&model) != mk_model_state_count(&from.model) ||
@@ -310,6 +327,7 @@ bool FreeRuns::off_its_best(const WindowQuadratic &q) const
 
 // Windows that share a model, from start states as the pass has them; a pass that ends worse than
 // the one before it leaves what that found.
+// Writes point.x and out.window of these windows alone, so that parts may go on different threads.
 void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finders,
                               const std::vector<double> &unit, const std::vector<size_t> &which,
                               Pass pass, RunQuadraticModel &out) const
@@ -345,6 +363,10 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
 
 // Start states as they are, then fitted from there where they are not at their best, and anew where
 // that leads nowhere.
+// `free` may be empty: then errors and start states alone are found. Without `converge` there is
+// the first pass only. point.x changes to the states that the quadratics are about; windows that
+// are left out by the stride have none (not finite) and keep their states. False where more than
+// MOST_LOST of the windows that were looked at cannot be run.
 bool FreeRuns::linearise(RunPoint &point, const std::vector<int> &free, bool converge,
                          int threads_now, RunQuadraticModel &out) const
 {
