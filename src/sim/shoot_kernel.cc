@@ -23,6 +23,12 @@
 // switches, as in contact (step_to_switch): tau then comes from the switching function g(x, p) = 0
 // by the implicit function theorem.
 //
+// Shapes. A Point holds ns numbers x_i and, row-major, ns x columns derivatives X_ic, each a pack
+// of W lanes. Columns 0 .. ns - 1 are the start state, the others free parameters from first_free
+// on, each per scale[i] of its parameter. A kernel has room for MOST_COLUMNS of them; shoot() runs
+// it again for parameters that are left. Times are in s from the first row of the task's data; a
+// reading less than 1e-9 s from the end of a step counts as at it.
+//
 // Every interval has a lane of its own: it goes at its own pace, with its own steps, and when it
 // arrives the next one takes its place. What comes out does not depend on who travels beside it.
 //
@@ -43,6 +49,8 @@ class Shooter
   public:
     // Derivatives by the start state and by free parameters first_free ... of as many as there is
     // room for: `columns` in all.
+    // All tasks share model, step, columns and free parameters (tasks[0] has them). Lanes begin
+    // idle, with zeros, since every lane is computed whether it is in use or not.
     Shooter(ShootTask *tasks, int count, int first_free)
         : k(tasks[0]), c(compile<Scalar>(*k.model)), bare(compile<Base>(*k.model)),
           plain(compile<double>(*k.model)), ns(c.state_count), first(first_free), queue(tasks),
@@ -63,6 +71,7 @@ class Shooter
             passed.d[i] = Base(0.0);
         u[0] = u[1] = now = start = Base(0.0);
     }
+    // Free parameters that this run differentiates by.
     int parameters_done() const
     {
         return columns - ns;
@@ -135,6 +144,7 @@ class Shooter
         return start + t;
     }
     // Makes a parameter depend on its column.
+    // `slope` is d parameter / d column. Without derivatives nothing happens.
     void vary(Scalar &parameter, int column, double slope)
     {
 #if MK_DERIVATIVES
@@ -187,6 +197,9 @@ class Shooter
             states += info->state_count;
         }
     }
+    // Delays add up: late = sum of the command's delays, age[j] = sum of those of joint j's sensor
+    // (joint -1: of all joints). Their derivatives by a column are the sums of the parameters'
+    // slopes. Only a delay that is fitted moves edges or ages.
     void find_delays(const FirstParameters &by_effect)
     {
         for (int e = 0; e < c.effect_count; e++) {
@@ -232,6 +245,10 @@ class Shooter
     // --- who travels ---
 
     // The next task takes a lane.
+    // The lane starts at its task's begin with x = x_0, X = (1 0) and the command that is in force
+    // there. l.next is the first reading of each joint: from the task's rows where it names them,
+    // else the first one that shows a state at or after the begin. Without a waiting task the lane
+    // is idle.
     void board(int i)
     {
         Lane &l = lane[i];
@@ -274,6 +291,7 @@ class Shooter
         }
     }
     // First row whose time, shifted by `by`, is not before the begin.
+    // By bisection: t is sorted. d.rows where there is none.
     static long first_row(const Lane &l, double by)
     {
         const ShootData &d = *l.task->data;
@@ -287,9 +305,10 @@ class Shooter
         }
         return low;
     }
-    // Lanes that have arrived hand in what they found. Whether any did.
     // Lanes whose interval has ended, or whose trajectory ran away, hand in what they found; the
     // next tasks take their places. Whether any did.
+    // x_end and jac_end are written in any case: of a trajectory that ran away they are where it
+    // was then.
     bool retire_lanes()
     {
         bool any = false;
@@ -321,6 +340,7 @@ class Shooter
 
     // --- commands ---
 
+    // `row` is -1 before the first one. The command is held until the next edge.
     void set_command(int i, long row)
     {
         const ShootData &d = *lane[i].task->data;
@@ -331,6 +351,9 @@ class Shooter
     }
     // Row of the next command; where the task says so, of one that differs, as far as a step
     // reaches.
+    // A command that repeats itself is no edge: its row is passed over, but no further than k.step,
+    // since a step ends at least that often. The row may be one behind the last: there is no
+    // further edge.
     long next_command(const Lane &l) const
     {
         const ShootData &d = *l.task->data;
@@ -342,6 +365,7 @@ class Shooter
             row++;
         return row;
     }
+    // Time at which it begins to act, s; NONE where there is no further one.
     double next_edge(const Lane &l) const
     {
         const ShootData &d = *l.task->data;
@@ -349,6 +373,8 @@ class Shooter
         return row < (long)d.rows ? d.t[row] + late : NONE;
     }
     // Commands whose time has come take over.
+    // With moving edges the slopes under the old command are kept in `before` (follow_edges).
+    // Several edges at one instant take over in their order; the last one stays.
     void turn()
     {
         bool any = false;
@@ -416,6 +442,9 @@ class Shooter
     {
         rhs_of<Law>(bare, in_log(t), at, u, dx);
     }
+    // The state as laws see it: values v, and slope 1 by itself (set once, in seed()). Whatever is
+    // computed from `seen` next has its derivatives by the state in columns 0 .. ns - 1, for
+    // chain().
     void look_at(const Base *v)
     {
         for (int i = 0; i < ns; i++)
@@ -450,6 +479,8 @@ class Shooter
     void chain_rows(const Scalar &number, RowOf &&row_of, Base *row) const
     {
 #if MK_DERIVATIVES
+        // The n states that the number depends on: their rows X_s (`from`) and d number/dx_s
+        // (`by`).
         int n = 0;
         const Base *from[MK_MAX_STATES];
         Base by[MK_MAX_STATES];
@@ -486,6 +517,8 @@ class Shooter
 #endif
     }
     // Where each lane's step shall end.
+    // A lane that is within a step that a switch has cut (switched > 0) keeps its target: the rest
+    // of that step is still to be gone. Runs of length 0 have no steps and are passed over.
     void plan()
     {
         for (int i = 0; i < W; i++) {
@@ -519,6 +552,7 @@ class Shooter
         l.stop[2] = stop;
         l.least[2] = 1;
     }
+    // Steps are l.from + h, l.from + 2 h ... so that rounding does not add up.
     void begin_run(int i)
     {
         Lane &l = lane[i];
@@ -548,6 +582,7 @@ class Shooter
         l.steps = count;
         l.h = length / (double)count;
     }
+    // `place` in the state.
     void add_speed(int place, int joint)
     {
         speeds[speed_count] = place;
@@ -641,6 +676,7 @@ class Shooter
         for (int i = 0; i < ns; i++)
             to[i] = x.v[i] + (1.0 / 6.0) * h * (f0.v[i] + 2.0 * (a[i] + b[i]) + e[i]);
     }
+    // Of the lanes in `who`; NULL: of all that are in use.
     void count_steps(const bool *who)
     {
         for (int i = 0; i < W; i++)
@@ -648,6 +684,8 @@ class Shooter
                 lane[i].task->steps++;
     }
 
+    // One step of every lane from `now` to its target, or to just past the first switch within it.
+    // `end` then has the times that were reached, and y the states there.
     void step()
     {
         // Idle lanes take a step of length 0.
@@ -702,6 +740,7 @@ class Shooter
         }
         turn();
     }
+    // The numbers in use; a Point has room for more.
     void move(const Point &from, Point &to) const
     {
         for (int i = 0; i < ns; i++)
@@ -718,6 +757,8 @@ class Shooter
         Base t;
         bool any;
     };
+    // Takes them: a reading that was given is not given again. At most one a lane, so that it is
+    // called until none is left.
     Readings readings(int j, const Base &end, double slack);
     double time_of(const Lane &l, int j, long row) const;
     bool pending(const Lane &l, int j, double end) const;
@@ -746,6 +787,8 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
+// Chooses the plant's equations at compile time, so that they are inlined. Returns how many of the
+// free parameters from first_free on were differentiated by.
 static int run(ShootTask *tasks, int count, int first_free)
 {
     return with_plant(tasks->model->plant, [&](auto law) {

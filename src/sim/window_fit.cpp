@@ -57,6 +57,8 @@ constexpr double EASIER = 0.1, HARDER = 10.0;
 
 } // namespace
 
+// |r|^2, in counts^2 where the weights are 1 / count (basic_finder). Infinite where the run has
+// none.
 static double squares_of(const ShootTask &task)
 {
     const double squares =
@@ -65,6 +67,7 @@ static double squares_of(const ShootTask &task)
 }
 
 // The place of the way that a row comes after.
+// A row before all places has the first one. Requires a way that is not empty.
 static size_t place_before(const Way &way, size_t row)
 {
     const auto after = std::upper_bound(way.row.begin(), way.row.end(), row);
@@ -77,6 +80,8 @@ static size_t begin_of(const mk_start_finder &f, size_t row)
     return f.way && !f.way->row.empty() ? f.way->begin[place_before(*f.way, row)] : 0;
 }
 
+// Buffers hold all readings of the window and no derivatives by parameters; differentiate_by()
+// makes room for those. `finder` must outlive the fit.
 WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_row)
     : f(finder), ns(mk_model_state_count(finder.model)), from(from_row), to(to_row)
 {
@@ -99,6 +104,7 @@ WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_r
     }
 }
 
+// Columns are then the ns start states and the parameters in their order, each per its unit.
 void WindowFit::differentiate_by(const std::vector<int> &parameters,
                                  const std::vector<double> &units)
 {
@@ -108,6 +114,9 @@ void WindowFit::differentiate_by(const std::vector<int> &parameters,
     jac_end.resize((size_t)ns * columns);
 }
 
+// The state machine for one window: shoot what it proposes, and tell it, until it is done. x is the
+// optimum of the longest horizon that could be run, which is the window but where the model runs
+// away.
 bool WindowFit::solve(VectorXd &x)
 {
     Progress p = begin(x);
@@ -128,6 +137,8 @@ std::vector<char> WindowFit::solve(std::vector<WindowFit> &fits, std::vector<Vec
     return solve_all(fits, all, x);
 }
 
+// An infinite horizon is the whole window from the first step on. `rough` ends with a decrease
+// below SETTLED_ROUGHLY, or after SOME_STEPS.
 std::vector<char> WindowFit::solve_near(std::vector<WindowFit> &fits, std::vector<VectorXd> &x,
                                         Care care)
 {
@@ -145,6 +156,9 @@ std::vector<char> WindowFit::solve_near(std::vector<WindowFit> &fits, std::vecto
     return solve_all(fits, all, x);
 }
 
+// One turn shoots the proposals of all windows that are not done in one call of the kernel, which
+// fills its lanes with them. Windows that are done drop out. fits[i], all[i] and x[i] belong
+// together; a task's buffers are those of its fit.
 std::vector<char> WindowFit::solve_all(std::vector<WindowFit> &fits, std::vector<Progress> &all,
                                        std::vector<VectorXd> &x)
 {
@@ -172,6 +186,9 @@ std::vector<char> WindowFit::solve_all(std::vector<WindowFit> &fits, std::vector
     return solved;
 }
 
+// What holds between two calls of take(): `trial` is what is shot next; `now` are the normal
+// equations about `at`, the best state of this horizon, once `begun`; `best` is the optimum of the
+// last horizon that is done, `any` that there is one.
 WindowFit::Progress WindowFit::begin(const VectorXd &x) const
 {
     Progress p = {};
@@ -232,6 +249,8 @@ void WindowFit::propose(Progress &p) const
 
 // What the trajectory from p.trial says. The first one of a horizon is its start; later ones are
 // taken where S has not risen. Small decreases end the horizon.
+// A horizon that cannot be run from where the shorter one ended ends the search, with that one's
+// optimum.
 void WindowFit::take(const ShootTask &task, Progress &p) const
 {
     WindowNormal there;
@@ -275,6 +294,7 @@ void WindowFit::add_known(const Progress &p, WindowNormal &out) const
     }
 }
 
+// |r|^2 alone, without the term of z, and without derivatives.
 double WindowFit::cost(const VectorXd &x)
 {
     ShootTask task = task_over(x, to, 0);
@@ -294,6 +314,7 @@ std::vector<double> WindowFit::costs(std::vector<WindowFit> &fits, const std::ve
     return squares;
 }
 
+// `q` has as many rows as the record; only those of the windows are written.
 std::vector<char> WindowFit::angles(std::vector<WindowFit> &fits, const std::vector<VectorXd> &x,
                                     double *const q[MK_MAX_JOINTS])
 {
@@ -328,6 +349,7 @@ void WindowFit::angles_of(const ShootTask &task, double *const q[MK_MAX_JOINTS])
     }
 }
 
+// H = J'J + K, but g and squares are those of the readings: x is taken to be where z is expected.
 std::vector<char> WindowFit::normals_at(std::vector<WindowFit> &fits,
                                         const std::vector<VectorXd> &x,
                                         std::vector<WindowNormal> &out)
@@ -349,6 +371,7 @@ std::vector<char> WindowFit::normals_at(std::vector<WindowFit> &fits,
 }
 
 // The state at a row, by the model alone: readings are not looked at.
+// x is left as it was where the model runs away.
 bool WindowFit::carry(VectorXd &x, size_t row)
 {
     ShootTask task = task_from(x, f.t[row], 0);
@@ -370,6 +393,8 @@ ShootTask WindowFit::task_over(const VectorXd &x, size_t last, int columns)
 }
 
 // J'J, J'r and r'r of the readings that the trajectory has met.
+// J is rows x columns (start states, then parameters), with the readings that count. gram() makes
+// J'J by the widest instructions of the machine.
 bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
 {
     if (!task.finite)
@@ -386,6 +411,7 @@ bool WindowFit::normal_of(const ShootTask &task, WindowNormal &out) const
     return std::isfinite(out.squares);
 }
 
+// out[i] is of fits[i]; not finite where the model runs away.
 void WindowFit::linearise(std::vector<WindowFit> &fits, const std::vector<VectorXd> &x,
                           std::vector<WindowQuadratic> &out)
 {
@@ -421,6 +447,7 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     out.finite = task.finite;
     if (!task.finite)
         return;
+    // Shapes: Js is n x ns, Jp n x p, r n; states ns x ns, both and solved ns x (p + 1).
     const long n = (long)task.row_count, p = task.columns - ns;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<const RowMajor> J(task.jac, n, task.columns);
@@ -465,6 +492,9 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     out.finite = left.allFinite();
 }
 
+// What all runs share: from x at the window's first row to `end`, `last` so that a reading at `end`
+// counts. Results go to the fit's buffers, which the next task of this fit overwrites. `columns` is
+// ns + the number of parameters, ns, or 0; jac_end is there but not used.
 ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
 {
     ShootTask task = {};
@@ -490,6 +520,8 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
 
 // Places of a log, 40 ms apart, with angles and speeds by polynomial. Rows that are left out break
 // the way: from there on readings begin anew.
+// A place where the polynomial has too few readings is left out. The states of effects are not in
+// the way: remember() finds them, for every model anew.
 std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model)
 {
     constexpr double APART = 0.04; // s
@@ -515,6 +547,8 @@ std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model
     return way;
 }
 
+// Not of a model that hides a joint: its readings are of the light side, so that angles and speeds
+// of the heavy one cannot be set back to them.
 bool remembers(const mk_model &model)
 {
     return mk_model_state_count(&model) > 2 * mk_model_joints(&model) &&
@@ -552,6 +586,7 @@ void remember(mk_start_finder &f)
 
 // From the place before the row a run of the model up to it; where that fails, what was remembered
 // there.
+// Requires remember() before, and a way with a place. One value for each state of an effect.
 VectorXd remembered(const mk_start_finder &f, size_t row)
 {
     const std::vector<size_t> &rows = f.way->row;
@@ -566,6 +601,8 @@ VectorXd remembered(const mk_start_finder &f, size_t row)
 
 // State at `row` to start a search from: angles and speeds by polynomial; what effects remember by
 // a run of the model up to there, of MEMORY seconds where there is no way.
+// x has all states of the model and is overwritten. Where the run fails, effects have what
+// mk_record_state_at() gives them.
 bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
 {
     constexpr double MEMORY = 0.5; // s
