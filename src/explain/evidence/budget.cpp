@@ -36,9 +36,13 @@ namespace mk
 namespace
 {
 
+// Bit i stands for items[i]; there are MK_MAX_BUDGET at most, far fewer than bits.
 using Set = unsigned; // of items, one bit each
 
 // What causes and log values close, by which of them a model has.
+// v(S) and what follows from it. Keeps two caches: `figures` has the held-out errors of every set
+// that was asked for, each of which but none and all took a fit; `orders` the orders over which
+// shares are averaged. Neither depends on a resample, so that intervals take no further fits.
 class Shares
 {
   public:
@@ -51,11 +55,15 @@ class Shares
     }
     struct Item {
         mk_budget_item entry;
+        // The effects by which the item differs from the refitted model. Of the command's other
+        // column they are its delay and lag, and may be none.
         std::vector<int> effects; // of the extended model
     };
     std::vector<Item> items;
 
     // Held-out errors of the extended model with these items only, all else fitted again.
+    // A set whose model cannot be run over the held-out logs counts as the refitted one. The
+    // reference stays valid: `figures` is a map.
     const HeldOutFigures &of(Set set)
     {
         auto known = figures.find(set);
@@ -75,6 +83,8 @@ class Shares
 
     // v(S), or of a resample in which window w counts times[w]. Mean over the joints that have a
     // gap: squared error above the noise by more than policy::A_GAP of it.
+    // A joint without a gap has a denominator near 0 and would decide alone. Below 0 where the
+    // model with the set is further off than the refitted one; 0 where no joint has a gap.
     double closed(Set set, const Times *times = nullptr)
     {
         double sum = 0.0;
@@ -90,7 +100,8 @@ class Shares
         }
         return judged ? sum / judged : 0.0;
     }
-    // sum_j MSE_j(S) / n_j^2.
+    // sum_j MSE_j(S) / n_j^2: joints in different units add up, and unlike v it is not a share of a
+    // gap that may be small.
     double in_noise(Set set)
     {
         double sum = 0.0;
@@ -99,11 +110,17 @@ class Shares
                 sum += mean_square(of(set), j, nullptr) / (out.floor[j] * out.floor[j]);
         return sum;
     }
-    // Of every item, its share.
+    // Of every item, its share, in the order of `items`; of a resample of the windows where `times`
+    // is given. In each order of adding
+    //     c_0 = 0 ,   c_k = max(c_(k-1), min(v(first k items), v(all))) ,   c_n = v(all) ,
+    // item k gets c_k - c_(k-1), so that an order sums up to v(all) whatever the sets in between
+    // say. All shares are at least 0 if v(all) is; else the last item of each order bears what is
+    // lost.
     std::vector<double> shares(const Times *times = nullptr)
     {
         if (orders.empty())
             find_orders();
+        // v by set: every order passes many sets that another one has passed.
         std::map<Set, double> v;
         const auto closed_by = [&](Set set) {
             const auto [at, fresh] = v.try_emplace(set, 0.0);
@@ -144,6 +161,10 @@ class Shares
     TrainingRuns training[2];                // by whether the given column drives them
     std::vector<std::vector<size_t>> orders; // of items
 
+    // The effects beyond the given model's, one item each. A cause is known by effect, joint and
+    // first value, what differs from log to log by effect and joint, which takes precedence.
+    // Effects that are neither came with the other column of the command: with it they are one
+    // item, the last.
     void find_items()
     {
         const mk_budget_item none = {-1, -1, false, 0.0, 0.0, 0.0, std::nan(""), {}};
@@ -168,6 +189,8 @@ class Shares
         if (out.input.changed)
             items.push_back(late);
     }
+    // The extended model less the effects of all items that are not in the set, fitted again.
+    // Effects go from the highest number down, so that lower numbers stay valid.
     mk_model model_with(Set set)
     {
         mk_model m = out.extended;
@@ -192,6 +215,8 @@ class Shares
     // Fitted to what v measures: free runs, over the training data. Likelihood fits a model that
     // lacks much to each next reading, and its free runs may then end further off than without the
     // items that it has.
+    // Start states and own values are taken over from the extended model's runs, parameters begin
+    // at its values. A fit that fails leaves the parameters as they were.
     mk_model fitted_to_runs(const mk_model &m, bool given_column)
     {
         constexpr int ITERATIONS = 8;
@@ -205,6 +230,7 @@ class Shares
     }
     // The training data as the given model's column of the command drives them, or the extended
     // one's. What errors are usual there are those of the refitted model.
+    // Made once for each column. Where the last fit was by free runs, its own runs are used.
     const TrainingRuns &training_runs(bool given_column)
     {
         TrainingRuns &over = training[given_column];
@@ -247,6 +273,8 @@ class Shares
 
 // The same windows and times for all sets: errors of windows are computed once, and a resample only
 // weighs them.
+// low and high of each item: 90 % of resamples of the held-out logs and their windows
+// (explain/evidence/resamples.hpp).
 void find_intervals(Shares &shares)
 {
     const std::vector<Interval> found =
@@ -273,6 +301,7 @@ void sort_causes(Shares &shares, mk_explanation &out)
     std::stable_sort(order.begin(), order.end(), [&](int x, int y) {
         return out.cause[x].piece != out.cause[y].piece ? out.cause[y].piece : worth[x] > worth[y];
     });
+    // place[i] is where cause i is now: rivals and items know causes by number.
     int place[MK_MAX_CAUSES];
     mk_cause sorted[MK_MAX_CAUSES];
     for (int i = 0; i < out.cause_count; i++) {
@@ -319,6 +348,9 @@ void tell_rest(const mk_explanation &e, mk_budget &b)
 
 } // namespace
 
+// Errors of out.before, refitted, after and floor are shares of the deviation of the held-out
+// readings; those of the budget are rms in the joint's unit. An extension that is not offered has
+// no shares, only a rest.
 void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
                  mk_explanation &out)
 {
@@ -340,6 +372,8 @@ void make_budget(const TrainingData &data, const CauseSearch &causes, const Fina
         for (size_t i = 0; i < shares.items.size(); i++) {
             Shares::Item &item = shares.items[i];
             item.entry.share = share[i];
+            // causes.carried is in the order of the causes' effects, which come after those of the
+            // refitted model.
             const int first = causes.refit.point.model.effect_count;
             const int round = item.entry.cause >= 0 ? item.effects[0] - first : -1;
             if (round >= 0 && round < (int)causes.carried.size())

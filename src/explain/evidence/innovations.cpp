@@ -72,6 +72,9 @@ const Regressor regressors[] = {
 
 static_assert(MK_MAX_JOINTS * (1 + std::size(regressors)) <= MK_MAX_RESIDUAL_TESTS);
 
+// The filter over one log. `noise` is sigma_j by joint, rad; `process_noise` the intensity of the
+// speeds, rad/s per sqrt(s). The kernel's weights are 1 for a reading and 0 for a missing one, so
+// that its residuals are y - h(x) in rad.
 class Filter
 {
   public:
@@ -126,6 +129,8 @@ class Filter
 
     double size_of(int state) const { return mk_model_joint_scale(&model, state % joints); }
 
+    // From the prediction at row k: update by the row's readings, then prediction of row k + 1. P
+    // is ns x ns, F dx(t_(k+1)) / dx(t_k), H one row a reading. False where the model runs away.
     bool step(size_t k, VectorXd &x, MatrixXd &P, Series *series)
     {
         using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -256,6 +261,8 @@ double dependence(const std::vector<double> &e, const std::vector<double> &x, do
     return r;
 }
 
+// Innovations of all logs in one series a joint. Parameters and start states are those of h; noise
+// and process noise those of `best`.
 bool errors_of(const std::vector<const FitLog *> &training, const Hypothesis &h,
                const Hypothesis &best, Series *series)
 {
@@ -274,6 +281,7 @@ struct Test {
 
 // Whiteness first, then each regressor that the rig has. Empty where fewer than FEW innovations
 // count: the joint moved too little to judge by.
+// Standardises the series in place; Series::squares, from which the rms comes, stays.
 std::vector<Test> tests_of(Series &s, int joints)
 {
     constexpr size_t FEW = 100;

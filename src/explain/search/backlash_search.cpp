@@ -1,3 +1,17 @@
+// Backlash by a progressive horizon (explain/search/backlash_search.hpp).
+//
+// An attempt is a candidate's start with the other parameters as the fit, the given model or a fit
+// in short intervals has them (From). Every attempt is fitted by likelihood to the first R seconds
+// of all logs, one shooting interval a log, and goes on from there to the next R:
+//     R = FIRST, then LONGER R until an attempt follows its readings, FAR_LONGER R from there on .
+// Compared is the negative log likelihood a reading,
+//     nlml / N ,   N = sum w^2 the independent readings of the beginnings ,
+// since sums over different R do not compare. After each R places(R) attempts are left (thin_out).
+// From R = TELLING on backlash shows whether it is one: an attempt that followed its readings then
+// and loses PARTED a reading on a longer beginning has parted from them.
+//
+// The best MOST_FITS are fitted to the whole of the logs (conclude), in shorter intervals where
+// they parted, and what does not beat `least` is dropped.
 #include "explain/search/backlash_search.hpp"
 
 #include <algorithm>
@@ -12,6 +26,7 @@ namespace mk
 namespace
 {
 
+// Of all fits here, rad/s per sqrt(s):
 constexpr double PROCESS_NOISE = 3.0; // next to no use for it in one shooting interval a log
 // Beginnings of the logs, s: the first, and from one to the next before and after an attempt
 // follows.
@@ -33,6 +48,7 @@ double allowance(double reach)
     return reach < 1.0 ? 1.0 : reach < TELLING ? 0.5 : 0.0;
 }
 
+// N, the number of independent readings: sum of w^2 over logs and joints.
 double readings_of(const std::vector<const FitLog *> &logs)
 {
     double sum = 0.0;
@@ -44,6 +60,7 @@ double readings_of(const std::vector<const FitLog *> &logs)
 }
 
 // Noise and first states of a fit to the same logs.
+// Both have one column a log at least, and the same states. The integration step goes along.
 void take_over(const FitPoint &from, FitPoint &to)
 {
     std::copy(std::begin(from.noise), std::end(from.noise), std::begin(to.noise));
@@ -52,6 +69,7 @@ void take_over(const FitPoint &from, FitPoint &to)
         to.nodes[l].x.col(0) = from.nodes[l].x.col(0);
 }
 
+// The gap's width as fitted. The backlash is the model's last effect.
 double size_of(const FitPoint &point, const Candidate &backlash)
 {
     return point.model.effect[point.model.effect_count - 1].value[backlash.size];
@@ -62,6 +80,7 @@ double size_of(const FitPoint &point, const Candidate &backlash)
 // One start on its way through the beginnings.
 struct BacklashSearch::Attempt {
     Candidate start = {};
+    // Where the other parameters and the first states begin.
     From from = From::refit;
     FitPoint point;
     std::vector<int> free;
@@ -70,11 +89,13 @@ struct BacklashSearch::Attempt {
     bool running = true;
     // The beginning that it follows best, of those that tell something.
     double best = HUGE_VAL, reach = 0.0;
+    // Its point, from which a fit in shorter intervals begins if the attempt parts later on.
     FitPoint best_point;
     bool follows = false; // it
     bool parted = false;  // from the readings after it
 
     // Ends of the same way.
+    // The same optimum reached twice: likelihoods within 1e-3 a reading, widths within 2 %.
     bool beside(const Attempt &other) const
     {
         const double width = size_of(point, start), wide = size_of(other.point, other.start);
@@ -83,6 +104,11 @@ struct BacklashSearch::Attempt {
 };
 
 // A fit without the backlash may have bent the base parameters far off.
+// `given` starts from the given base parameters in its place. `intervals` fits a few iterations in
+// intervals of SHORT_INTERVAL first, so that a trajectory that is off is caught again, and takes
+// over what that says of parameters, noise and first states. All attempts then have one node a log,
+// at its start, whatever they began with. running is false where the backlash does not fit into the
+// model or that first fit fails.
 void BacklashSearch::begin(Attempt &a) const
 {
     mk_model model;
@@ -113,6 +139,10 @@ void BacklashSearch::begin(Attempt &a) const
     }
 }
 
+// One beginning of length `reach`, from the point that the shorter one left. A failed fit ends the
+// attempt with infinite nlml. Before TELLING the latest beginning always replaces the one before as
+// `best`, since so short ones prove nothing; from there on only a better one does. Work is counted
+// in passes over the whole of the logs, so that a beginning counts by its share of the readings.
 void BacklashSearch::advance(Attempt &a, const std::vector<const FitLog *> &part, double reach,
                              int threads) const
 {
@@ -133,12 +163,16 @@ void BacklashSearch::advance(Attempt &a, const std::vector<const FitLog *> &part
         a.best = a.nlml;
         a.best_point = a.point;
         a.reach = reach;
+        // The fitted noise is near what the readings scatter: nothing large is missed.
         a.follows = beyond_scatter(part, a.point.noise) < NOISY;
     }
 }
 
 // To all of the logs. Where exact trajectories part from the readings after a while all the same,
 // in short intervals.
+// `out` has the better of two: the attempt as it is, if it came to the ends of the logs; and a fit
+// from its best beginning in intervals of half the time over which it followed, SHORT_INTERVAL at
+// least. True where that beats `least`.
 bool BacklashSearch::conclude(const Attempt &a, int threads, BacklashFit &out)
 {
     FitOptions o = loose;
@@ -163,6 +197,10 @@ bool BacklashSearch::conclude(const Attempt &a, int threads, BacklashFit &out)
 }
 
 // Of attempts in the order of their scores: who goes on.
+// An attempt ends where it is a twin of a better one, where places(R) better ones are left, where
+// another follows its readings and it does not, or where
+//     nlml / N > least / N_all + allowance(R) .
+// Returns how many go on. `attempts` are sorted, best first.
 size_t BacklashSearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
 {
     const double most = least / readings_of(logs) + allowance(reach);
@@ -227,6 +265,8 @@ bool BacklashSearch::led_astray(const std::vector<Attempt> &attempts)
 }
 
 // The best few, fitted to the whole of the logs.
+// Attempts that are still running come first, then those that went furthest. Of optima within EVEN
+// (log likelihood) of each other the best one stays.
 std::vector<BacklashFit> BacklashSearch::conclude_all(std::vector<Attempt> &attempts, int threads)
 {
     constexpr size_t MOST_FITS = 2;
@@ -252,6 +292,10 @@ std::vector<BacklashFit> BacklashSearch::conclude_all(std::vector<Attempt> &atte
     return apart;
 }
 
+// Stages: begin all attempts; beginnings of growing length until one is the whole of the longest
+// log; the best to the end. `go_on` is told log(R / FIRST) / log(longest / FIRST), which grows
+// evenly with the stages. Where `afresh` and all have parted early, the attempts begin once more at
+// the next length; their first fits are not counted twice. Empty where `go_on` says so.
 std::vector<BacklashFit> BacklashSearch::run(const std::vector<Candidate> &starts, int threads,
                                              const std::function<bool(double)> &go_on)
 {

@@ -7,6 +7,10 @@
 // speed, a place, a yield, a frequency) is taken at several values that cover what the data can
 // tell apart, since a likelihood has one optimum for each.
 //
+// The comment above each function gives the law where its name does not say it, the parameters in
+// their order, and their starts. Parameters that a start leaves out keep the effect's usual values
+// (sharpness, drag). Laws are torques at the joint, v its speed, S_k(v) = tanh(k v) the smoothed
+// sign of friction, u the command.
 // Symbols: T = torque() the rig's usual torque, V = speed() the joint's largest speed, L = size() a
 // motion of 1 rad in the joint's unit (1; 0.01 m where it slides), I = inertia() that of the
 // joint's body.
@@ -27,6 +31,7 @@ namespace
 
 // What a start is made from.
 struct Setting {
+    // Without a joint only wheel(), slides(), size(), motor(), torque() and speed() may be asked.
     const mk_plant_info *plant;
     const mk_model *model;
     const DataRange *range;
@@ -44,6 +49,8 @@ struct Setting {
     // Of a motion of 1 rad, in the joint's unit.
     double size() const { return j >= 0 ? mk_model_joint_scale(model, j) : 1.0; }
     bool motor() const { return j == plant->motor_joint; }
+    // T and V. A joint that hardly moves has a tenth of L per second, so that sizes over a speed
+    // stay finite.
     double torque() const { return range->torque; }
     double speed() const { return std::max(range->v_max[std::max(j, 0)], 0.1 * size()); }
 };
@@ -51,6 +58,7 @@ struct Setting {
 // Fastest rate of bristles or a cable that readings could tell from a jump, 1/s: speed over yield.
 constexpr double TOO_FAST = 3000.0;
 
+// Starts, and in each the values of the first parameters of the effect.
 using Starts = std::vector<std::vector<double>>;
 
 // One row an effect: starting values for a joint, empty where there is nothing to look for.
@@ -68,6 +76,7 @@ constexpr Row friction(Row row)
     return row;
 }
 
+// All pairs (a, b).
 Starts product(std::initializer_list<double> first, std::initializer_list<double> second)
 {
     Starts all;
@@ -84,6 +93,7 @@ double small(const Setting &s)
 }
 
 // Friction of the motor joint is a base parameter already, on every plant.
+// -c v: c V = T/100. Likewise -F S_k(v), and the differences dF and dc between the directions.
 Starts viscous(const Setting &s)
 {
     return s.motor() ? Starts{} : Starts{{small(s) / s.speed()}};
@@ -100,16 +110,19 @@ Starts viscous_asymmetry(const Setting &s)
 {
     return {{small(s) / s.speed()}};
 }
+// A constant torque.
 Starts torque_offset(const Setting &s)
 {
     return {{small(s)}};
 }
+// -Fs exp(-(v/vs)^2) S_k(v) beside Coulomb friction: Fs, vs.
 // Level T/50, speeds of 0.1, 0.4, 1.5 L per second.
 Starts stribeck(const Setting &s)
 {
     const double k = s.size();
     return product({2.0 * small(s)}, {0.1 * k, 0.4 * k, 1.5 * k});
 }
+// -d v |v|: d V^2 = T/100.
 Starts quadratic_drag(const Setting &s)
 {
     return {{small(s) / (s.speed() * s.speed())}};
@@ -164,10 +177,12 @@ Starts cogging(const Setting &s)
     // imbalance.
     const int first = s.upright_plane() ? 2 : 1;
     for (int n = first; n <= 48; n++)
+        // Of high numbers the even ones.
         if (n <= 16 || n % 2 == 0)
             all.push_back({small(s), (double)n, 0.3});
     return all;
 }
+// -m sin(q - phi), q the absolute angle of the body: m, phi.
 Starts imbalance(const Setting &s)
 {
     return s.level() ? Starts{} : Starts{{small(s), 0.3}};
@@ -216,6 +231,7 @@ Starts deadband(const Setting &s)
 {
     return {{0.01 * s.range->u_max}, {0.08 * s.range->u_max}};
 }
+// Gain 1 + a for u > 0, 1 - a for u < 0: a.
 Starts gain_asymmetry(const Setting &)
 {
     return {{0.005}};
@@ -262,20 +278,25 @@ Starts encoder_eccentricity(const Setting &s)
 {
     return s.slides() ? Starts{} : Starts{{0.002, 0.3}};
 }
+// Reading q + offset.
 Starts encoder_offset(const Setting &s)
 {
     // An angle that nothing depends on has no zero.
     bool free = s.plant->joint_is_wheel[s.j] || s.plant->joint_is_level[s.j];
     return free ? Starts{} : Starts{{0.001 * s.size()}};
 }
+// Reading q(t - delay): delay, s.
 Starts sensor_delay(const Setting &)
 {
     return {{0.002}, {0.008}};
 }
+// Gravity turned in the plane of joint 1: angle, rad.
 Starts base_tilt(const Setting &)
 {
     return {{0.001}};
 }
+// One mode of what the rig stands on, an oscillator driven by minus the motor joint's torque:
+// natural frequency, damping ratio, gain. The gain is its size.
 // Frequencies in Hz, from 1.5 to 26, in steps of 7 %: as near as the width of a lightly damped
 // resonance.
 Starts base_compliance(const Setting &)
@@ -287,12 +308,14 @@ Starts base_compliance(const Setting &)
 }
 
 // Terms that are laws of the catalogue by now.
+// A constant torque and an asymmetry of viscous friction.
 bool catalogued(int term)
 {
     return strcmp(Custom::about(term).text, "1") == 0 ||
            strcmp(Custom::about(term).text, "abs(v)") == 0;
 }
 
+// -c f(q, v, w, u, t) with the term f by its number, w the speed of the other joint: c, number.
 // Library terms: coefficients that make a small torque at the speeds and angles of the data.
 Starts custom(const Setting &s)
 {
@@ -304,7 +327,6 @@ Starts custom(const Setting &s)
         const CustomTerm &term = Custom::about(n);
         if ((strchr(term.text, 'w') && !two) || (term.q > 0.0 && s.wheel()) || catalogued(n))
             continue;
-        // Angles are of the order of one.
         // The term is v^a w^b u^c t^d: its size at the largest values of the data. Angles are of
         // the order of one. The coefficient makes a torque of T / 1000 of it.
         const double size = std::pow(s.speed(), term.v) * std::pow(w, term.w) *
@@ -313,6 +335,8 @@ Starts custom(const Setting &s)
     }
     return all;
 }
+// -A f sin(angle + phi): A, phi, the number of f and angle, frequency in Hz. Terms 3 and 7 are of
+// two joints; term 8 is a shake, sin(2 pi f t), and the only one with a frequency.
 Starts custom_wave(const Setting &s)
 {
     Starts all;
@@ -326,6 +350,7 @@ Starts custom_wave(const Setting &s)
         all.push_back({0.1 * small(s), 0.3, 8.0, hz});
     return all;
 }
+// -(A/w) sin(q - c) exp(-(1 - cos(q - c)) / w^2), a torque about one place: A, place c, width w.
 // Places as near each other as they are wide, over the angles of the data.
 Starts custom_well(const Setting &s)
 {
@@ -376,6 +401,7 @@ const Row rows[] = {friction({"viscous", true, viscous}),
                     {"custom-wave", true, custom_wave},
                     {"custom-well", true, custom_well}};
 
+// `joint` as in mk_effect_use. Values do not matter.
 bool present(const mk_model &model, const mk_effect_info *effect, int joint)
 {
     for (int e = 0; e < model.effect_count; e++)
@@ -386,6 +412,9 @@ bool present(const mk_model &model, const mk_effect_info *effect, int joint)
 
 } // namespace
 
+// q_min > q_max where a joint has no reading. The usual torque is the rms of the command, but at
+// least a twentieth of what gravity asks for at joint 1 with both angles at 0.5, so that a swing
+// without a motor has one.
 DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &logs)
 {
     DataRange r = {};
@@ -420,6 +449,7 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
     return r;
 }
 
+// Of the library: terms with the speed v of the joint in them. Else what the table says.
 bool is_friction(const mk_effect_info *effect, const double *values)
 {
     if (std::strcmp(effect->name, "custom") == 0)
@@ -445,6 +475,8 @@ bool same_cause(const Candidate &a, const Candidate &b)
     return term < 0 || a.value[term] == b.value[term];
 }
 
+// Of an effect with states, starts whose first parameters (a frequency) are more than a factor of
+// 1.3 apart are different ones.
 bool same_start(const Candidate &a, const Candidate &b)
 {
     bool resonance = a.effect->state_count > 0;
@@ -452,11 +484,14 @@ bool same_start(const Candidate &a, const Candidate &b)
            !(resonance && std::fabs(std::log(a.value[0] / b.value[0])) > std::log(1.3));
 }
 
+// It alone has both states and surfaces where its law switches; an end stop has no states.
 bool is_backlash(const mk_effect_info *effect)
 {
     return effect->event_count > 0 && effect->state_count > 0;
 }
 
+// The effect becomes the model's last one. Values are put into their ranges; the spread is that of
+// the parameter with own values.
 bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
 {
     out = model;
@@ -470,6 +505,10 @@ bool with_candidate(const mk_model &model, const Candidate &c, mk_model &out)
     return true;
 }
 
+// All starts of all rows, in the order of the table, then of joints. Left out is what does not
+// exist on this plant, what the model has at this joint already (terms of the library may be there
+// several times), and what does not fit into the model. An effect whose joint is optional is asked
+// for all joints together (0) and for each; on a rig with one joint for that one only.
 std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
 {
     std::vector<Candidate> all;
@@ -508,6 +547,7 @@ std::vector<Candidate> candidates(const mk_model &model, const DataRange &range)
     return all;
 }
 
+// Leaves `parameter` and `spread` as they are where there is no such place.
 bool place_set_by_hand(const mk_effect_info *effect, int &parameter, double &spread)
 {
     struct Place {
@@ -524,6 +564,8 @@ bool place_set_by_hand(const mk_effect_info *effect, int &parameter, double &spr
     return false;
 }
 
+// The place is the parameter with own values (Candidate::own) and its usual spread the one to start
+// from. Such a candidate has no slope at size 0 that would show the spread, so it is not linear.
 std::vector<Candidate> with_own_places(const std::vector<Candidate> &candidates)
 {
     constexpr double STIFFER = 5.0; // a place shows nothing where the effect is next to nothing

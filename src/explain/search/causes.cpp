@@ -43,6 +43,8 @@ namespace
 
 // The first of a ranking of extensions, catalogue before library unless the library is ahead by
 // `enough` (log likelihood).
+// Returns the place of the best hypothesis of the catalogue if it is less than `enough` behind the
+// first one, else 0. `ranked` is not empty, best first.
 size_t pick(const std::vector<Hypothesis> &ranked, double enough)
 {
     for (size_t i = 0; i < ranked.size(); i++)
@@ -66,6 +68,7 @@ bool CauseSearch::all_named() const
                         [](const Round &r) { return is_library(r.ranked[0].added.effect); });
 }
 
+// From the refitted model on. `refit` is polished first: all gains are counted from it.
 void CauseSearch::run()
 {
     search.polish(refit, true);
@@ -74,6 +77,8 @@ void CauseSearch::run()
     look_further();
 }
 
+// With the threshold at 0 gives_up() is false for any cause that gained something. Goes on beside
+// the causes that are there.
 void CauseSearch::run_to_the_end()
 {
     gives_up_below = 0.0;
@@ -91,6 +96,10 @@ void CauseSearch::look_further()
     simplify();
 }
 
+// Causes that were found by predictions become rounds. Their contenders are models with that cause
+// alone and no fit, until face_rivals() fits them beside all others. False where the model cannot
+// follow the states with less process noise than policy::FAR_FROM_DATA, or likelihood does not
+// count after the fit; then rounds are as they were, but `best` may not be.
 bool CauseSearch::go_on(const PredictionSearch &found)
 {
     const RunFit &all = found.extended();
@@ -147,11 +156,20 @@ bool CauseSearch::is_done() const
 }
 
 // What competes for the next cause, that which earns a name first; false where nothing does.
+// Up to four extensions of `best`, each asked only where the one before leaves it open:
+//     usual      all but backlash, and nothing that is slow to fit where `best` follows its data ,
+//     thorough   what is slow to fit as well, if something was found without it ,
+//     rare       at a process noise below what matters, if nothing earned a name (find_rare) ,
+//     backlash   unless what was found explains the data .
+// The last two are asked only where what is missing is not small. Where the result is true
+// ranked[0] is the choice, polished.
 bool CauseSearch::find_next(std::vector<Hypothesis> &ranked)
 {
     const double needed = rounds.empty() ? policy::ACCEPT_FIRST : policy::ACCEPT_FURTHER;
     ExtendOptions how;
     how.thorough = !near && !follows(best);
+    // Where it is small, trials and full fits begin at the process noise of `best`, not at a larger
+    // one.
     how.small = !how.thorough || (!rounds.empty() && best.process_noise <= policy::NEGLIGIBLE);
     how.least = policy::SHOWN_BY_TRIAL * needed;
     ranked = search.extend(best, how);
@@ -183,6 +201,12 @@ bool CauseSearch::find_rare(ExtendOptions how, double needed, std::vector<Hypoth
     return found;
 }
 
+// The forward search. In each turn the winner of find_next() is held against other forms of the
+// same cause (its other joint, bristles in place of dry friction, own places), becomes `best` and a
+// round, and is dropped again if the model does as well without it. What is known of models without
+// a cause is forgotten, since all others have changed. Ends where nothing gains enough, where all
+// is explained, or where likelihood gives up. The second cause is the first one that can show an
+// earlier choice to be wrong: reconsider().
 void CauseSearch::add_causes(size_t most)
 {
     bool freed = false, nearer = rounds.empty();
@@ -233,6 +257,9 @@ double CauseSearch::noise(int joint) const
 }
 
 // `judge` puts the figures of free runs in the place of likelihoods, so that L compares by them.
+// False where one of both models cannot be followed over the data of this search; there are no
+// rounds then. Afterwards rounds, carried and the effects of `best` are in the order of
+// other.causes.
 bool CauseSearch::take_over(const PredictionSearch &other)
 {
     best = refit;
@@ -265,6 +292,7 @@ bool CauseSearch::take_over(const PredictionSearch &other)
     return true;
 }
 
+// Of each cause the chosen candidate and policy::RIVALS runners-up. `best` itself does not change.
 bool CauseSearch::hand_over(PredictionSearch &other) const
 {
     std::vector<std::vector<Candidate>> ranked;
@@ -277,12 +305,16 @@ bool CauseSearch::hand_over(PredictionSearch &other) const
                       most_tried);
 }
 
+// Whether the process noise D is at most policy::FAINT.
 bool CauseSearch::likelihood_counts(const Hypothesis &h)
 {
     return h.process_noise <= policy::FAINT;
 }
 
 // The runners-up of a cause in its place, beside all others.
+// Afterwards the round has `best` first and up to policy::RIVALS rivals, each fitted in the place
+// of the cause, with all other causes there, at the process noise of `best`. Library terms, causes
+// that `best` has already, and fits that switch their rival off are left out.
 void CauseSearch::face_rivals(size_t cause)
 {
     std::vector<Hypothesis> &ranked = rounds[cause].ranked;
@@ -314,6 +346,8 @@ bool CauseSearch::has_cause(const Candidate &c) const
 
 // The first cause was chosen while another one was missing, and led to no model that follows the
 // data: what came next may have been the right one.
+// Not where `best` says nothing within a shooting interval (policy::SAYS_NOTHING), nor with
+// backlash, where every fit is slow. `first` is copied, since add_causes() may write it.
 void CauseSearch::try_runners_up()
 {
     if (rounds.empty() || follows(best) || best.process_noise >= policy::SAYS_NOTHING ||
@@ -352,6 +386,8 @@ void CauseSearch::try_runners_up()
 // A term without a name was the best of all while another cause was missing, and could stand in for
 // two. Beside the others something of the catalogue takes its place if
 //     L(named) < L(best) + policy::BETTER_THAN_CATALOGUE .
+// The last cause is left out: it was chosen with all others there. A name has to be plausible
+// beside being likely enough.
 void CauseSearch::name_terms()
 {
     bool named = false;
@@ -378,6 +414,8 @@ void CauseSearch::name_terms()
 
 // The first of a ranking takes a cause's place. It sits last in the model, and rounds follow the
 // model's order.
+// `without` is the model without the cause, from which `ranked` grew; it is what the new cause is
+// measured by.
 void CauseSearch::put_in_place(size_t cause, std::vector<Hypothesis> ranked,
                                const Hypothesis &without)
 {
@@ -392,6 +430,9 @@ void CauseSearch::put_in_place(size_t cause, std::vector<Hypothesis> ranked,
 // there, whichever is less, it stays if
 //     L_0 - L(best) >= policy::ACCEPT_FIRST   (policy::ACCEPT_FURTHER) .
 // A better start shows that the earlier fit was stuck, not that the cause is there.
+// True where the cause was dropped; best is then the model before it, fitted from the better of
+// both starts. Where the only cause is asked, and the model without it fits better from the new
+// start, that fit becomes `refit` as well.
 bool CauseSearch::idle_without_last()
 {
     Hypothesis without;
@@ -422,6 +463,8 @@ bool CauseSearch::idle_without_last()
 // A cause that stood in for what was found after it: the fit as it is, without it, does as well.
 // Where the data leave its size open, other values may have gone far off with it: then the model
 // without it is fitted from loose states.
+// At least one cause stays. The index steps back after each removal, since the causes behind it
+// move up.
 void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
@@ -438,6 +481,8 @@ void CauseSearch::drop_idle()
     }
 }
 
+// Standard error of the size over the size >= policy::OPEN_SIZE: the data hardly tell it from
+// nothing.
 bool CauseSearch::has_open_size(size_t cause) const
 {
     const int at = model.effect_count + (int)cause;
@@ -472,6 +517,8 @@ void CauseSearch::simplify()
     }
 }
 
+// Fewer parameters and no more states at the same joint; a term of the library names nothing, and
+// backlash is no simpler law of anything.
 bool CauseSearch::is_simpler(const Candidate &a, const Candidate &b)
 {
     return a.joint == b.joint && !is_library(a.effect) && !is_backlash(a.effect) &&
@@ -500,11 +547,15 @@ void CauseSearch::say_simpler(size_t cause, const Candidate &law, const Candidat
     forget_lacks();
 }
 
+// One solve from `best` at its own process noise: cheap, but near the place where the cause left
+// it.
 bool CauseSearch::fit_without(size_t cause, Hypothesis &without)
 {
     return search.refit_at(removed(cause), best, best.process_noise, without);
 }
 
+// `without` becomes `best`. The order of the other causes stays, and with it that of rounds and
+// carried; the last round is led by what is `best` now.
 void CauseSearch::shed(size_t cause, Hypothesis without)
 {
     best = std::move(without);
@@ -534,6 +585,10 @@ bool CauseSearch::follows(const Hypothesis &h) const
 }
 
 // Brings what is to be named to the front of the ranking; false if nothing there earns a name.
+// True with ranked[0] the choice: named if a name is near enough to the best, polished, not
+// switched off, and L(ranked[0]) <= L(best) - needed before it was polished. Hypotheses that
+// polishing switches off are erased; `ranked` may be empty afterwards. needed = -HUGE_VAL takes the
+// best there is.
 bool CauseSearch::choose(std::vector<Hypothesis> &ranked, double needed)
 {
     if (near)
@@ -560,6 +615,7 @@ bool CauseSearch::choose(std::vector<Hypothesis> &ranked, double needed)
 }
 
 // Backlash, where nothing else explains the data. True if it is the better choice.
+// All that came near stays in the ranking, behind the leader and sorted, so that it can be a rival.
 bool CauseSearch::consider_backlash(std::vector<Hypothesis> &ranked, double needed)
 {
     ExtendOptions how;
@@ -591,6 +647,9 @@ bool CauseSearch::consider_backlash(std::vector<Hypothesis> &ranked, double need
 // The likelihood of backlash's width has many optima: one for each width at which as many of the
 // strokes across it are met. Where the readings are not met, others are tried from there, with what
 // the starts of the same backlash hold fixed.
+// Tried are all pairs of a factor on the width as found and a drag of the starts, except the one
+// that is there. A better fit (by policy::ACCEPT_FIRST) is what the next pairs are fitted from, but
+// widths stay multiples of the one that was found first.
 void CauseSearch::consider_other_widths(Hypothesis &backlash)
 {
     constexpr double FACTORS[] = {1.0, 3.0, 10.0, 1.0 / 3.0};
@@ -625,6 +684,8 @@ void CauseSearch::consider_other_widths(Hypothesis &backlash)
 
 // A shake was looked for at each joint with frequencies some way apart: once one is found, it may
 // be the other equation's.
+// Only a wave in time of a rig with two joints. The same wave at the other joint starts from the
+// values that were found, and leads if its L is less.
 void CauseSearch::consider_other_joint(std::vector<Hypothesis> &ranked)
 {
     if (ranked.empty() || mk_model_joints(&model) != 2)
@@ -652,6 +713,8 @@ void CauseSearch::consider_other_joint(std::vector<Hypothesis> &ranked)
 
 // Dry friction comes to its level at once; bristles that are too soft do not, and start again from
 // where it is.
+// Requires a ranking that is not empty. What was dry friction stays in the ranking, behind the
+// bristles if they are likelier; other starts of bristles are erased from it.
 void CauseSearch::consider_bristles(std::vector<Hypothesis> &ranked)
 {
     const Candidate dry = ranked[0].added;
@@ -686,6 +749,9 @@ void CauseSearch::consider_bristles(std::vector<Hypothesis> &ranked)
 }
 
 // What is put up by hand before each log is not at the same place in all of them.
+// The place gets a spread (ident/fit_own.cpp). It is kept if the likelihood asks for it and the
+// places differ by more than they are uncertain (differ, log_values.cpp); the last effect is the
+// latest cause.
 void CauseSearch::consider_own_places(std::vector<Hypothesis> &ranked)
 {
     mk_model own;
@@ -741,6 +807,8 @@ std::vector<Hypothesis> CauseSearch::led_by(const Candidate &cause,
 // without it and L_rival the best of those,
 //     L_less < min(L_rival, L(best)) + policy::ACCEPT_FIRST   the cause is not needed any more ,
 //     L_rival < L(best)                               the rival takes its place .
+// What takes a cause's place may be any cause that competed in any round, refitted from the model
+// without it; nothing that was never asked. The last cause was chosen with all others there.
 void CauseSearch::reconsider()
 {
     for (size_t i = 0; i + 1 < rounds.size(); i++) {
@@ -790,6 +858,7 @@ mk_model CauseSearch::removed(size_t cause) const
 // What a model lacks takes no more process noise than the model without any cause does. One that
 // ends further from the data than that model was stuck on its way from the best one's values, and
 // is fitted anew from that model's.
+// `without` is the better of the fits that were made. False where none could be.
 bool CauseSearch::remove(size_t cause, Hypothesis &without)
 {
     mk_model less = removed(cause);
@@ -824,6 +893,7 @@ Lack CauseSearch::without(size_t cause)
 }
 
 // A rival that got lost on its way starts again from where the best one ended.
+// Requires one round, whose cause is the last effect of both models. A worse fit changes nothing.
 void CauseSearch::warm_start(Hypothesis &rival)
 {
     mk_model m = best.point.model;
@@ -836,6 +906,8 @@ void CauseSearch::warm_start(Hypothesis &rival)
     rival = std::move(again);
 }
 
+// The first three rivals of each round; the best one had this care when it was chosen. Afterwards
+// the rivals are sorted, and of a single cause a rival that is clearly likelier leads.
 void CauseSearch::polish_rivals()
 {
     // Log likelihood behind the best within which a rival is polished, and within which its process

@@ -42,6 +42,7 @@ constexpr Group groups[] = {
     {"torque-scale", "ratio", false, 0.05},
 };
 
+// `joint` is 1-based; 0 of an effect of the rig.
 bool has(const mk_model &m, const mk_effect_info *effect, int joint)
 {
     for (int e = 0; e < m.effect_count; e++)
@@ -75,6 +76,9 @@ std::vector<Candidate> members(const Group &group, const mk_model &model)
     return all;
 }
 
+// The model with all of `added`, with a spread of their own (`own`: each log has its value) or
+// without (one value for all logs). Values begin at 0, clamped to the parameter's range. False
+// where they do not all fit in.
 bool with_members(const mk_model &model, const std::vector<Candidate> &added, bool own,
                   mk_model &out)
 {
@@ -89,6 +93,8 @@ bool with_members(const mk_model &model, const std::vector<Candidate> &added, bo
 }
 
 // Which effect of a model the parameter with this number belongs to.
+// Requires the number of an effect's parameter: numbers count the plant's parameters first, then
+// those of the effects in order (mechkit/ident.h).
 int effect_of(const mk_model &m, int number)
 {
     int e = 0;
@@ -99,6 +105,8 @@ int effect_of(const mk_model &m, int number)
 }
 
 // The least spread that has a physical size.
+// SPREAD_NO_SIZE times the spread that is usual in its group, or at a place that is set by hand; 0
+// for any other effect.
 double least_spread(const mk_effect_info *effect)
 {
     for (const Group &group : groups)
@@ -111,6 +119,9 @@ double least_spread(const mk_effect_info *effect)
 
 } // namespace
 
+// By effect of the model. An effect's error is the largest standard error of its values, so that
+// one log that says little of its value counts against the whole. All false where the quadratic
+// model cannot be made.
 std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
                          const FitOptions &options)
 {
@@ -152,6 +163,8 @@ bool with_own_place(const mk_model &model, mk_model &out)
 // Asks for values of their own in every log of `added`, beside what was found, and takes them into
 // `out` where they predict second halves better. True where only some of them differ: `added` are
 // those then.
+// Three stages, cheapest first: the gain of both fits; which members differ, by their spreads and
+// errors; free runs over second halves. A failed fit accepts nothing.
 static bool ask_group(const mk_model &given, const HeldOut &halves, Search &search,
                       std::vector<Candidate> &added, LogValues &out)
 {
@@ -167,6 +180,7 @@ static bool ask_group(const mk_model &given, const HeldOut &halves, Search &sear
     const double gain = one.penalised_nlml - own.penalised_nlml;
     if (gain < policy::ACCEPT_FIRST)
         return false;
+    // The members are the last effects of the model, in the order of `added`.
     const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
     const size_t first = keep.size() - added.size();
     std::vector<Candidate> fewer;
@@ -202,6 +216,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
     // The logs as held out: own values from first halves, errors of second halves.
     const HeldOut halves(logs, window_s, true, search.settings().threads);
     for (const Group &group : groups) {
+        // A later group is asked beside those that were accepted before it.
         std::vector<Candidate> added = members(group, out.model);
         // Members whose values do not differ leave the group; the others are asked once more
         // without them.
@@ -211,6 +226,7 @@ LogValues find_log_values(const mk_model &given, const std::vector<const mk_log 
     return out;
 }
 
+// A cause that is found later may be what made a value differ: `best` has both, fitted together.
 std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesis &best,
                                         const std::vector<const FitLog *> &training,
                                         const FitOptions &options)
@@ -226,6 +242,8 @@ std::vector<LogValue> that_still_differ(const LogValues &values, const Hypothesi
     return left;
 }
 
+// Takes them as they are: none of the three conditions is asked. Where the fit fails nothing is
+// found, and the result is that of the refitted model.
 LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &found, Search &search,
                           const Hypothesis &refit)
 {
@@ -275,6 +293,8 @@ static double held_off(const mk_model &m, int joint)
     mk_plant_inverse_dynamics(&m, q, still, still, a);
     q[joint] -= 2.0 * SIDE;
     mk_plant_inverse_dynamics(&m, q, still, still, b);
+    // Inverse dynamics at rest give the torque that holds the rig there, G_j(q). K is in N m/rad,
+    // or N/m of a joint that slides.
     const double stiffness = (a[joint] - b[joint]) / (2.0 * SIDE);
     // F: Coulomb friction of the plant's motor joint, its last parameter, and the levels of dry
     // friction among the effects.
@@ -337,11 +357,14 @@ void describe_log_values(const LogValues &values, const Hypothesis &best,
     for (double &d : fit.options.process_noise)
         d = best.process_noise;
     const std::vector<int> free = fitted_parameters(m);
+    // Covariance and own values are those of a quadratic model of the point, at the process noise
+    // that it was fitted with; nothing is fitted here.
     const QuadraticModel quadratic = fit.quadratic(best.point, free);
     if (!quadratic.finite)
         return;
     const Eigen::MatrixXd cov = Fit::covariance(m, quadratic, free);
     const std::vector<OwnValue> own = fit.own_values(best.point, quadratic);
+    // Number of the first parameter of effect e. A parameter that is not fitted has no error: NaN.
     int number = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);

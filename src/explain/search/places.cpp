@@ -29,6 +29,7 @@ namespace
 {
 
 // The parameter of an effect that is its phase; -1: it has none.
+// MK_FIT_ANGLE marks a phase: 2 pi periodic, of an amplitude.
 int phase_of(const mk_effect_info *effect)
 {
     for (int k = 0; k < effect->parameter_count; k++)
@@ -37,6 +38,7 @@ int phase_of(const mk_effect_info *effect)
     return -1;
 }
 
+// n of a candidate: its parameter that is a whole number; 1 for an effect that has none.
 double cycles_of(const Candidate &c)
 {
     for (int k = 0; k < c.effect->parameter_count; k++)
@@ -45,8 +47,14 @@ double cycles_of(const Candidate &c)
     return 1.0;
 }
 
-// Whether the model moves the same wherever the joint is, and reads so much more: looked at in a
-// few states.
+// Whether the law does not depend on where the joint is. With x(q, v) the rig's state and e the
+// joint's unit vector, asked is for turns d of 0.4, 1.3 and 2.9 rad (or as much of a joint that
+// slides) whether
+//     f(x(q + d e, v), u) = f(x(q, v), u)      every derivative of the state, to SAME ,
+//     h(x(q + d e, v)) = h(x(q, v)) + d        the joint's reading .
+// The one state that is looked at has unlike angles, speeds and a command of PUSH times the
+// largest, so that no term is 0 by symmetry. Effects of the model count: one that depends on the
+// angle, as a cable, makes the place matter.
 bool place_is_free(const mk_model &m, int joint)
 {
     constexpr double SAME = 1e-9, PUSH = 0.3;
@@ -75,12 +83,19 @@ bool place_is_free(const mk_model &m, int joint)
 }
 
 // One log by itself.
+//
+// `refit` is the shared model with its states, noise and process noise fitted to this log alone.
+// Amplitude (in the unit of the candidate's size, never negative), phase and its standard error
+// (rad) are those of what repeats, after measure(). Each stage returns false where it fails, and
+// the log is then of no use: find_places() finds nothing.
 struct OneLog {
     std::vector<FitLog> pieces;
     std::unique_ptr<Search> search;
     Hypothesis refit;
     double amplitude = 0.0, phase = 0.0, phase_error = 0.0;
 
+    // The first PLACE_ASKED_S seconds of what is between holes, from the first half of the rows if
+    // `half`: second halves of logs that are held back are for judging.
     bool load(const mk_log &log, const mk_model &model, bool half)
     {
         mk_record record;
@@ -97,6 +112,8 @@ struct OneLog {
     }
     // The refitted model follows the log with states and process noise of its own; what each cause
     // promises beyond it.
+    // The promise of a cause is the gain in log likelihood that its slope shows, after the penalty
+    // (Search::promises); no fit is made for it.
     bool ask(const Hypothesis &shared, const SearchOptions &options,
              const std::vector<Candidate> &asked, std::vector<double> &promise)
     {
@@ -110,6 +127,9 @@ struct OneLog {
         return true;
     }
     // Amplitude and phase of what repeats, in a full fit.
+    // A negative size is a positive one half a period on: A sin(x) = -A sin(x + pi). The error
+    // comes from the covariance of all fitted parameters, so that what the phase shares with them
+    // is in it.
     bool measure(const Candidate &by)
     {
         const std::vector<Candidate> only = {by};
@@ -135,6 +155,8 @@ struct OneLog {
 };
 
 // Causes that repeat with the angle of the joint.
+// An effect without a joint, as a ripple of the motor's torque, is one of the motor joint. Only
+// linear candidates can be asked by their slope. Terms of the library name nothing.
 std::vector<Candidate> that_repeat(const std::vector<Candidate> &all, const mk_model &m, int joint)
 {
     std::vector<Candidate> some;
@@ -147,8 +169,10 @@ std::vector<Candidate> that_repeat(const std::vector<Candidate> &all, const mk_m
     return some;
 }
 
-// Those of `asked` that promise enough in a log, and nearly as much as any; `together`: what each
-// has promised in the logs to learn from so far.
+// Keeps of `asked`, in place, those that promise more than ACCEPT_FIRST in a log and at least
+// PLACE_NEAR_THE_BEST of the most that any promises there. together[i] is the sum of the promises
+// of asked[i] over the logs to learn from so far (`learned`: this is one); both stay of one length.
+// What is left after all logs showed in every one.
 void keep_promising(const std::vector<double> &promise, bool learned, std::vector<Candidate> &asked,
                     std::vector<double> &together)
 {
@@ -165,6 +189,7 @@ void keep_promising(const std::vector<double> &promise, bool learned, std::vecto
     together.resize(kept);
 }
 
+// One rig has one amplitude: the largest of all logs is less than ALIKE times the least.
 bool alike(const std::vector<OneLog> &logs)
 {
     const auto [least, most] =
@@ -174,7 +199,11 @@ bool alike(const std::vector<OneLog> &logs)
     return most->amplitude < policy::ALIKE * least->amplitude;
 }
 
-// The shift of a log, and whether it is one: more than a count, and sure.
+// The shift of a log against the first one, and its standard error:
+//     shift = (phi - phi_1) / n   within half a period, +-pi / n ,
+//     error = sqrt(error_phi^2 + error_phi_1^2) / n .
+// `moved` is set where it is more than a count and PLACE_SIGNIFICANT errors: less than that is the
+// same zero. All logs having the same zero, there is nothing to find.
 Place place_of(const OneLog &log, const OneLog &first, double cycles, double count, bool &moved)
 {
     const double error = std::hypot(log.phase_error, first.phase_error) / cycles;
@@ -183,6 +212,9 @@ Place place_of(const OneLog &log, const OneLog &first, double cycles, double cou
     return {shift, error};
 }
 
+// Looks at one joint after another. `refit` is the fit to all logs to learn from and `all` what
+// could be added to its model. Logs are numbered through: those to learn from, then those held
+// back.
 class Finder
 {
   public:
@@ -192,6 +224,10 @@ class Finder
           model(refit_in.point.model), all(search_in.candidates_of(refit_in.point.model))
     {
     }
+    // In turn: which candidates show in every log (each log leaves fewer to ask the next one
+    // about); the one that promises most over the logs to learn from; its amplitude and phase in
+    // every log; the shifts. True, and `out` filled, where some log has moved, amplitudes are alike
+    // and no common cause promises as much.
     bool at(int joint, Places &out)
     {
         std::vector<Candidate> asked = that_repeat(all, model, joint);
@@ -231,6 +267,8 @@ class Finder
     const std::vector<Candidate> all;
     std::vector<OneLog> logs;
 
+    // Of a log that is held back, and of the last one to learn from where none is, the first half
+    // is asked.
     bool ask(size_t l, std::vector<Candidate> &asked, std::vector<double> &together)
     {
         std::vector<double> promise;
@@ -244,6 +282,8 @@ class Finder
         return true;
     }
     // Whether it promises more, log by log, than any cause that is common to all logs.
+    // Let loose in every log, a law has more freedom than one that all logs share. So `apart`, the
+    // sum of its promises, must be ahead of the best common one by ACCEPT_FIRST.
     bool says_most(double apart)
     {
         const std::vector<double> common = search.promises(refit, all);
@@ -253,6 +293,8 @@ class Finder
 
 } // namespace
 
+// Ends with the first joint at which something is found. Neither `search` nor `refit` is changed
+// but for the search's work; the fits of single logs are their own searches.
 Places find_places(const std::vector<const mk_log *> &learn,
                    const std::vector<const mk_log *> &held, Search &search, const Hypothesis &refit)
 {
@@ -266,6 +308,8 @@ Places find_places(const std::vector<const mk_log *> &learn,
     return out;
 }
 
+// After it all logs read as if zeroed where the first was: q <- q + z_l - z_1. `joint` is 1-based,
+// places[l] belongs to logs[l].
 std::vector<OwnedLog> put_in_place(const std::vector<const mk_log *> &logs, int joint,
                                    const std::vector<Place> &places)
 {
@@ -282,6 +326,8 @@ std::vector<OwnedLog> put_in_place(const std::vector<const mk_log *> &logs, int 
     return out;
 }
 
+// Logs to learn from come first; told.learned counts them. Logs beyond MK_MAX_PLACES are not told
+// of.
 void describe_places(const Places &places, mk_explanation &out)
 {
     mk_places &told = out.places;

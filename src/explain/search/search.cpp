@@ -40,6 +40,8 @@ constexpr double LOST_SHARE = 0.3;
 
 } // namespace
 
+// N is counted once: sum of w^2 over all readings of the data, the same for all hypotheses, so that
+// their penalties compare.
 Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options_in)
     : logs(std::move(logs_in)), options(options_in)
 {
@@ -57,6 +59,7 @@ bool Search::several_logs() const
                        [&](const FitLog *log) { return log->source != logs[0]->source; });
 }
 
+// Once true, `cancelled` stays true. May be called from any thread.
 bool Search::tick(double done, const char *what)
 {
     std::lock_guard<std::mutex> lock(talk);
@@ -89,6 +92,9 @@ double Search::penalised(const QuadraticModel &quadratic, const mk_model &model,
     return quadratic.nlml + penalty(free + (int)own_parameters(model).size());
 }
 
+// Continuation over the process noise from `first` down to TIGHTEST
+// (Fit::continue_over_process_noise). False, with `out` of no use, where no process noise has a
+// minimum. Ranges of the data, from which candidates start, are taken anew for the model.
 bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &out,
                    double process_noise)
 {
@@ -112,6 +118,8 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
     return true;
 }
 
+// One solve at one process noise: cheap, and comparable with `from` only where that was fitted at
+// the same one. False where it fails.
 bool Search::refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
                       Hypothesis &out)
 {
@@ -130,6 +138,9 @@ bool Search::refit_at(const mk_model &model, const Hypothesis &from, double proc
 
 // No parameter is free: states, noise and process noise alone. The process noise falls by threes
 // from `most` as long as nlml falls with it.
+// `out` has the point of least nlml. Its penalised nlml is not set: free_count is that of the
+// model, but nothing was fitted that a penalty would be for. False where already the first process
+// noise cannot be solved.
 bool Search::follow(const mk_model &model, const Hypothesis *from, double most, Hypothesis &out)
 {
     FitOptions o = fit_options();
@@ -153,6 +164,7 @@ bool Search::follow(const mk_model &model, const Hypothesis *from, double most, 
     return any;
 }
 
+// The penalised nlml of h rises by EVEN (below) at most: other results are not taken.
 void Search::polish(Hypothesis &h, bool process_noise_too)
 {
     FitOptions o = fit_options();
@@ -231,6 +243,8 @@ bool Search::worth_trying(const std::vector<Candidate> &all, size_t i, const Ext
     return how.only || how.thorough || (first && all[i].effect->state_count == 0);
 }
 
+// Of a trial: one thread, since trials run side by side; a tolerance of 0.3 in log likelihood,
+// below any threshold that its gain is held against.
 FitOptions Search::trial_options(double process_noise) const
 {
     FitOptions loose = fit_options();
@@ -242,6 +256,7 @@ FitOptions Search::trial_options(double process_noise) const
     return loose;
 }
 
+// No fit but that of the base at its minimum (screen, trials.cpp).
 std::vector<double> Search::promises(const Hypothesis &base, const std::vector<Candidate> &some)
 {
     const FitOptions loose = trial_options(std::max(base.process_noise, TRIAL_NOISE));
@@ -250,6 +265,9 @@ std::vector<double> Search::promises(const Hypothesis &base, const std::vector<C
     return gain;
 }
 
+// The four stages of the head. Gains are in log likelihood, after the penalty, at the process noise
+// of `loose`. Backlash has a search of its own (try_backlash) and meets the others in the full
+// fits.
 std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptions &how)
 {
     const std::vector<Candidate> all = candidates_for(base, how);
@@ -278,6 +296,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
                    worth_a_full_fit(trials, how));
 }
 
+// `only`: those, whatever kind they are, and none of them by its slope: all are tried.
 std::vector<Candidate> Search::candidates_for(const Hypothesis &base,
                                               const ExtendOptions &how) const
 {
@@ -317,6 +336,9 @@ static std::vector<size_t> by_promise(const std::vector<double> &gain)
 
 // Linear candidates by what their slope promises, the best start of each, the most promising first;
 // and all others.
+// Three classes have room of their own: 0, effects of the catalogue; 1, terms of the library; 2,
+// effects with states. A resonance that promises less than what is asked for is left out where what
+// is missing is small. Candidates that are not linear have no promise; worth_trying() chooses them.
 std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
                                           const std::vector<double> &gain,
                                           const ExtendOptions &how) const
@@ -347,6 +369,9 @@ std::vector<size_t> Search::worth_a_trial(const std::vector<Candidate> &all,
 
 // The trials that came furthest, best first, one for each start: no more than options.full_fits,
 // and of terms of the library no more than MOST_TERMS.
+// A few iterations from a start far off do not show everything: a trial that is BEHIND the base is
+// left out from the third one on only. Where what is missing is small (`how.small`) it has to have
+// gained how.least. One that lost LOST_SHARE a reading is left out in any case.
 std::vector<Search::Trial> Search::worth_a_full_fit(std::vector<Trial> &trials,
                                                     const ExtendOptions &how) const
 {
@@ -395,6 +420,8 @@ bool Search::complete(const Hypothesis &h) const
            beyond_scatter(logs, h.point.noise) < MORE;
 }
 
+// One interval a log has one node, whose state and the parameters are all that the trajectory of
+// the whole log depends on: a fit that is near the scatter there misses nothing that shows.
 bool Search::meets_readings(const Hypothesis &h) const
 {
     constexpr double MORE = 1.5;
@@ -417,6 +444,10 @@ bool Search::discredited(const Hypothesis &h)
 }
 
 // Whether shape k of a cause, the model's last effect, is within FAR times the range of its starts.
+// Of the shape s_k and the range [low, high] of its starts, true if
+//     low / FAR <= s_k <= high FAR ,   s_k / |size| in the place of s_k if both scale with torque .
+// A centre (MK_FIT_CENTRE) is held against AWAY. What is fixed, whole numbers, phases, and shapes
+// of either sign have no order of magnitude: true.
 static bool is_near_starts(const mk_model &model, const Candidate &cause, int k,
                            const std::vector<Candidate> &starts)
 {

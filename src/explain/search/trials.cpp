@@ -53,6 +53,8 @@ FitPoint with_states(const FitPoint &from, const mk_model &model)
 
 // Numbers of linear candidates that share a model, each next to nothing. One with states is looked
 // at alone.
+// One model with six candidates costs one shooting with the columns of all six. A state of its own
+// would make all of them carry more columns.
 static std::vector<std::vector<size_t>> linear_groups(const std::vector<Candidate> &all)
 {
     constexpr size_t TOGETHER = 6;
@@ -72,6 +74,9 @@ static std::vector<std::vector<size_t>> linear_groups(const std::vector<Candidat
 // A model with so little of each candidate of a group that the trajectory stays where it is: the
 // cost changes by less than SAME_COST. Not with nothing of it, where a derivative by the shape
 // would be 0 as well. False where there is none.
+// On success `members` are the candidates that fit into the model, in its order, `free` its fitted
+// parameters, the base's first, and `quadratic` is about the base's states with those of the
+// candidates at rest. Shares of the candidates' sizes are tried from 1e-3 down by factors of 1e-3.
 bool Search::Slope::find(const Hypothesis &base, const std::vector<Candidate> &all,
                          const std::vector<size_t> &group, Fit &fit)
 {
@@ -121,6 +126,8 @@ void Search::screen(const Hypothesis &base, const FitOptions &loose,
         spent[g] = fit.work_done;
         if (!found)
             return;
+        // Number of the first parameter of member k: members follow the base in the order of the
+        // model.
         int first = mk_model_parameter_count(&base.point.model);
         for (size_t k : slope.members) {
             const int count = all[k].effect->parameter_count;
@@ -180,6 +187,9 @@ std::vector<int> Search::without_shape(std::vector<int> free, const mk_model &mo
 }
 
 // A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.
+// False, with a gain of -infinity, where the candidate does not fit in or the fit fails. Else
+// `trial` has the point and
+//     gain = cost(base) - cost(trial) - k/2 log N .
 bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                      Trial &trial)
 {
@@ -253,6 +263,8 @@ void Search::thin_out(std::vector<Trial> &trials)
 }
 
 // All starts: those that have others beside them first for little, the promising ones for more.
+// Trials are in another order afterwards, and those that thin_out() gave up are gone; their work is
+// counted. Gains are of QUICK_ITERATIONS, whether a start had FIRST_ITERATIONS before or not.
 void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials)
 {
     for (Trial &t : trials)
