@@ -237,6 +237,31 @@ START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 }
 END_TEST
 
+// Likelihood goes on from a cause that predictions found, and finds nothing more: what came next
+// there is fitted in its place before the two are compared.
+START_TEST(a_runner_up_of_predictions_leads_only_where_it_is_likelier)
+{
+    Learning learning({COGGING});
+    ck_assert_uint_eq(learning.found->causes.size(), 1);
+    const mk_model &all = learning.found->extended().point.model;
+    mk::PredictionSearch kept(*learning.search, *learning.runs, learning.model);
+    const mk::Candidate rival =
+        learning.search->starts(learning.model, "viscous-asymmetry", 1).front();
+    ck_assert(kept.take(all, all.effect, {{learning.found->causes[0].cause, rival}}, 1));
+    mk::Hypothesis refit;
+    ck_assert(learning.search->refit(learning.model, nullptr, refit));
+    mk::CauseSearch causes(learning.model, *learning.search, refit);
+    ck_assert(causes.go_on(kept));
+    causes.polish_rivals();
+    ck_assert_uint_eq(causes.rounds.size(), 1);
+    const std::vector<mk::Hypothesis> &ranked = causes.rounds[0].ranked;
+    ck_assert_str_eq(ranked[0].added.effect->name, "cogging");
+    ck_assert_double_eq(ranked[0].penalised_nlml, causes.best.penalised_nlml);
+    for (size_t i = 1; i < ranked.size(); i++)
+        ck_assert_double_gt(ranked[i].penalised_nlml, ranked[0].penalised_nlml);
+}
+END_TEST
+
 START_TEST(where_a_search_starts_follows_from_its_data_before_any_fit)
 {
     const OneLog one({});
@@ -266,6 +291,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, a_search_that_is_stopped_finds_nothing);
     tcase_add_test(t, the_size_of_what_is_not_there_is_open);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
+    tcase_add_test(t, a_runner_up_of_predictions_leads_only_where_it_is_likelier);
     tcase_add_test(t, where_a_search_starts_follows_from_its_data_before_any_fit);
     suite_add_tcase(s, t);
     return s;

@@ -128,7 +128,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     add_causes(policy::MOST_FURTHER_CAUSES);
     drop_idle();
     simplify();
-    for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++)
+    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
         face_rivals(i);
     return true;
 }
