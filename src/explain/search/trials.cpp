@@ -318,7 +318,7 @@ void Search::try_backlash(const Hypothesis &start, const FitOptions &loose,
     BacklashSearch search(logs, loose, start.point, std::min(start.quadratic.nlml, how.acceptance));
     search.afresh = how.afresh;
     for (BacklashFit &fit : search.run(backlashes, options.threads, [&](double done) {
-             return tick(0.3 + 0.4 * done, "trying play");
+             return tick(0.3 + 0.4 * done, "trying backlash");
          })) {
         Trial t;
         t.candidate = fit.start;
