@@ -81,8 +81,8 @@ bool riccati_by_schur(const Problem &s, Matrix &p)
             move_up(t, u, i, stable++, nullptr);
     if (stable != n)
         return false;
-    Matrix raw =
-        solve_real(u.topLeftCorner(n, n).transpose(), u.bottomLeftCorner(n, n).transpose());
+    const CMatrix x = u.topLeftCorner(n, n).transpose(), y = u.bottomLeftCorner(n, n).transpose();
+    Matrix raw = mk::design::solve(x, y).real();
     p = 0.5 * (raw + raw.transpose());
     return p.allFinite();
 }

@@ -69,13 +69,10 @@ enum mk_status mk_design_ackermann(int n, const double *a_in, const double *b_in
         Vector last = Vector::Unit(n, n - 1) / size(n - 1);
         Vector first = mk::dense::solve(q.transpose(), last);
         // phi(A) factor by factor; conjugate factors make the product real.
-        CVector row = first.cast<Complex>(), next(n);
-        for (int i = 0; i < n; i++) {
-            for (int j = 0; j < n; j++)
-                next(j) = row.cwiseProduct(a.col(j)).sum();
-            row = next - Complex(re[i], im[i]) * row;
-        }
-        Matrix gain = row.real().transpose();
+        CMatrix row = first.transpose().cast<Complex>(), ac = a.cast<Complex>();
+        for (int i = 0; i < n; i++)
+            row = (row * ac - Complex(re[i], im[i]) * row).eval();
+        Matrix gain = row.real();
         if (!gain.allFinite())
             return mk_error_set(err, MK_ERR_NUMERIC,
                                 "the controllability matrix is too near singular");
@@ -103,9 +100,7 @@ enum mk_status mk_design_place(int n, const double *a_in, const double *b_in, co
         enum mk_status reached = check_reach(a, input, t.diagonal(), err);
         if (reached != MK_OK)
             return reached;
-        CVector b(n);
-        for (int i = 0; i < n; i++)
-            b(i) = u.col(i).conjugate().cwiseProduct(input.col(0)).sum();
+        CVector b = u.adjoint() * input.cast<Complex>();
         CMatrix gain = CMatrix::Zero(1, n);
         for (int i = 0; i < n; i++) {
             Complex shift = (t(n - 1, n - 1) - Complex(re[i], im[i])) / b(n - 1);

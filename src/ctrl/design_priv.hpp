@@ -49,7 +49,7 @@ enum mk_status guarded(mk_error *err, F &&f)
 enum mk_status check_system(int n, const double *a, const double *b, mk_error *err);
 
 CVector eigenvalues(const Matrix &a);
-Vector singular_values(const CMatrix &m); // of a square matrix
+Vector singular_values(const CMatrix &m);
 
 // exp(A) by scaling and squaring of a Pade approximant (N. J. Higham 2005).
 Matrix exponential(const Matrix &a);
@@ -57,8 +57,8 @@ Matrix exponential(const Matrix &a);
 // A = U T U* with T upper triangular; false when it does not converge.
 bool schur_form(const Matrix &a, CMatrix &t, CMatrix &u);
 
-// The real part of x of a x = b.
-Matrix solve_real(const CMatrix &a, const CMatrix &b);
+// x of a x = b, by LU with partial pivoting.
+CMatrix solve(const CMatrix &a, const CMatrix &b);
 
 // Moves the eigenvalue at `from` up to `to` in a Schur form; those between slide down by one.
 // `extra`, if any, is a vector in the coordinates of U.
