@@ -218,6 +218,13 @@ START_TEST(a_figure_of_the_bench_that_scatters_is_not_told)
     ck_assert_msg(strstr(said, "cannot be told"), "%s", said);
     ck_assert_msg(strstr(said, "[None, None]"), "%s", said);
     ck_assert_msg(strstr(said, "3.00"), "%s", said);
+    /* Programs that did not take turns have no rounds in common. */
+    python("import harness\n"
+           "own = {'beside': ['a'], 'ms': None, 'rounds_ms': [1.0, 2.0, 2.0]}\n"
+           "other = {'beside': ['b'], 'ms': 3.0, 'rounds_ms': [3.0, 6.0, 6.0]}\n"
+           "print(harness.ratio(other, own), harness.ratio(other, dict(own, ms=2.0)))\n",
+           said, sizeof said);
+    ck_assert_msg(strstr(said, "None 1.5"), "%s", said);
     /* A quiet one tells both. */
     python("import harness\n"
            "harness.seconds_of = lambda run, level: 1e-3 * run(level)\n"

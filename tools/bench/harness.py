@@ -90,15 +90,20 @@ def measure(programs, error=None, target=None):
         times = [1e3 * s for s in best["times"][name]]
         quiet = scatter(times) <= MOST_SCATTER
         rows[name] = {"ms": statistics.median(times) if quiet else None, "scatter": scatter(times),
-                      "rounds_ms": times, "level": level, "error": off, "note": programs[name].note}
+                      "rounds_ms": times, "beside": sorted(settings), "level": level, "error": off,
+                      "note": programs[name].note}
     return rows
 
 
 def ratio(row, ours):
-    """How many times as long as ours, round by round: the median, or None where that scatters too
-    much. A machine that changes its pace between rounds leaves it alone."""
-    ratios = [a / b for a, b in zip(row["rounds_ms"], ours["rounds_ms"])]
-    return statistics.median(ratios) if scatter(ratios) <= MOST_SCATTER else None
+    """How many times as long as ours. Of programs that took turns, round by round: the median, or None
+    where that scatters too much; a machine that changes its pace between rounds leaves it alone. Of
+    others, of their medians, or None where one of these is not told."""
+    if row["beside"] == ours["beside"]:
+        ratios = [a / b for a, b in zip(row["rounds_ms"], ours["rounds_ms"])]
+        return statistics.median(ratios) if scatter(ratios) <= MOST_SCATTER else None
+    told = row["ms"] is not None and ours["ms"] is not None
+    return row["ms"] / ours["ms"] if told else None
 
 
 def cell(value, form, width):
