@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "mechkit/ident.h"
+#include "sim/effect_memory.hpp"
 #include "support/cases.hpp"
 
 namespace
@@ -243,6 +244,79 @@ START_TEST(what_an_effect_remembers_comes_from_all_readings_before_the_window)
 }
 END_TEST
 
+// Two cables, so that the memory has two states that do not know of each other, and a model that
+// lacks something. Central differences of the memory itself, each found from rest.
+START_TEST(what_an_effect_remembers_has_the_derivatives_of_its_differences)
+{
+    const truth::OwnedLog log = record({DRAG}, 52);
+    mk_model m;
+    mk_record r;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    for (int e = 0; e < 2; e++) {
+        ck_assert_int_eq(mk_model_add_effect(&m, "cable-hysteresis", 1, nullptr), MK_OK);
+        m.effect[e].value[0] = 0.05;
+        m.effect[e].value[1] = e ? 0.3 : 0.9;
+    }
+    ck_assert_int_eq(mk_record_from_log(log.get(), &m, &r, nullptr), MK_OK);
+    const std::vector<int> parameters = mk::fitted_parameters(m);
+    const std::vector<double> units(parameters.size(), 1.0);
+    const std::shared_ptr<const mk::Way> way = mk::way_of(r, m);
+    const auto memory_of = [&](const mk_model &model, const std::vector<int> &by) {
+        std::unique_ptr<mk_start_finder> finder = mk::basic_finder(r, model);
+        finder->way = way;
+        mk::remember(*finder, by, std::vector<double>(by.size(), 1.0));
+        return finder->memory;
+    };
+    const mk::Memory at = memory_of(m, parameters);
+    const long p = (long)parameters.size(), places = at.z.cols();
+    for (long i = 0; i < p; i++) {
+        const int number = parameters[(size_t)i];
+        const double step = 1e-3 * std::max(std::fabs(mk_model_parameter(&m, number)), 0.01);
+        mk_model less = m, more = m;
+        mk_model_set_parameter(&less, number, mk_model_parameter(&m, number) - step);
+        mk_model_set_parameter(&more, number, mk_model_parameter(&m, number) + step);
+        const Eigen::MatrixXd differences =
+            (memory_of(more, {}).z - memory_of(less, {}).z) / (2.0 * step);
+        double worst = 0.0;
+        for (long k = 0; k < places; k++)
+            worst = std::max(worst, (at.slope.col(p * k + i) - differences.col(k)).norm());
+        const double most = differences.colwise().norm().maxCoeff();
+        ck_assert_msg(worst < 0.02 * most + 1e-9, "parameter %d: off by %g of %g", number, worst,
+                      most);
+    }
+}
+END_TEST
+
+// A cable whose yield is wrong: where a window begins the cable has a past, which changes with the
+// yield. The slope of the cost by the yield counts that in; central differences, with start states
+// settled at each yield, do not know of slopes.
+START_TEST(the_slope_of_the_cost_counts_in_what_effects_remember)
+{
+    constexpr double YIELD = 0.8, STEP = 0.04;
+    const truth::Effect cable = {"cable-hysteresis", 1, {{"stiffness", 0.05}, {"yield", 0.4}}};
+    const Runs given({cable});
+    mk_model m = given.model;
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-hysteresis", 1, nullptr), MK_OK);
+    m.effect[0].value[0] = 0.05;
+    mk::FreeRuns runs(given.folds, m, WINDOW, 1);
+    const std::vector<int> yield = {mk_model_parameter_count(&m) - 1};
+    double cost[3], slope = 0.0;
+    for (int i = 0; i < 3; i++) {
+        m.effect[0].value[1] = YIELD + (i - 1) * STEP;
+        mk::RunPoint point = runs.start(m);
+        mk::RunQuadraticModel quadratic;
+        ck_assert(runs.minimise(point, yield, 0, 1, quadratic));
+        cost[i] = point.cost;
+        if (i == 1)
+            slope = -runs.information(point, quadratic).gradient(0) /
+                    mk::Fit::scale_of(point.model, yield[0]);
+    }
+    const double difference = (cost[2] - cost[0]) / (2.0 * STEP);
+    ck_assert_msg(std::fabs(slope / difference - 1.0) < 0.1, "slope %g, differences %g", slope,
+                  difference);
+}
+END_TEST
+
 extern "C" Suite *suite_free_runs(void)
 {
     Suite *s = suite_create("free_runs");
@@ -255,6 +329,8 @@ extern "C" Suite *suite_free_runs(void)
     tcase_add_test(t, a_settled_fit_gains_nothing_from_states_that_are_found_anew);
     tcase_add_test(t, a_value_of_a_logs_own_comes_from_its_first_half);
     tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
+    tcase_add_test(t, what_an_effect_remembers_has_the_derivatives_of_its_differences);
+    tcase_add_test(t, the_slope_of_the_cost_counts_in_what_effects_remember);
     suite_add_tcase(s, t);
     return s;
 }

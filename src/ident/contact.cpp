@@ -21,7 +21,7 @@
 
 #include "ident/quantiles.hpp"
 #include "ident/residual_torque.hpp"
-#include "sim/window_fit.hpp"
+#include "sim/effect_memory.hpp"
 
 namespace mk
 {

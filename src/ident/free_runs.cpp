@@ -242,6 +242,8 @@ RunPoint FreeRuns::moved(const RunPoint &from, const RunQuadraticModel &quadrati
         for (size_t i = 0; i < own.size(); i++)
             d(place[i]) += step.own[(size_t)windows[w].fold]((long)i);
         to.x[w] += q.shift - q.follow * d;
+        if (!to.z.empty())
+            to.z[w] += memory_slope(from, w, quadratic.free) * d;
     }
     return to;
 }

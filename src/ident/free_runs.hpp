@@ -25,9 +25,11 @@ struct RunPoint {
     mk_model model;
     std::vector<Eigen::VectorXd> own; // by fold: own values less their means, as own_parameters()
     std::vector<Eigen::VectorXd> x;   // by window: its start state,
-    std::vector<Eigen::VectorXd> z;   // and what is known of hidden states there, if there are any
-    std::vector<Eigen::VectorXd> usual; // by log: how much these vary
-    double cost = HUGE_VAL;             // minus log likelihood, up to a constant
+    std::vector<Eigen::VectorXd> z;   // and what is known of hidden states there, if there are any,
+    std::vector<Eigen::MatrixXd> dz;  // with its derivatives by the parameters of
+    std::vector<int> remembering;     // effects that remember (by number, per scale)
+    std::vector<Memory> memory;       // by log: what they remember along its way
+    double cost = HUGE_VAL;           // minus log likelihood, up to a constant
 };
 
 // Errors about a point, in the scaled parameters `free` (numbers as in mechkit/ident.h).
@@ -113,6 +115,8 @@ class FreeRuns
     std::vector<std::vector<size_t>> together(const RunPoint &point,
                                               const std::vector<size_t> &which) const;
     void recall(RunPoint &point, int threads) const;
+    Eigen::MatrixXd memory_slope(const RunPoint &point, size_t window,
+                                 const std::vector<int> &free) const;
     void find_states(RunPoint &point, int threads) const;
     double prior(const RunPoint &point, const std::vector<int> &free) const;
     double error_of(const WindowQuadratic &q, const double *squares) const;

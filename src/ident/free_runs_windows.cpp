@@ -10,6 +10,7 @@
 
 #include "base/parallel.hpp"
 #include "ident/free_runs_priv.hpp"
+#include "sim/effect_memory.hpp"
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -89,8 +90,13 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
     }
     // nu = T / (N SAME_ERROR): one independent error in SAME_ERROR, but no more than one a reading.
     independent = std::min(1.0, seconds / std::max(rows, 1.0) / SAME_ERROR);
-    parallel_for(threads, logs.size(),
-                 [&](size_t i) { logs[i].way = way_of(logs[i].record, near); });
+    parallel_for(threads, logs.size(), [&](size_t i) {
+        std::vector<size_t> begins;
+        for (const Window &w : windows)
+            if (w.log == (int)i)
+                begins.push_back(w.first);
+        logs[i].way = way_of(logs[i].record, near, begins);
+    });
     measure_readings();
 }
 
@@ -188,8 +194,8 @@ FreeRuns::Finder FreeRuns::finder_of(const RunPoint &point, const mk_model &mode
     finder->edges_differ = true;
     if (remembers(model))
         finder->way = logs[log].way;
-    if (log < point.usual.size())
-        finder->usual = point.usual[log];
+    if (log < point.memory.size())
+        finder->memory.usual = point.memory[log].usual;
     return finder;
 }
 
@@ -204,28 +210,64 @@ std::vector<FreeRuns::Finder> FreeRuns::finders_of(const RunPoint &point,
     return finders;
 }
 
+// By number, those of the effects that have states of their own.
+static std::vector<int> remembering_parameters(const mk_model &model)
+{
+    std::vector<int> numbers;
+    int number = mk_plant(model.plant)->parameter_count;
+    for (int e = 0; e < model.effect_count; e++) {
+        const mk_effect_info *info = mk_effect(model.effect[e].index);
+        for (int i = 0; i < info->parameter_count; i++, number++)
+            if (info->state_count > 0)
+                numbers.push_back(number);
+    }
+    return numbers;
+}
+
+// dz/dp of a window by the parameters `free`; those of which none is known are 0.
+Eigen::MatrixXd FreeRuns::memory_slope(const RunPoint &point, size_t window,
+                                       const std::vector<int> &free) const
+{
+    MatrixXd slope = MatrixXd::Zero(point.z[window].size(), (long)free.size());
+    for (size_t i = 0; i < free.size(); i++)
+        for (size_t k = 0; k < point.remembering.size(); k++)
+            if (point.remembering[k] == free[i])
+                slope.col((long)i) = point.dz[window].col((long)k);
+    return slope;
+}
+
 // What effects remember at the start of every window.
 void FreeRuns::recall(RunPoint &point, int threads_now) const
 {
-    // z: states of effects at the start of each window, from a run along the readings before it;
-    // usual: how much each varies over the log. Both belong to the point's parameters, so that they
-    // are made anew with them.
+    // z: states of effects at the start of each window, from a run along the readings before it.
+    // It belongs to the point's parameters and is made anew with them; the memory that is there, of
+    // others, is what the run begins with.
     point.z.clear();
-    point.usual.clear();
-    if (!remembers(point.model))
+    point.dz.clear();
+    point.remembering.clear();
+    if (!remembers(point.model)) {
+        point.memory.clear();
         return;
+    }
+    point.remembering = remembering_parameters(point.model);
+    std::vector<double> unit;
+    for (int number : point.remembering)
+        unit.push_back(Fit::scale_of(point.model, number));
     const std::vector<mk_model> models = models_of(point);
-    std::vector<VectorXd> usual(logs.size());
+    std::vector<Memory> memory(logs.size());
     point.z.resize(windows.size());
+    point.dz.resize(windows.size());
     parallel_for(threads_now, logs.size(), [&](size_t l) {
         const Finder finder = finder_of(point, models[(size_t)logs[l].fold], l);
-        remember(*finder);
-        usual[l] = finder->usual;
+        if (l < point.memory.size())
+            finder->memory = std::move(point.memory[l]);
+        remember(*finder, point.remembering, unit);
         for (size_t w = 0; w < windows.size(); w++)
             if (windows[w].log == (int)l)
-                point.z[w] = remembered(*finder, windows[w].first);
+                point.z[w] = remembered(*finder, windows[w].first, &point.dz[w]);
+        memory[l] = std::move(finder->memory);
     });
-    point.usual = std::move(usual);
+    point.memory = std::move(memory);
 }
 
 // Where a search for a window's start state begins: what its readings and the past say. False where
@@ -339,7 +381,7 @@ void FreeRuns::linearise_some(RunPoint &point, const std::vector<Finder> &finder
         fits.emplace_back(finder, windows[w].first, windows[w].last);
         fits.back().differentiate_by(out.free, unit);
         if (!point.z.empty())
-            fits.back().expect(point.z[w]);
+            fits.back().expect(point.z[w], memory_slope(point, w, out.free));
         x.push_back(point.x[w]);
         if (pass == Pass::ANEW)
             first_state(finder, point, w, x.back());

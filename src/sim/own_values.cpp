@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "base/dense.hpp"
-#include "sim/window_fit.hpp"
+#include "sim/effect_memory.hpp"
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;

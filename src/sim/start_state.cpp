@@ -15,7 +15,7 @@
 #include <cmath>
 #include <new>
 
-#include "sim/window_fit.hpp"
+#include "sim/effect_memory.hpp"
 
 using Eigen::VectorXd;
 

@@ -66,18 +66,10 @@ static double squares_of(const ShootTask &task)
     return task.finite && std::isfinite(squares) ? squares : HUGE_VAL;
 }
 
-// The place of the way that a row comes after.
-// A row before all places has the first one. Requires a way that is not empty.
-static size_t place_before(const Way &way, size_t row)
-{
-    const auto after = std::upper_bound(way.row.begin(), way.row.end(), row);
-    return after == way.row.begin() ? 0 : (size_t)(after - way.row.begin()) - 1;
-}
-
 // Where the readings begin that lead to a row.
 static size_t begin_of(const mk_start_finder &f, size_t row)
 {
-    return f.way && !f.way->row.empty() ? f.way->begin[place_before(*f.way, row)] : 0;
+    return f.way && !f.way->row.empty() ? f.way->begin[f.way->place_before(row)] : 0;
 }
 
 // Buffers hold all readings of the window and no derivatives by parameters; differentiate_by()
@@ -90,17 +82,18 @@ WindowFit::WindowFit(const mk_start_finder &finder, size_t from_row, size_t to_r
     jac.resize(capacity * (size_t)ns);
     x_end.resize((size_t)ns);
     jac_end.resize((size_t)(ns * ns));
-    // K = 1 / s^2. With the finder's usual variation u of a state (remember()) and T the length of
+    // K = 1 / s^2. With the finder's usual variation u of a state (Memory) and T the length of
     // the readings that lead to the window,
     //     s = (KNOWN + exp(-T / FORGOTTEN)) u .
     // The exponential is the doubt of where the effect was before the log. However large it is, a
     // state is not free to be anywhere: one that is makes up for whatever the model misses at the
     // start.
     known = VectorXd::Constant(ns, 1.0 / (HIDDEN_STD * HIDDEN_STD));
-    for (long s = 0; s < f.usual.size(); s++) {
+    const VectorXd &usual = f.memory.usual;
+    for (long s = 0; s < usual.size(); s++) {
         const double run_up = f.t[from] - f.t[begin_of(f, from)];
         const double unknown = KNOWN + std::exp(-run_up / FORGOTTEN);
-        known(ns - f.usual.size() + s) = std::pow(unknown * f.usual(s), -2);
+        known(ns - usual.size() + s) = std::pow(unknown * usual(s), -2);
     }
 }
 
@@ -432,7 +425,8 @@ void WindowFit::linearise(std::vector<WindowFit> &fits, const std::vector<Vector
 // readings, a the step of the start state, and S is least over a where
 //     a = shift - follow d ,
 //     shift  = (Js'Js + K)^-1 (Js'r + K (z0 - z)) ,
-//     follow = (Js'Js + K)^-1 Js'Jp .
+//     follow = (Js'Js + K)^-1 (Js'Jp - K dz0/dp) ,
+// since what is known of hidden states comes from a run of the model, z0(p).
 // Put in,
 //     rest - left d ,   rest = r - Js shift ,   left = Jp - Js follow ,
 // and of each joint's rows the quadratic is
@@ -467,6 +461,9 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
             known.tail(expected.size())
                 .cwiseProduct(expected -
                               Eigen::Map<const VectorXd>(task.x, ns).tail(expected.size()));
+    if (expected_slope.size() > 0)
+        both.leftCols(p).bottomRows(expected_slope.rows()) -=
+            known.tail(expected_slope.rows()).asDiagonal() * expected_slope;
     // One decomposition for all p + 1 right-hand sides.
     const MatrixXd solved = dense::solve_symmetric(states, both);
     out.follow = solved.leftCols(p);
@@ -516,112 +513,6 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     task.residual = residual.data();
     task.jac = jac.data();
     return task;
-}
-
-// Places of a log, 40 ms apart, with angles and speeds by polynomial. Rows that are left out break
-// the way: from there on readings begin anew.
-// A place where the polynomial has too few readings is left out. The states of effects are not in
-// the way: remember() finds them, for every model anew.
-std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model)
-{
-    constexpr double APART = 0.04; // s
-    auto way = std::make_shared<Way>();
-    VectorXd x(mk_model_state_count(&model));
-    const auto out = [&record](size_t k) { return record.left_out && record.left_out[k] != 0.0; };
-    size_t begin = 0;
-    for (size_t row = 0; row < record.rows;) {
-        if (out(row)) {
-            begin = ++row;
-            continue;
-        }
-        if (mk_record_state_at(&record, &model, 0, record.rows, row, 0, x.data(), nullptr) ==
-            MK_OK) {
-            way->row.push_back(row);
-            way->begin.push_back(begin);
-            way->x.push_back(x.head(2 * mk_model_joints(&model)));
-        }
-        const double t = record.t[row++];
-        while (row < record.rows && record.t[row] - t < APART && !out(row))
-            row++;
-    }
-    return way;
-}
-
-// Not of a model that hides a joint: its readings are of the light side, so that angles and speeds
-// of the heavy one cannot be set back to them.
-bool remembers(const mk_model &model)
-{
-    return mk_model_state_count(&model) > 2 * mk_model_joints(&model) &&
-           !mk_model_hides_joint(&model);
-}
-
-// What effects remember along the way: from each place to the next the model runs by itself; there
-// angles and speeds are set back to the readings, so that what the model lacks does not carry it
-// away, and the states of effects go on. `usual` is the rms of each about its mean, 1e-9 at least.
-void remember(mk_start_finder &f)
-{
-    f.memory.clear();
-    f.usual.resize(0);
-    if (!f.way || f.way->row.empty())
-        return;
-    const long measured = 2 * mk_model_joints(f.model), ns = mk_model_state_count(f.model);
-    VectorXd x(ns), rest(ns), sum = VectorXd::Zero(ns - measured), squares = sum;
-    for (size_t i = 0; i < f.way->row.size(); i++) {
-        x.head(measured) = f.way->x[i];
-        // At the start of readings effects are at rest: nobody knows what was before.
-        if (i == 0 || f.way->begin[i] != f.way->begin[i - 1]) {
-            mk_model_initial_state(f.model, &x(0), &x(measured / 2), rest.data());
-            x.tail(ns - measured) = rest.tail(ns - measured);
-        }
-        f.memory.push_back(x.tail(ns - measured));
-        sum += f.memory.back();
-        squares += f.memory.back().cwiseAbs2();
-        if (i + 1 < f.way->row.size())
-            WindowFit(f, f.way->row[i], f.way->row[i]).carry(x, f.way->row[i + 1]);
-    }
-    const double n = (double)f.memory.size();
-    // sqrt(mean z^2 - (mean z)^2).
-    f.usual = (squares / n - (sum / n).cwiseAbs2()).cwiseMax(1e-18).cwiseSqrt();
-}
-
-// From the place before the row a run of the model up to it; where that fails, what was remembered
-// there.
-// Requires remember() before, and a way with a place. One value for each state of an effect.
-VectorXd remembered(const mk_start_finder &f, size_t row)
-{
-    const std::vector<size_t> &rows = f.way->row;
-    const size_t place = place_before(*f.way, row);
-    const long own = f.memory[place].size();
-    VectorXd run(f.way->x[place].size() + own);
-    run << f.way->x[place], f.memory[place];
-    if (rows[place] >= row || !WindowFit(f, rows[place], rows[place]).carry(run, row))
-        return f.memory[place];
-    return run.tail(own);
-}
-
-// State at `row` to start a search from: angles and speeds by polynomial; what effects remember by
-// a run of the model up to there, of MEMORY seconds where there is no way.
-// x has all states of the model and is overwritten. Where the run fails, effects have what
-// mk_record_state_at() gives them.
-bool first_guess(const mk_start_finder &f, size_t last, size_t row, VectorXd &x)
-{
-    constexpr double MEMORY = 0.5; // s
-    if (mk_record_state_at(f.record, f.model, 0, last, row, 0, x.data(), nullptr) != MK_OK)
-        return false;
-    const long own = x.size() - 2 * mk_model_joints(f.model);
-    if (own > 0 && !f.memory.empty()) {
-        x.tail(own) = remembered(f, row);
-    } else if (own > 0) {
-        size_t back = row;
-        while (back > 0 && f.t[row] - f.t[back - 1] <= MEMORY)
-            back--;
-        VectorXd run = x;
-        if (back < row &&
-            mk_record_state_at(f.record, f.model, 0, last, back, 0, run.data(), nullptr) == MK_OK &&
-            WindowFit(f, back, back).carry(run, row))
-            x.tail(own) = run.tail(own);
-    }
-    return true;
 }
 
 } // namespace mk

@@ -4,6 +4,7 @@
 #define MECHKIT_SIM_WINDOW_FIT_HPP
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -17,6 +18,18 @@ struct Way {
     std::vector<size_t> row;
     std::vector<size_t> begin; // row where the readings begin that lead there without a hole
     std::vector<Eigen::VectorXd> x;
+    // The last place at or before a row; the first one of a row before all. There must be one.
+    size_t place_before(size_t to) const
+    {
+        const auto after = std::upper_bound(row.begin(), row.end(), to);
+        return after == row.begin() ? 0 : (size_t)(after - row.begin()) - 1;
+    }
+};
+// What a model's effects remember along a way (sim/effect_memory.hpp).
+struct Memory {
+    Eigen::MatrixXd z;     // states of effects by place
+    Eigen::MatrixXd slope; // and their derivatives by p parameters: p columns a place
+    Eigen::VectorXd usual; // rms of each state about its mean; empty: nothing is known
 };
 } // namespace mk
 
@@ -31,8 +44,7 @@ struct mk_start_finder {
     // Where the readings are along the way, and what effects remember there; empty where they
     // remember nothing, or hide a joint from the readings.
     std::shared_ptr<const mk::Way> way;
-    std::vector<Eigen::VectorXd> memory; // by row of the way
-    Eigen::VectorXd usual;               // rms of each state about its mean
+    mk::Memory memory;
 };
 
 namespace mk
@@ -97,8 +109,12 @@ class WindowFit
                                         const std::vector<Eigen::VectorXd> &x,
                                         std::vector<WindowNormal> &out);
     // What is known of hidden states at the start; where nobody says, it is what a fit begins with,
-    // and linearise() takes them for right.
-    void expect(const Eigen::VectorXd &hidden) { expected = hidden; }
+    // and linearise() takes them for right. `slope`: their derivatives by the parameters that this
+    // fit differentiates by, per unit; empty: none.
+    void expect(const Eigen::VectorXd &hidden, const Eigen::MatrixXd &slope = {})
+    {
+        expected = hidden, expected_slope = slope;
+    }
     // Quadratics of several windows of one model in the parameters that each differentiates by,
     // about the trajectories from x.
     static void linearise(std::vector<WindowFit> &fits, const std::vector<Eigen::VectorXd> &x,
@@ -115,7 +131,8 @@ class WindowFit
     std::vector<double> residual, jac, x_end, jac_end;
     std::vector<int> joint;
     Eigen::VectorXd expected; // of hidden states, where that is known
-    Eigen::VectorXd known;    // of hidden states: 1 / variance of what is known of them at `from`
+    Eigen::MatrixXd expected_slope;
+    Eigen::VectorXd known; // of hidden states: 1 / variance of what is known of them at `from`
 
     // Where the search for a window's start state is: which trajectory it wants next.
     struct Progress {
@@ -145,19 +162,8 @@ class WindowFit
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
 };
 
-std::shared_ptr<const Way> way_of(const mk_record &record, const mk_model &model);
-// Whether what the model's effects remember is found along the way.
-bool remembers(const mk_model &model);
-// Runs the model along the finder's way: fills what its effects remember there.
-void remember(mk_start_finder &finder);
-// What they remember at a row, after that.
-Eigen::VectorXd remembered(const mk_start_finder &finder, size_t row);
 // A finder without a way. Throws std::bad_alloc.
 std::unique_ptr<mk_start_finder> basic_finder(const mk_record &record, const mk_model &model);
-
-// Angles and speeds by polynomial at `row`, no reading at `last` or later; states of effects by a
-// run of the model up to there. False where there are too few readings.
-bool first_guess(const mk_start_finder &f, size_t last, size_t row, Eigen::VectorXd &x);
 
 } // namespace mk
 #endif
