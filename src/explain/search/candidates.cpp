@@ -158,11 +158,12 @@ Starts cable_stiffness(const Setting &s)
 {
     return s.wheel() ? Starts{} : Starts{{small(s), s.plant->rest[s.j] + 0.05 * s.size()}};
 }
-// -s z with yield zy: stiffness and yield, s zy = T/50 the torque at which it yields.
+// -s z with yield zy: stiffness and yield, s zy = T/50 the torque at which it yields. One that
+// yields beyond the motion is a spring that rests where the log begins, and creeps.
 Starts cable_hysteresis(const Setting &s)
 {
     Starts all;
-    for (double turn : {0.03, 0.1, 0.3, 1.0}) {
+    for (double turn : {0.03, 0.1, 0.3, 1.0, 3.0}) {
         const double yield = turn * s.size();
         if (!s.wheel() && s.speed() / yield < TOO_FAST)
             all.push_back({2.0 * small(s) / yield, yield});

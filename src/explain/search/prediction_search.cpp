@@ -614,8 +614,7 @@ static double mean_of(const std::vector<double> &ratios, const Times &times)
 //     gain > 0 and the interval of ratio is below 0 , or
 //     no fold was worse, the likelihood leaves no doubt, and gain > policy::SHOWS a joint.
 // A few windows make up most of the squares, hence the second; two logs more are too few for an
-// interval, hence the third. Of several that are not, the one whose carried mean is the fewest
-// standard errors from 0.
+// interval, hence the third. Of several that are not, the one of least gain.
 size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 {
     const int joints = mk_model_joints(&base);
@@ -647,8 +646,8 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
             penalised_nlml(causes[i].without) - penalised_nlml(best) > policy::NO_DOUBT;
         const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
                                (everywhere && more > policy::SHOWS * joints);
-        if (!confirmed && -c.mean / c.error < least)
-            least = -c.mean / c.error, weakest = i;
+        if (!confirmed && more < least)
+            least = more, weakest = i;
     }
     return weakest;
 }
