@@ -1,6 +1,7 @@
 // Free runs as least squares: what a fit to some logs says of another one, and what effects
 // remember. Data are those of an independent simulator.
 #include "ident/free_runs.hpp"
+#include "ident/thin_record.hpp"
 
 #include "suites.h"
 
@@ -317,6 +318,57 @@ START_TEST(the_slope_of_the_cost_counts_in_what_effects_remember)
 }
 END_TEST
 
+// 1 kHz, joint 1 read in every row and joint 2 in every fifth, rows 10 to 12 left out, one command
+// missing.
+START_TEST(a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_joint)
+{
+    constexpr size_t ROWS = 41;
+    constexpr double HELD = 0.004;
+    double t[ROWS], u[ROWS], q[2][ROWS], out[ROWS] = {};
+    for (size_t k = 0; k < ROWS; k++) {
+        t[k] = 1e-3 * (double)k;
+        u[k] = std::sin(0.9 * (double)k);
+        q[0][k] = (double)k;
+        q[1][k] = k % 5 == 2 ? (double)k : (double)NAN;
+        out[k] = k >= 10 && k < 13;
+    }
+    u[21] = (double)NAN;
+    mk_record r = {};
+    r.rows = ROWS;
+    r.t = t, r.q[0] = q[0], r.q[1] = q[1], r.u[0] = u, r.left_out = out;
+    const mk::ThinRecord thin = mk::thinned(r, 2, HELD);
+    const mk_record &made = thin.record;
+    ck_assert_uint_lt(made.rows, ROWS);
+    double given = 0.0, kept = 0.0;
+    for (size_t k = 0; k + 1 < ROWS; k++)
+        given += k >= 21 && k < 25 ? 0.0 : 1e-3 * u[k]; // the stretch with a command missing
+    size_t readings[2] = {};
+    for (size_t k = 0; k < made.rows; k++) {
+        const size_t row = (size_t)std::lround(made.t[k] * 1e3);
+        ck_assert(made.left_out[k] == out[row]);
+        for (int j = 0; j < 2; j++)
+            if (!std::isnan(made.q[j][k])) {
+                ck_assert(made.q[j][k] == (double)row);
+                readings[j]++;
+            }
+        if (k + 1 < made.rows && (row < 21 || row >= 25))
+            kept += made.u[0][k] * (made.t[k + 1] - made.t[k]);
+        ck_assert(std::isfinite(made.u[0][k]));
+    }
+    ck_assert_double_eq_tol(kept, given, 1e-12);
+    // Stretches of four rows, two of the parts beside rows 10 to 12, and those.
+    ck_assert_uint_ge(readings[0], 10);
+    ck_assert_uint_le(readings[0], 12);
+    ck_assert_uint_eq(readings[1], 8);
+    // Rows that are further apart than that stay as they are.
+    for (double &time : t)
+        time *= 5.0;
+    const mk::ThinRecord same = mk::thinned(r, 2, HELD);
+    ck_assert_uint_eq(same.record.rows, ROWS);
+    ck_assert_double_eq(same.record.u[0][7], u[7]);
+}
+END_TEST
+
 extern "C" Suite *suite_free_runs(void)
 {
     Suite *s = suite_create("free_runs");
@@ -330,6 +382,7 @@ extern "C" Suite *suite_free_runs(void)
     tcase_add_test(t, a_value_of_a_logs_own_comes_from_its_first_half);
     tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
     tcase_add_test(t, what_an_effect_remembers_has_the_derivatives_of_its_differences);
+    tcase_add_test(t, a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_joint);
     tcase_add_test(t, the_slope_of_the_cost_counts_in_what_effects_remember);
     suite_add_tcase(s, t);
     return s;

@@ -515,9 +515,8 @@ class Explainer
         const bool has_begun = begun != nullptr;
         std::unique_ptr<PredictionSearch> found =
             has_begun ? std::move(begun) : predictions_of(refit.point.model);
-        if (has_begun && begun_to_end)
-            return found;
-        if (!(has_begun ? found->go_on() : found->run()))
+        const bool to_the_end = has_begun && begun_to_end;
+        if (!to_the_end && !(has_begun ? found->go_on() : found->run()))
             return nullptr;
         ask_values_again(found, refit);
         return found;

@@ -16,6 +16,7 @@
 
 #include "ident/fit.hpp"
 #include "ident/held_out.hpp"
+#include "ident/thin_record.hpp"
 #include "sim/window_fit.hpp"
 
 namespace mk
@@ -85,8 +86,7 @@ class FreeRuns
 
   private:
     struct Log {
-        std::vector<double> u[MK_MAX_INPUTS]; // the record's commands
-        mk_record record;
+        ThinRecord thin;
         int fold;
         std::shared_ptr<const Way> way;
     };

@@ -29,64 +29,38 @@ constexpr size_t FEWEST_ROWS = 12;
 constexpr size_t TOGETHER = 24;
 // Share of the windows that may fail to run before a point is refused.
 constexpr double MOST_LOST = 0.1;
-// Least time for which a command is held, s; faster ones are averaged.
+// What passes within this time does not show in a free run, s: commands are averaged over it, and
+// one reading of each joint is taken in it.
 constexpr double HELD = 0.004;
+// Stretches of a window at least, however short it is.
+constexpr double FEWEST_STRETCHES = 25.0;
 // Of the integration, s.
 constexpr double LONGEST_STEP = 0.005;
-
-// A command held from each row to the next one, as its means over stretches of HELD:
-//     mean = sum_k u_k (t_(k+1) - t_k) / (t_last - t_first) .
-// Its integral over each stretch is kept, so that the rig's momentum is: what a rig makes of the
-// edges between does not show in a free run, and each costs a step.
-// A stretch is rows [first, last), `last` the first row that is HELD or more behind `first`. A
-// command that is slower than that stays as it is: its stretches are single rows. The last row has
-// no time for which it is held, and keeps its value; so does a stretch in which a command is
-// missing.
-std::vector<double> smoothed(const double *u, const mk_record &record)
-{
-    constexpr double NEARLY = 0.95; // times are not read to the last digit
-    std::vector<double> out(u, u + record.rows);
-    for (size_t first = 0, last; first + 1 < record.rows; first = last) {
-        double sum = 0.0;
-        for (last = first;
-             last + 1 < record.rows && record.t[last] - record.t[first] < NEARLY * HELD; last++)
-            sum += u[last] * (record.t[last + 1] - record.t[last]);
-        const double mean = sum / (record.t[last] - record.t[first]);
-        if (std::isfinite(mean))
-            std::fill(out.begin() + (std::ptrdiff_t)first, out.begin() + (std::ptrdiff_t)last,
-                      mean);
-    }
-    return out;
-}
 
 } // namespace
 
 // --- logs and windows ---
 
-// A log that is none of the model's is passed over. logs[].u holds the commands that the records
-// point to: the vectors' storage moves along with a Log, and the records stay valid.
+// A log that is none of the model's is passed over. What lies within a stretch, a rig's answer to
+// the edges of a command and the noise of single readings, costs steps and says nothing of what a
+// model lacks over a window.
 FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const mk_model &near_in,
                    double window_s, int threads_in, const MassRange *masses_in)
     : folds(given.size()), near(near_in), masses(masses_in), threads(std::max(1, threads_in))
 {
+    const double held = std::min(HELD, window_s / FEWEST_STRETCHES);
     for (size_t f = 0; f < given.size(); f++)
         for (const mk_log *log : given[f]) {
-            Log l = {{}, {}, (int)f, {}};
-            if (mk_record_from_log(log, &near, &l.record, nullptr) != MK_OK)
+            mk_record whole;
+            if (mk_record_from_log(log, &near, &whole, nullptr) != MK_OK)
                 continue;
-            logs.push_back(std::move(l));
-            Log &made = logs.back();
-            for (int i = 0; i < MK_MAX_INPUTS; i++)
-                if (made.record.u[i]) {
-                    made.u[i] = smoothed(made.record.u[i], made.record);
-                    made.record.u[i] = made.u[i].data();
-                }
+            logs.push_back({thinned(whole, mk_model_joints(&near), held), (int)f, {}});
         }
     double seconds = 0.0, rows = 0.0;
     for (size_t i = 0; i < logs.size(); i++) {
         add_windows((int)i, window_s);
-        seconds += logs[i].record.t[logs[i].record.rows - 1] - logs[i].record.t[0];
-        rows += (double)logs[i].record.rows;
+        seconds += logs[i].thin.record.t[logs[i].thin.record.rows - 1] - logs[i].thin.record.t[0];
+        rows += (double)logs[i].thin.record.rows;
     }
     // nu = T / (N SAME_ERROR): one independent error in SAME_ERROR, but no more than one a reading.
     independent = std::min(1.0, seconds / std::max(rows, 1.0) / SAME_ERROR);
@@ -95,7 +69,7 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
         for (const Window &w : windows)
             if (w.log == (int)i)
                 begins.push_back(w.first);
-        logs[i].way = way_of(logs[i].record, near, begins);
+        logs[i].way = way_of(logs[i].thin.record, near, begins);
     });
     measure_readings();
 }
@@ -105,7 +79,7 @@ FreeRuns::FreeRuns(const std::vector<std::vector<const mk_log *>> &given, const 
 // FEWEST_ROWS rows, nor of rows that are left out.
 void FreeRuns::add_windows(int log, double window_s)
 {
-    const mk_record &r = logs[(size_t)log].record;
+    const mk_record &r = logs[(size_t)log].thin.record;
     // Halves of a log by its time, rows that are left out counted in: window w is of the second
     // half if it begins there.
     const double middle = 0.5 * (r.t[0] + r.t[r.rows - 1]);
@@ -126,8 +100,8 @@ void FreeRuns::measure_readings()
     for (int j = 0; j < mk_model_joints(&near); j++) {
         double sum = 0.0, squares = 0.0, n = 0.0;
         for (const Log &log : logs)
-            for (size_t k = 0; k < log.record.rows; k++) {
-                const double q = log.record.q[j][k];
+            for (size_t k = 0; k < log.thin.record.rows; k++) {
+                const double q = log.thin.record.q[j][k];
                 if (std::isfinite(q))
                     sum += q, squares += q * q, n += 1.0;
             }
@@ -189,7 +163,7 @@ std::vector<mk_model> FreeRuns::models_of(const RunPoint &point) const
 // (edges_differ); along the way (logs[].way) effects with a memory are run if there are any.
 FreeRuns::Finder FreeRuns::finder_of(const RunPoint &point, const mk_model &model, size_t log) const
 {
-    std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].record, model);
+    std::unique_ptr<mk_start_finder> finder = basic_finder(logs[log].thin.record, model);
     finder->step = LONGEST_STEP;
     finder->edges_differ = true;
     if (remembers(model))
@@ -276,7 +250,7 @@ bool FreeRuns::first_state(const mk_start_finder &finder, const RunPoint &point,
                            VectorXd &x) const
 {
     const Window &w = windows[window];
-    if (mk_record_state_at(&logs[(size_t)w.log].record, finder.model, 0, w.last, w.first, 0,
+    if (mk_record_state_at(&logs[(size_t)w.log].thin.record, finder.model, 0, w.last, w.first, 0,
                            x.data(), nullptr) != MK_OK)
         return false;
     if (!point.z.empty())
