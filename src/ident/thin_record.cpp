@@ -30,33 +30,40 @@ static size_t end_of_stretch(const mk_record &r, size_t first, double held)
     return last;
 }
 
+// Appends rows [first, last): the first one, those with the first reading of a joint, and the
+// record's last.
+static void add_stretch(const mk_record &r, int joints, size_t first, size_t last, ThinRecord &out)
+{
+    double u[MK_MAX_INPUTS];
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        u[i] = r.u[i] ? mean_command(r, r.u[i], first, last) : 0.0;
+    bool read[MK_MAX_JOINTS] = {};
+    for (size_t k = first; k < last; k++) {
+        double q[MK_MAX_JOINTS];
+        bool wanted = k == first || k + 1 == r.rows;
+        for (int j = 0; j < joints; j++) {
+            const bool takes = !read[j] && !std::isnan(r.q[j][k]);
+            q[j] = takes ? r.q[j][k] : (double)NAN;
+            read[j] = read[j] || takes;
+            wanted = wanted || takes;
+        }
+        if (!wanted)
+            continue;
+        out.t.push_back(r.t[k]);
+        for (int j = 0; j < joints; j++)
+            out.q[j].push_back(q[j]);
+        for (int i = 0; i < MK_MAX_INPUTS; i++)
+            out.u[i].push_back(u[i]);
+        out.left_out.push_back(r.left_out ? r.left_out[k] : 0.0);
+    }
+}
+
 ThinRecord thinned(const mk_record &r, int joints, double held)
 {
     ThinRecord out;
     for (size_t first = 0, last; first < r.rows; first = last) {
         last = end_of_stretch(r, first, held);
-        double u[MK_MAX_INPUTS];
-        for (int i = 0; i < MK_MAX_INPUTS; i++)
-            u[i] = r.u[i] ? mean_command(r, r.u[i], first, last) : 0.0;
-        bool read[MK_MAX_JOINTS] = {};
-        for (size_t k = first; k < last; k++) {
-            double q[MK_MAX_JOINTS];
-            bool any = k == first;
-            for (int j = 0; j < joints; j++) {
-                const bool takes = !read[j] && !std::isnan(r.q[j][k]);
-                q[j] = takes ? r.q[j][k] : (double)NAN;
-                read[j] = read[j] || takes;
-                any = any || takes;
-            }
-            if (!any)
-                continue;
-            out.t.push_back(r.t[k]);
-            for (int j = 0; j < joints; j++)
-                out.q[j].push_back(q[j]);
-            for (int i = 0; i < MK_MAX_INPUTS; i++)
-                out.u[i].push_back(u[i]);
-            out.left_out.push_back(r.left_out ? r.left_out[k] : 0.0);
-        }
+        add_stretch(r, joints, first, last, out);
     }
     out.record = r;
     out.record.rows = out.t.size();

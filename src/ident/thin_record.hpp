@@ -23,8 +23,9 @@ struct ThinRecord {
 
 // A record cut into stretches of at least `held` seconds, or of single rows where those are further
 // apart. No stretch crosses a border of rows that are left out. The rows of the result are
-//     the first row of each stretch, and
-//     of each joint the first row in the stretch that has a reading of it ;
+//     the first row of each stretch ,
+//     of each joint the first row in the stretch that has a reading of it , and
+//     the record's last row ;
 // other readings are missing (NaN). The command of each is the mean of what the record held over
 // the stretch,
 //     sum_k u_k (t_(k+1) - t_k) / (t_last - t_first) ,
