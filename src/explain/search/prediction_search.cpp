@@ -212,7 +212,7 @@ std::vector<Candidate> PredictionSearch::contenders(size_t cause) const
 // point where each is next to nothing (its cost changes by less than SAME). For each, the columns
 // of the base's parameters and its own say what fits to all folds but one would leave: no candidate
 // is fitted.
-void PredictionSearch::screen_group(const std::vector<Candidate> &group,
+void PredictionSearch::screen_group(const std::vector<Candidate> &group, const RunFit &less,
                                     std::vector<Asked> &out) const
 {
     if (!search.tick(DONE, ASKING))
@@ -220,8 +220,10 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
     constexpr double SAME = 0.5; // log likelihood: the runs stay where they are
     // The base's parameters, all of them wanted beside each member's.
     const std::vector<int> own = fitted_parameters(best.point.model);
+    const double now = runs.cost(less.point, less.quadratic);
     RunPoint point;
     RunQuadraticModel quadratic;
+    quadratic.stride = less.quadratic.stride;
     std::vector<const Candidate *> members;
     for (double share = 1e-3; share > 1e-10; share *= 1e-3) {
         mk_model model = best.point.model;
@@ -238,7 +240,7 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
         point = runs.adopt_traces(best.point, model, 1);
         if (!runs.linearise(point, fitted_parameters(model), false, 1, quadratic))
             return;
-        if (std::fabs(runs.cost(point, quadratic) - best.point.cost) < SAME)
+        if (std::fabs(runs.cost(point, quadratic) - now) < SAME)
             break;
     }
     for (size_t i = 0; i < members.size(); i++) {
@@ -256,11 +258,11 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group,
         with.point = point;
         with.quadratic = quadratic;
         if (leave_out(wanted, with))
-            out.push_back({c, compare(with, best)});
+            out.push_back({c, compare(with, less)});
     }
 }
 
-void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
+void PredictionSearch::screen_linear(const std::vector<Candidate> &some, const RunFit &less,
                                      std::vector<Asked> &out) const
 {
     constexpr size_t TOGETHER = 6;
@@ -273,30 +275,22 @@ void PredictionSearch::screen_linear(const std::vector<Candidate> &some,
         groups.back().push_back(c);
     }
     std::vector<std::vector<Asked>> each(groups.size());
-    parallel_for(threads, groups.size(), [&](size_t g) { screen_group(groups[g], each[g]); });
+    parallel_for(threads, groups.size(), [&](size_t g) { screen_group(groups[g], less, each[g]); });
     for (const std::vector<Asked> &group : each)
         out.insert(out.end(), group.begin(), group.end());
 }
 
-// All others, fitted for a few iterations from where they start, on one in EVERY windows. `less` is
-// the base on the same windows. A start that is not better by a standard error is not tried again
-// in later rounds (hopeless).
-void PredictionSearch::screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out)
+// All others, fitted for a few iterations from where they start. A start that is not better by a
+// standard error is not tried again in later rounds (hopeless).
+void PredictionSearch::screen_others(const std::vector<Candidate> &some, const RunFit &less,
+                                     std::vector<Asked> &out)
 {
-    constexpr size_t EVERY = 3;
-    RunFit less; // knows no more of the windows than they do
-    less.point = best.point;
-    less.quadratic.stride = EVERY;
-    if (!runs.linearise(less.point, fitted_parameters(less.point.model), true, threads,
-                        less.quadratic) ||
-        !leave_out(less.quadratic.free, less))
-        return;
     std::vector<Asked> each(some.size());
     std::vector<char> fine(some.size(), 0);
     parallel_for(threads, some.size(), [&](size_t i) {
         mk_model model;
         RunFit with;
-        with.quadratic.stride = EVERY;
+        with.quadratic.stride = less.quadratic.stride;
         if (!with_candidate(best.point.model, some[i], model) ||
             !fit_added(model, some[i], TRIAL_ITERATIONS, with))
             return;
@@ -363,6 +357,8 @@ std::vector<Asked> PredictionSearch::screen()
 {
     // Over a window frequencies are told apart less finely than over a log.
     constexpr int SKIPPED = 3;
+    // Candidates are asked on one in so many windows.
+    constexpr size_t EVERY = 3;
     int resonances = 0;
     std::vector<Candidate> linear, others;
     std::vector<Candidate> possible = search.candidates_of(best.point.model);
@@ -380,9 +376,18 @@ std::vector<Asked> PredictionSearch::screen()
             others.push_back(c);
     }
     most_tried = std::max(most_tried, (int)(linear.size() + others.size()));
+    // The best model on the windows that candidates are asked on: it knows no more of them than
+    // they do.
     std::vector<Asked> asked;
-    screen_linear(linear, asked);
-    screen_others(others, asked);
+    RunFit less;
+    less.point = best.point;
+    less.quadratic.stride = EVERY;
+    if (!runs.linearise(less.point, fitted_parameters(less.point.model), true, threads,
+                        less.quadratic) ||
+        !leave_out(less.quadratic.free, less))
+        return {};
+    screen_linear(linear, less, asked);
+    screen_others(others, less, asked);
     const auto by_windows = [](const Asked &a, const Asked &b) {
         return a.carried.mean < b.carried.mean;
     };

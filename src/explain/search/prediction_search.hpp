@@ -102,9 +102,12 @@ class PredictionSearch
                    RunFit &out) const;
     bool leave_out(const std::vector<int> &wanted, RunFit &fit) const;
     Carried compare(const RunFit &with, const RunFit &without) const;
-    void screen_linear(const std::vector<Candidate> &some, std::vector<Asked> &out) const;
-    void screen_group(const std::vector<Candidate> &group, std::vector<Asked> &out) const;
-    void screen_others(const std::vector<Candidate> &some, std::vector<Asked> &out);
+    void screen_linear(const std::vector<Candidate> &some, const RunFit &less,
+                       std::vector<Asked> &out) const;
+    void screen_group(const std::vector<Candidate> &group, const RunFit &less,
+                      std::vector<Asked> &out) const;
+    void screen_others(const std::vector<Candidate> &some, const RunFit &less,
+                       std::vector<Asked> &out);
     std::vector<Asked> screen();
     double penalised_nlml(const RunFit &fit) const;
     bool plausible(const RunFit &fit) const;
