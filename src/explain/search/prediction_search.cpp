@@ -25,7 +25,7 @@ namespace mk
 namespace
 {
 
-// Candidates of a round that are fitted in full.
+// Causes of a round that are fitted in full.
 constexpr size_t MOST_FULL_FITS = 6;
 // Progress that is shown meanwhile, as far as anybody can tell.
 constexpr double DONE = 0.6;
@@ -350,6 +350,38 @@ static std::vector<Asked> in_turn(const std::vector<Asked> &these, const std::ve
     return all;
 }
 
+// Those to fit in full: the most promising causes, and of the first few whose law has a shape a
+// second start beside the best one, if its shape is another one. A few iterations on some of the
+// windows do not say which of the two minima is the lower one.
+static std::vector<Asked> to_be_fitted(const std::vector<Asked> &promising,
+                                       const std::vector<Asked> &all)
+{
+    constexpr size_t MOST_SECOND = 2;
+    constexpr double ANOTHER_SHAPE = 1.5; // factor between shapes
+    std::vector<Asked> some(promising.begin(),
+                            promising.begin() +
+                                (std::ptrdiff_t)std::min(promising.size(), MOST_FULL_FITS));
+    const size_t causes = some.size();
+    size_t second = 0;
+    for (size_t i = 0; i < causes && second < MOST_SECOND; i++) {
+        const Candidate &first = some[i].cause;
+        if (first.shape < 0)
+            continue;
+        const auto is_second = [&](const Asked &a) {
+            const double ratio = a.cause.value[first.shape] / first.value[first.shape];
+            return same_cause(a.cause, first) && a.carried.mean < 0.0 &&
+                   (ratio > ANOTHER_SHAPE || ratio < 1.0 / ANOTHER_SHAPE);
+        };
+        const Asked *best = nullptr;
+        for (const Asked &a : all)
+            if (is_second(a) && (!best || a.carried.mean < best->carried.mean))
+                best = &a;
+        if (best)
+            some.push_back(*best), second++;
+    }
+    return some;
+}
+
 // What might carry over, the most promising first: by the mean log ratio of windows (what is better
 // in most of them), and by the share of the gap (what takes away most of the error, be it in a
 // few), in turn.
@@ -394,13 +426,14 @@ std::vector<Asked> PredictionSearch::screen()
     const auto by_share = [](const Asked &a, const Asked &b) {
         return a.carried.share > b.carried.share;
     };
-    return in_turn(best_starts(asked, by_windows), best_starts(asked, by_share));
+    return to_be_fitted(in_turn(best_starts(asked, by_windows), best_starts(asked, by_share)),
+                        asked);
 }
 
 bool PredictionSearch::add_one()
 {
     std::vector<Asked> asked = screen();
-    std::vector<RunFit> full_fits(std::min(asked.size(), MOST_FULL_FITS));
+    std::vector<RunFit> full_fits(asked.size());
     parallel_for(threads, full_fits.size(), [&](size_t i) {
         RunFit &f = full_fits[i];
         mk_model model;
@@ -421,6 +454,13 @@ bool PredictionSearch::add_one()
     std::sort(full_fits.begin(), full_fits.end(), [this](const RunFit &a, const RunFit &b) {
         return penalised_nlml(a) < penalised_nlml(b);
     });
+    // Of two starts of a cause the likelier.
+    for (size_t i = 0; i < full_fits.size(); i++)
+        full_fits.erase(std::remove_if(full_fits.begin() + (std::ptrdiff_t)i + 1, full_fits.end(),
+                                       [&](const RunFit &f) {
+                                           return same_cause(f.cause, full_fits[i].cause);
+                                       }),
+                        full_fits.end());
     const double now = penalised_nlml(best);
     const auto may_stay = [&](const RunFit &f) {
         return carry_over::enough(f.carried, 1, now - penalised_nlml(f), policy::PART_TO_GO_ON);
