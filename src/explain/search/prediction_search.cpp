@@ -430,12 +430,13 @@ std::vector<Asked> PredictionSearch::screen()
                         asked);
 }
 
-bool PredictionSearch::add_one()
+// All of `asked` beside the best model, fitted in full, the likeliest first; of two starts of a
+// cause the likelier.
+std::vector<RunFit> PredictionSearch::fit_in_full(const std::vector<Asked> &asked) const
 {
-    std::vector<Asked> asked = screen();
-    std::vector<RunFit> full_fits(asked.size());
-    parallel_for(threads, full_fits.size(), [&](size_t i) {
-        RunFit &f = full_fits[i];
+    std::vector<RunFit> fits(asked.size()), fine;
+    parallel_for(threads, fits.size(), [&](size_t i) {
+        RunFit &f = fits[i];
         mk_model model;
         f.cause = asked[i].cause;
         if (!with_candidate(best.point.model, f.cause, model) ||
@@ -446,21 +447,22 @@ bool PredictionSearch::add_one()
         const mk_effect_use &use = f.point.model.effect[f.point.model.effect_count - 1];
         std::copy_n(use.value, f.cause.effect->parameter_count, f.cause.value);
     });
-    full_fits.erase(
-        std::remove_if(full_fits.begin(), full_fits.end(), [](const RunFit &f) { return !f.fine; }),
-        full_fits.end());
-    // Of those that carry over the likeliest: what is left out says whether, and of few logs hardly
-    // which one rather than another.
-    std::sort(full_fits.begin(), full_fits.end(), [this](const RunFit &a, const RunFit &b) {
-        return penalised_nlml(a) < penalised_nlml(b);
+    std::sort(fits.begin(), fits.end(), [this](const RunFit &x, const RunFit &y) {
+        return x.fine && y.fine ? penalised_nlml(x) < penalised_nlml(y) : x.fine && !y.fine;
     });
-    // Of two starts of a cause the likelier.
-    for (size_t i = 0; i < full_fits.size(); i++)
-        full_fits.erase(std::remove_if(full_fits.begin() + (std::ptrdiff_t)i + 1, full_fits.end(),
-                                       [&](const RunFit &f) {
-                                           return same_cause(f.cause, full_fits[i].cause);
-                                       }),
-                        full_fits.end());
+    for (RunFit &f : fits)
+        if (f.fine && std::none_of(fine.begin(), fine.end(), [&](const RunFit &other) {
+                return same_cause(other.cause, f.cause);
+            }))
+            fine.push_back(std::move(f));
+    return fine;
+}
+
+// Of those that carry over the likeliest: what is left out says whether, and of few logs hardly
+// which one rather than another.
+bool PredictionSearch::add_one()
+{
+    std::vector<RunFit> full_fits = fit_in_full(screen());
     const double now = penalised_nlml(best);
     const auto may_stay = [&](const RunFit &f) {
         return carry_over::enough(f.carried, 1, now - penalised_nlml(f), policy::PART_TO_GO_ON);

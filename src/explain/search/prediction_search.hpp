@@ -109,6 +109,7 @@ class PredictionSearch
     void screen_others(const std::vector<Candidate> &some, const RunFit &less,
                        std::vector<Asked> &out);
     std::vector<Asked> screen();
+    std::vector<RunFit> fit_in_full(const std::vector<Asked> &asked) const;
     double penalised_nlml(const RunFit &fit) const;
     bool plausible(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
