@@ -369,6 +369,20 @@ START_TEST(a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_j
 }
 END_TEST
 
+START_TEST(a_log_without_readings_says_nothing_of_what_effects_remember)
+{
+    Runs given({DRAG});
+    double *q = const_cast<double *>(mk_log_get(given.logs[0].get(), "q1"));
+    std::fill(q, q + given.logs[0]->rows, (double)NAN);
+    mk_model m = given.model;
+    ck_assert_int_eq(mk_model_add_effect(&m, "cable-hysteresis", 1, nullptr), MK_OK);
+    const mk::FreeRuns runs(given.folds, m, WINDOW, 1);
+    const mk::RunPoint point = runs.start(m);
+    ck_assert_uint_eq(point.z.size(), point.x.size());
+    ck_assert_double_eq(point.z[0](0), 0.0);
+}
+END_TEST
+
 extern "C" Suite *suite_free_runs(void)
 {
     Suite *s = suite_create("free_runs");
@@ -383,6 +397,7 @@ extern "C" Suite *suite_free_runs(void)
     tcase_add_test(t, what_an_effect_remembers_comes_from_all_readings_before_the_window);
     tcase_add_test(t, what_an_effect_remembers_has_the_derivatives_of_its_differences);
     tcase_add_test(t, a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_joint);
+    tcase_add_test(t, a_log_without_readings_says_nothing_of_what_effects_remember);
     tcase_add_test(t, the_slope_of_the_cost_counts_in_what_effects_remember);
     suite_add_tcase(s, t);
     return s;

@@ -236,9 +236,16 @@ void FreeRuns::recall(RunPoint &point, int threads_now) const
         if (l < point.memory.size())
             finder->memory = std::move(point.memory[l]);
         remember(*finder, point.remembering, unit);
-        for (size_t w = 0; w < windows.size(); w++)
-            if (windows[w].log == (int)l)
+        const long own = mk_model_state_count(&point.model) - 2 * mk_model_joints(&point.model);
+        for (size_t w = 0; w < windows.size(); w++) {
+            if (windows[w].log != (int)l)
+                continue;
+            // Without a place of the way, as in a log without readings, nothing is known.
+            point.z[w] = VectorXd::Zero(own);
+            point.dz[w] = MatrixXd::Zero(own, (long)unit.size());
+            if (finder->memory.z.cols() > 0)
                 point.z[w] = remembered(*finder, windows[w].first, &point.dz[w]);
+        }
         memory[l] = std::move(finder->memory);
     });
     point.memory = std::move(memory);
