@@ -132,15 +132,8 @@ void Chain::run()
         const size_t k = (size_t)i;
         double *from = x.data() + k * (size_t)ns;
         Eigen::Map<VectorXd>(from, ns) << way.x[k], f.memory.z.col(i);
-        ShootTask task = {};
-        task.model = f.model;
-        task.data = &f.data;
-        task.begin = f.t[way.row[k]];
-        task.end = f.t[way.row[k + 1]];
+        ShootTask task = task_of(f, from, way.row[k], f.t[way.row[k + 1]]);
         task.first_row = task.end_row = 1; // no readings
-        task.x = from;
-        task.step = f.step;
-        task.edges_differ = f.edges_differ;
         task.columns = (int)columns;
         task.free_count = (int)free.size();
         task.free = free.data();

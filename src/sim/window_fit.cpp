@@ -489,20 +489,26 @@ void WindowFit::quadratic_of(const ShootTask &task, WindowQuadratic &out) const
     out.finite = left.allFinite();
 }
 
-// What all runs share: from x at the window's first row to `end`, `last` so that a reading at `end`
-// counts. Results go to the fit's buffers, which the next task of this fit overwrites. `columns` is
-// ns + the number of parameters, ns, or 0; jac_end is there but not used.
-ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
+ShootTask task_of(const mk_start_finder &f, const double *x, size_t from, double end)
 {
     ShootTask task = {};
     task.model = f.model;
     task.data = &f.data;
     task.begin = f.t[from];
     task.end = end;
-    task.last = true;
-    task.x = x.data();
+    task.x = x;
     task.step = f.step;
     task.edges_differ = f.edges_differ;
+    return task;
+}
+
+// What all runs of a window share: from x at its first row to `end`, `last` so that a reading at
+// `end` counts. Results go to the fit's buffers, which the next task of this fit overwrites.
+// `columns` is ns + the number of parameters, ns, or 0; jac_end is there but not used.
+ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
+{
+    ShootTask task = task_of(f, x.data(), from, end);
+    task.last = true;
     task.columns = columns;
     task.free_count = std::max(columns - ns, 0);
     task.free = task.free_count ? free->data() : nullptr;

@@ -162,6 +162,10 @@ class WindowFit
     ShootTask task_from(const Eigen::VectorXd &x, double end, int columns);
 };
 
+// A run of the finder's model from x at row `from` to the time `end` (s from the start of the log),
+// without derivatives or results yet. The finder and x must outlive it.
+ShootTask task_of(const mk_start_finder &finder, const double *x, size_t from, double end);
+
 // A finder without a way. Throws std::bad_alloc.
 std::unique_ptr<mk_start_finder> basic_finder(const mk_record &record, const mk_model &model);
 

@@ -237,7 +237,7 @@ void PredictionSearch::screen_group(const std::vector<Candidate> &group, const R
                 members.push_back(&given);
             }
         }
-        point = runs.adopt_traces(best.point, model, 1);
+        point = runs.adopt_traces(less.point, model, 1);
         if (!runs.linearise(point, fitted_parameters(model), false, 1, quadratic))
             return;
         if (std::fabs(runs.cost(point, quadratic) - now) < SAME)
@@ -280,8 +280,8 @@ void PredictionSearch::screen_linear(const std::vector<Candidate> &some, const R
         out.insert(out.end(), group.begin(), group.end());
 }
 
-// All others, fitted for a few iterations from where they start. A start that is not better by a
-// standard error is not tried again in later rounds (hopeless).
+// All others, fitted for a few iterations from where they start. A start that is no better in the
+// mean is not tried again in later rounds (hopeless).
 void PredictionSearch::screen_others(const std::vector<Candidate> &some, const RunFit &less,
                                      std::vector<Asked> &out)
 {
