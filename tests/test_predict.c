@@ -467,14 +467,17 @@ START_TEST(logs_too_short_to_predict_are_refused)
 }
 END_TEST
 
-/* Folder of measured logs beside the sources, if there is one. */
+/* Where a measured log is, if there are any. */
 static bool measured(const char *name, char *path, size_t size)
 {
-    snprintf(path, size, MK_SOURCE_DIR "/../shared/data/%s", name);
-    if (access(path, R_OK) == 0)
-        return true;
-    fprintf(stderr, "skipped: no measured log %s\n", name);
-    return false;
+    char data[256];
+    snprintf(data, sizeof data, "data/%s", name);
+    const char *there = shared_path(data);
+    if (there)
+        snprintf(path, size, "%s", there);
+    else
+        fprintf(stderr, "skipped: no measured log %s\n", name);
+    return there != NULL;
 }
 
 START_TEST(numbers_that_no_rig_has_are_told)
