@@ -16,6 +16,7 @@ struct reader {
     struct mk_ini *ini;
     struct mk_error *err;
     const char *what;
+    enum mk_ini_comments comments;
     enum mk_status status; /* first failure */
     int line;
 };
@@ -32,7 +33,7 @@ static bool take_section(struct reader *r, const char *text)
     const char *end = strchr(text, ']');
     struct mk_ini *ini = r->ini;
     char name[LONGEST_SECTION + 1];
-    if (!end || end[1 + strspn(end + 1, " \t")]) {
+    if (!end || !strchr("#;", end[1 + strspn(end + 1, " \t")])) { /* its 0, too, is in a text */
         fail(r, "expected `[section]` and nothing else in the line");
         return false;
     }
@@ -53,24 +54,63 @@ static bool take_section(struct reader *r, const char *text)
     return true;
 }
 
-/* fgets for inih: one line at a time, comments and leading blanks gone (inih would take an indented
- * line as the continuation of the one before). */
+/* What fits of a line, without its end; `length` is that of the whole line. False: the file has
+ * ended. */
+static bool take_line(FILE *file, char *line, size_t size, size_t *length)
+{
+    size_t n = 0;
+    int c = getc(file);
+    if (c == EOF)
+        return false;
+    for (; c != '\n' && c != EOF; c = getc(file), n++)
+        if (n + 1 < size)
+            line[n] = (char)c;
+    line[n < size ? n : size - 1] = '\0';
+    *length = n;
+    return true;
+}
+
+static bool begins_comment(const struct reader *r, const char *line, const char *at)
+{
+    if (r->comments == MK_INI_COMMENTS_ANYWHERE || at == line)
+        return *at == '#' || *at == ';';
+    return *at == ';' && (at[-1] == ' ' || at[-1] == '\t');
+}
+
+/* What is left of a line without comments, leading blanks and its end: inih would take an indented
+ * line as the continuation of the one before. NULL: the file or what can be read of it has ended.
+ */
+static char *next_text(struct reader *r, char *line, size_t size)
+{
+    size_t length;
+    if (r->status != MK_OK || !take_line(r->file, line, size, &length))
+        return NULL;
+    r->line++;
+    char *text = line + (r->line == 1 ? mk_byte_order_mark(line, strlen(line)) : 0);
+    text += strspn(text, " \t\v\f");
+    char *end = text;
+    while (*end && !begins_comment(r, text, end))
+        end++;
+    const bool cut = !*end && strlen(line) != length; /* more than a comment is missing */
+    if (end > text && end[-1] == '\r')
+        end--;
+    *end = '\0';
+    if (end - text > LONGEST_LINE || (cut && length >= size))
+        fail(r, "the line is too long: at most 180 characters");
+    else if (cut)
+        fail(r, "a zero byte: this is no text file");
+    return r->status == MK_OK ? text : NULL;
+}
+
+/* fgets for inih, which has room for a line of LONGEST_LINE. */
 static char *next_line(char *out, int size, void *stream)
 {
     struct reader *r = stream;
     char line[1024];
-    if (r->status != MK_OK || !fgets(line, sizeof line, r->file))
+    const char *text = next_text(r, line, sizeof line);
+    (void)size;
+    if (!text)
         return NULL;
-    r->line++;
-    bool whole = strchr(line, '\n') || feof(r->file);
-    line[strcspn(line, "#;\r\n")] = '\0';
-    const char *text = line + strspn(line, " \t");
-    if (r->line == 1)
-        text += mk_byte_order_mark(text, strlen(text));
-    if (!whole || strlen(text) + 2 > (size_t)size || strlen(text) > LONGEST_LINE) {
-        fail(r, "the line is too long: at most 180 characters");
-        return NULL;
-    }
     if (text[0] && text[0] != '[' && !strpbrk(text, "=:")) {
         fail(r, "expected `key = value` or `[section]`");
         return NULL;
@@ -121,10 +161,10 @@ static enum mk_status parse(struct reader *r)
     return r->status;
 }
 
-enum mk_status mk_ini_read(const char *path, const char *what, struct mk_ini **out,
-                           struct mk_error *err)
+enum mk_status mk_ini_read(const char *path, const char *what, enum mk_ini_comments comments,
+                           struct mk_ini **out, struct mk_error *err)
 {
-    struct reader r = {.err = err, .what = what};
+    struct reader r = {.err = err, .what = what, .comments = comments};
     *out = NULL;
     r.file = fopen(path, "r");
     if (!r.file)

@@ -1,6 +1,6 @@
-/* INI files with the lines that things were in: `[section]`, `key = value`, comments from # or ; to
- * the end of the line. A key that is there twice in a section is an error, and so is text behind
- * the ] of a section. */
+/* INI files with the lines that things were in: `[section]`, `key = value`, and comments, as long
+ * as they like. A key that is there twice in a section is an error, and so is text behind the ] of
+ * a section. */
 #ifndef MECHKIT_BASE_INI_FILE_H
 #define MECHKIT_BASE_INI_FILE_H
 
@@ -21,6 +21,13 @@ struct mk_ini_entry {
     bool used; /* for the caller: what is left unused was not understood */
 };
 
+enum mk_ini_comments {
+    MK_INI_COMMENTS_ANYWHERE, /* from # or ; to the end of the line */
+    /* Values are other people's names, with # and ; in them: # and ; begin a comment at the start
+     * of a line, and ; behind a blank. */
+    MK_INI_COMMENTS_APART
+};
+
 /* Also one without keys. */
 struct mk_ini_section {
     char name[MK_INI_TEXT];
@@ -36,7 +43,8 @@ struct mk_ini {
 
 /* Reads a whole file; `what` it is goes into messages ("the model"). The caller frees *out, which
  * is NULL on failure. MK_ERR_NOTFOUND, MK_ERR_PERM, MK_ERR_IO, MK_ERR_NOMEM, MK_ERR_PARSE. */
-MK_NODISCARD enum mk_status mk_ini_read(const char *path, const char *what, struct mk_ini **out,
+MK_NODISCARD enum mk_status mk_ini_read(const char *path, const char *what,
+                                        enum mk_ini_comments comments, struct mk_ini **out,
                                         struct mk_error *err);
 void mk_ini_free(struct mk_ini *ini); /* NULL allowed */
 

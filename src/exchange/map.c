@@ -1,12 +1,12 @@
 /* Mapping files: which column of a foreign file is what. */
 #include <ctype.h>
 #include <errno.h>
-#include <ini.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/ini_file.h"
 #include "base/out_file.h"
 #include "base/text.h"
 #include "exchange/source.h"
@@ -38,89 +38,21 @@ bool map_can_name(const char *column)
 
 struct reader {
     const char *path;
-    FILE *file;
-    int line;
+    int line; /* of the entry in hand */
     struct mk_import_map map;
     bool has_rig;
-    char section[32]; /* of a column, and no key of it has come yet; "": none */
-    int section_line;
     enum mk_status status;
     struct mk_error *err;
 };
 
-/* inih says nothing of a section that has no keys: a column that somebody forgot to fill in. */
-static bool ends_section(struct reader *r)
+static bool refuse(struct reader *r, const char *what, const char *section, const char *key)
 {
-    if (r->section[0] && r->status == MK_OK && !mk_import_map_find(&r->map, r->section))
-        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->section_line, 0,
-                                "[%s] column is missing: the section has no keys", r->section);
-    r->section[0] = '\0';
-    return r->status == MK_OK;
+    r->status =
+        mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "[%s] %s: %s", section, key, what);
+    return false;
 }
 
-static bool begins_section(struct reader *r, const char *line)
-{
-    const char *end = strchr(line, ']');
-    if (!ends_section(r))
-        return false;
-    size_t length = end ? (size_t)(end - line - 1) : 0;
-    if (length == 0)
-        return true; /* inih tells */
-    if (length >= sizeof r->section) {
-        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0,
-                                "too long a name of a column: at most 31 characters");
-        return false;
-    }
-    memcpy(r->section, line + 1, length);
-    r->section[length] = '\0';
-    r->section_line = r->line;
-    if (strcmp(r->section, "rig") == 0 || strcmp(r->section, "source") == 0)
-        r->section[0] = '\0';
-    return true;
-}
-
-/* Blanks, and what some editors put before the first line. */
-static void drop_beginning(char *line, bool is_first)
-{
-    size_t mark = is_first ? mk_byte_order_mark(line, strlen(line)) : 0;
-    size_t blanks = mark + strspn(line + mark, " \t\r\n\v\f");
-    memmove(line, line + blanks, strlen(line) - blanks + 1);
-}
-
-/* fgets for inih: leading blanks gone (inih would take an indented line as the continuation of the
- * one before), and never a part of a line as if it were one. */
-static char *next_line(char *buffer, int size, void *user)
-{
-    struct reader *r = user;
-    buffer[size - 1] = 'x'; /* fgets makes it 0 where it fills the buffer */
-    if (r->status != MK_OK || !fgets(buffer, size, r->file))
-        return NULL;
-    r->line++;
-    bool whole = strchr(buffer, '\n') || feof(r->file);
-    bool filled = buffer[size - 1] == '\0' && buffer[size - 2] != '\n';
-    drop_beginning(buffer, r->line == 1);
-    bool comment = *buffer == '#' || *buffer == ';';
-    if (!whole && !(filled && comment)) {
-        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "%s",
-                                filled ? "the line is too long: at most 190 characters"
-                                       : "a zero byte: this is no text file");
-        return NULL;
-    }
-    for (int c = whole ? '\n' : 0; c != '\n' && c != EOF;) /* the rest of a comment */
-        c = getc(r->file);
-    return *buffer != '[' || begins_section(r, buffer) ? buffer : NULL;
-}
-
-/* inih goes on after a failure; the first one is told. */
-static int refuse(struct reader *r, const char *what, const char *section, const char *key)
-{
-    if (r->status == MK_OK)
-        r->status = mk_error_at(r->err, MK_ERR_PARSE, r->path, r->line, 0, "[%s] %s: %s", section,
-                                key, what);
-    return 0;
-}
-
-static int refuse_kind(struct reader *r, const char *key)
+static bool refuse_kind(struct reader *r, const char *key)
 {
     char what[200];
     snprintf(what, sizeof what, "expected %s", mk_plant_names());
@@ -128,7 +60,7 @@ static int refuse_kind(struct reader *r, const char *key)
 }
 
 /* `known`: the keys of the section, with commas. */
-static int refuse_key(struct reader *r, const char *known, const char *section, const char *key)
+static bool refuse_key(struct reader *r, const char *known, const char *section, const char *key)
 {
     struct mk_meant meant = {.word = key};
     char names[200], text[320], hint[80], *rest = names, *name;
@@ -202,7 +134,7 @@ static bool joint_units(const char *text, bool linear[2])
     return n > 0 && text[strspn(text, " \t,")] == '\0';
 }
 
-static int on_source(struct reader *r, const char *key, const char *value)
+static bool on_source(struct reader *r, const char *key, const char *value)
 {
     if (strcmp(key, "separator") == 0) {
         if (strcmp(value, "tab") == 0)
@@ -215,18 +147,18 @@ static int on_source(struct reader *r, const char *key, const char *value)
             r->map.separator = ';';
         else
             return refuse(r, "expected comma, semicolon, tab or space", "source", key);
-        return 1;
+        return true;
     }
     if (strcmp(key, "decimal") == 0) {
         if (strcmp(value, "point") != 0 && strcmp(value, "comma") != 0)
             return refuse(r, "expected point or comma", "source", key);
         r->map.decimal = *value == 'p' ? '.' : ',';
-        return 1;
+        return true;
     }
     return refuse_key(r, "separator, decimal", "source", key);
 }
 
-static int on_rig(struct reader *r, const char *key, const char *value)
+static bool on_rig(struct reader *r, const char *key, const char *value)
 {
     if (strcmp(key, "kind") == 0) {
         const struct mk_plant_info *plant = mk_plant_by_name(value);
@@ -236,7 +168,7 @@ static int on_rig(struct reader *r, const char *key, const char *value)
         for (int j = 0; j < plant->joints; j++)
             r->map.joint_linear[j] |= plant->joint_motion[j] == MK_JOINT_SLIDES;
         r->has_rig = true;
-        return 1;
+        return true;
     }
     if (strcmp(key, "u_to_torque") == 0)
         return (finite_number(value, &r->map.u_to_torque) && r->map.u_to_torque > 0.0) ||
@@ -270,7 +202,7 @@ static char *source_name(struct mk_import_column *c, const char *key)
                                        : NULL;
 }
 
-static int on_column(struct reader *r, const char *section, const char *key, const char *value)
+static bool on_column(struct reader *r, const char *section, const char *key, const char *value)
 {
     struct mk_import_column *c = mk_import_map_find(&r->map, section);
     if (!c) {
@@ -285,7 +217,7 @@ static int on_column(struct reader *r, const char *section, const char *key, con
         if (strlen(value) >= sizeof c->from)
             return refuse(r, "too long a name", section, key);
         strcpy(name, value);
-        return 1;
+        return true;
     }
     if (strcmp(key, "unit") == 0) {
         const struct unit *unit = unit_by_name(value);
@@ -299,7 +231,7 @@ static int on_column(struct reader *r, const char *section, const char *key, con
             return refuse(r, text, section, key);
         }
         snprintf(c->unit, sizeof c->unit, "%s", value);
-        return 1;
+        return true;
     }
     if (strcmp(key, "sign") == 0)
         return (finite_number(value, &c->sign) && c->sign != 0.0) ||
@@ -309,11 +241,10 @@ static int on_column(struct reader *r, const char *section, const char *key, con
     return refuse_key(r, "column, plus, minus, unit, sign, offset", section, key);
 }
 
-static int on_entry(void *user, const char *section, const char *key, const char *value)
+static bool on_entry(struct reader *r, const char *section, const char *key, const char *value)
 {
-    struct reader *r = user;
-    if (r->status != MK_OK)
-        return 0;
+    if (!*section)
+        return refuse(r, "a key before the first [section]", section, key);
     for (const char *at = value; *at; at++)
         if (iscntrl((unsigned char)*at))
             return refuse(r, "there is a control character in the value", section, key);
@@ -325,6 +256,22 @@ static int on_entry(void *user, const char *section, const char *key, const char
     if (strcmp(section, "rig") == 0)
         return on_rig(r, key, value);
     return on_column(r, section, key, value);
+}
+
+/* Every section but [rig] and [source] is a column of a log; one without keys is a column that
+ * somebody forgot to fill in. */
+static enum mk_status check_section(const struct reader *r, const struct mk_ini *ini,
+                                    const struct mk_ini_section *s)
+{
+    if (strcmp(s->name, "rig") == 0 || strcmp(s->name, "source") == 0)
+        return MK_OK;
+    if (strlen(s->name) >= sizeof r->map.column[0].to)
+        return mk_error_at(r->err, MK_ERR_PARSE, r->path, s->line, 0,
+                           "too long a name of a column: at most 31 characters");
+    return mk_ini_first(ini, s->name)
+               ? MK_OK
+               : mk_error_at(r->err, MK_ERR_PARSE, r->path, s->line, 0,
+                             "[%s] column is missing: the section has no keys", s->name);
 }
 
 /* The section or key without which a mapping says too little; NULL: all are there. */
@@ -398,17 +345,19 @@ static enum mk_status check(struct reader *r)
 enum mk_status mk_import_map_read(const char *path, struct mk_import_map *out, struct mk_error *err)
 {
     struct reader r = {.path = path, .err = err};
-    r.file = fopen(path, "r");
-    if (!r.file)
-        return mk_error_errno(err, errno, path, "cannot read the mapping");
-    int bad = ini_parse_stream(next_line, &r, on_entry, &r);
-    if (r.status == MK_OK && ferror(r.file))
-        r.status = mk_error_errno(err, errno ? errno : EIO, path, "cannot read the mapping");
-    if (r.status == MK_OK && bad != 0)
-        r.status = mk_error_at(err, MK_ERR_PARSE, path, bad > 0 ? bad : r.line, 0,
-                               "expected `key = value` or `[section]`");
-    fclose(r.file);
-    if (ends_section(&r))
+    struct mk_ini *ini;
+    r.status = mk_ini_read(path, "the mapping", MK_INI_COMMENTS_APART, &ini, err);
+    if (r.status != MK_OK)
+        return r.status;
+    for (int i = 0; r.status == MK_OK && i < ini->sections; i++)
+        r.status = check_section(&r, ini, &ini->section[i]);
+    for (int i = 0; r.status == MK_OK && i < ini->count; i++) {
+        const struct mk_ini_entry *e = &ini->entry[i];
+        r.line = e->line;
+        (void)on_entry(&r, e->section, e->key, e->value);
+    }
+    mk_ini_free(ini);
+    if (r.status == MK_OK)
         r.status = check(&r);
     if (r.status == MK_OK)
         *out = r.map;

@@ -559,7 +559,7 @@ enum mk_status mk_model_read_open(const char *path, struct mk_model *out, bool *
     struct mk_model model;
     for (int i = 0; unknown && i < MK_MAX_FIT_PARAMETERS; i++)
         unknown[i] = false;
-    enum mk_status st = mk_ini_read(path, "the model", &r.file, err);
+    enum mk_status st = mk_ini_read(path, "the model", MK_INI_COMMENTS_ANYWHERE, &r.file, err);
     if (st == MK_OK)
         st = interpret(&r, &model);
     if (st == MK_OK)

@@ -339,7 +339,7 @@ enum mk_status sweep_read(const char *path, struct sweep *out, struct mk_error *
     memset(out, 0, sizeof *out);
     if (snprintf(out->path, sizeof out->path, "%s", path) >= (int)sizeof out->path)
         return mk_error_set(err, MK_ERR_RANGE, "%s: too long a path", path);
-    enum mk_status st = mk_ini_read(out->path, "the sweep", &ini, err);
+    enum mk_status st = mk_ini_read(out->path, "the sweep", MK_INI_COMMENTS_ANYWHERE, &ini, err);
     if (st == MK_OK)
         st = read_sweep(out, ini, err);
     if (st == MK_OK)
