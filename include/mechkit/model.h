@@ -123,7 +123,9 @@ struct mk_plant_info {
      * equilibrium. All 0: nothing is balanced. */
     double lean[MK_MAX_JOINTS];
     double u_max, u_to_torque; /* of a model that does not say; 0: those of struct mk_model */
-    int parameter_count;
+    /* The first mass_count parameters are sums of masses, lengths and inertias. Behind them stand
+     * the two of the motor joint's friction, viscous and then Coulomb, and no more. */
+    int parameter_count, mass_count;
     struct mk_parameter_info parameter[MK_MAX_PARAMETERS];
     int parameter_joint[MK_MAX_PARAMETERS]; /* 0-based joint in whose unit it is: mk_model_unit */
     const char *mass_rule; /* which parameters make a mass matrix, in words; NULL: all in range */

@@ -86,7 +86,7 @@ static enum mk_status draw_parameters(const struct mk_model *nominal,
     enum mk_status st = MK_ERR_RANGE;
     for (int k = 0; k < tries && st == MK_ERR_RANGE; k++) {
         for (int i = 0; i < plant->parameter_count; i++) {
-            bool friction = i >= plant->parameter_count - 2; /* of every plant the last two */
+            bool friction = i >= plant->mass_count;
             out->parameter[i] =
                 nominal->parameter[i] *
                 (1.0 + off_by(random, friction ? spread->friction : spread->parameters));

@@ -778,7 +778,7 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
 bool mk_explanation_doubts_mass(const mk_explanation *e, int i)
 {
     const bool rest = e->verdict == MK_VERDICT_PARTIAL || e->verdict == MK_VERDICT_UNKNOWN;
-    const bool mass = i < mk_plant(e->given.plant)->parameter_count - 2;
+    const bool mass = i < mk_plant(e->given.plant)->mass_count;
     if (!rest || !mass || e->unknown[i] || e->scale_free || e->given.parameter[i] == 0.0)
         return false;
     const mk_model &fitted = e->offered ? e->extended : e->refit;

@@ -128,12 +128,11 @@ bool linear(const IdentProblem &whole, const IdentMethod &method, double cutoff_
     return mend(out);
 }
 
-// Friction of the motor joint has the last two parameters of every plant; what is left are
-// inertias, in kg m^2, and weights.
+// Those of masses are inertias, in kg m^2, and weights.
 enum Group { INERTIA, WEIGHT, FRICTION };
 Group group_of(const mk_plant_info &plant, int i)
 {
-    if (i >= plant.parameter_count - 2)
+    if (i >= plant.mass_count)
         return FRICTION;
     return std::string(plant.parameter[i].unit) == "kg m^2" ? INERTIA : WEIGHT;
 }

@@ -16,11 +16,9 @@ constexpr double AGREE = 1.5, BEYOND = 1.25;
 // Standard deviation of the logarithm outside of the range: a wall, and yet smooth to a fit.
 constexpr double SOFT = 0.01;
 
-// All but the last two, which are viscous and Coulomb friction of the motor's joint
-// (model/rhs.hpp).
 int mass_count(const mk_model &model)
 {
-    return mk_plant(model.plant)->parameter_count - 2;
+    return mk_plant(model.plant)->mass_count;
 }
 
 } // namespace

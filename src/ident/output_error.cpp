@@ -43,7 +43,7 @@ void warn_if_nothing_is_left(const IdentProblem &problem, int number, mk_ident_r
     constexpr double NEAR = 2.0, SURE = 4.0; // standard errors
     const mk_ident_parameter &p = r.parameter[number];
     const double given = mk_model_parameter(&problem.model, number);
-    if (p.excited && number < mk_plant(problem.model.plant)->parameter_count - 2 &&
+    if (p.excited && number < mk_plant(problem.model.plant)->mass_count &&
         !problem.options.unknown[number] && std::fabs(p.value) < NEAR * p.std_error &&
         std::fabs(given) > SURE * p.std_error)
         warn(r,

@@ -48,8 +48,8 @@ void derivatives(const mk_model &model, const State &s, int joints, WeakSample &
                    sum.m12 * s.a[0] + sum.m22 * s.a[1] + sum.f2};
     const D &turn = v[plant->motor_joint];
     torque[plant->motor_joint] +=
-        p[plant->parameter_count - 2] * turn +
-        p[plant->parameter_count - 1] * smooth_sign(model.friction_sharpness, turn);
+        p[plant->mass_count] * turn +
+        p[plant->mass_count + 1] * smooth_sign(model.friction_sharpness, turn);
     const double mass[N][N] = {{sum.m11.v, sum.m12.v}, {sum.m12.v, sum.m22.v}};
     for (int e = 0; e < joints; e++)
         for (int j = 0; j < joints; j++) {
@@ -147,11 +147,11 @@ Loss loss_around(double sharpness, const std::vector<double> &v, size_t k)
             (a.coulomb + middle * b.coulomb + c.coulomb) / all};
 }
 
-// d/dt (T + V) + friction's loss = motors' power. Friction has the last two parameters.
+// d/dt (T + V) + friction's loss = motors' power.
 void energy_sample(const mk_model &model, const Track &t, size_t k, WeakSample &out)
 {
     const mk_plant_info *plant = mk_plant(model.plant);
-    int m = plant->motor_joint, f = plant->parameter_count - 2;
+    int m = plant->motor_joint, f = plant->mass_count;
     State s(t, k);
     stored(model, s, t.joints, out);
     double speed = s.v[m], sharpness = model.friction_sharpness,

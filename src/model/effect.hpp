@@ -30,7 +30,7 @@ template <class S>
 struct Compiled {
     enum mk_plant_kind plant;
     bool parallel; // the joints' axes: row joints_parallel of the plant
-    int joints, motor, parameter_count, state_count, event_count, effect_count;
+    int joints, motor, parameter_count, mass_count, state_count, event_count, effect_count;
     double g, u_max;
     double sharpness[MK_MAX_JOINTS]; // k of S_k(v) for laws that have none of their own
     S p[MK_MAX_PARAMETERS];

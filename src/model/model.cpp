@@ -327,7 +327,7 @@ void mk_plant_linearise(const mk_model *model, const double *q, bool friction, d
     const mk_plant_info *plant = mk_plant(model->plant);
     int n = plant->joints;
     if (!friction)
-        bare.parameter[plant->parameter_count - 2] = bare.parameter[plant->parameter_count - 1] = 0;
+        bare.parameter[plant->mass_count] = bare.parameter[plant->mass_count + 1] = 0.0;
     // The command that holds the position balances the plant's gravity at the motor joint.
     double zero[2] = {0.0, 0.0}, mass[4], hold[2];
     mk_plant_mass(&bare, q, zero, mass, hold);

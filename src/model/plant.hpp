@@ -9,8 +9,9 @@
 // D and h, Regressor keeps them apart as columns of Phi. Rows are in Lagrangian form: row j is the
 // equation of the generalised coordinate q_j, so a torque inside joint j appears in row j alone.
 //
-// Friction of the motor joint has the same form on every plant (the last two parameters) and is
-// added by the model (rhs.hpp): what turns with the motor's shaft need not be the joint (backlash).
+// Friction of the motor joint has the same form on every plant (the two parameters behind those of
+// masses) and is added by the model (rhs.hpp): what turns with the motor's shaft need not be the
+// joint (backlash).
 //
 // A plant states
 //     info                   its row: mechkit/model.h says what each field means

@@ -35,6 +35,7 @@ struct CartPole : Plant {
         i.u_max = 10.0;      // N
         i.u_to_torque = 1.0; // the command is the force
         i.parameter_count = 5;
+        i.mass_count = 3;
         i.parameter[0] = {
             "p1",       "kg m^2",  "mass of carriage, pole and what turns with the motor",
             PLANT_TINY, PLANT_INF, 0.82};

@@ -26,6 +26,7 @@ struct Furuta : Plant {
         i.rest[1] = PLANT_PI;
         i.lean[1] = 1.0;
         i.parameter_count = 6;
+        i.mass_count = 4;
         i.parameter[0] = {"p1",       "kg m^2",  "J1 + m1 lc1^2 + m2 L1^2 of the arm",
                           PLANT_TINY, PLANT_INF, 0.0540};
         i.parameter[1] = {"p2",       "kg m^2",  "2 m2 L1 lc2 (thin rod: m2 L1 L2)",

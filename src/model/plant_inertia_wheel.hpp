@@ -23,6 +23,7 @@ struct InertiaWheel : Plant {
         i.joint_travel[0] = HUGE_VAL;
         i.joint_speed[0] = PLANT_WHEEL_SPEED;
         i.parameter_count = 3;
+        i.mass_count = 1;
         i.parameter[0] = {"p1",       "kg m^2",  "inertia J of wheel and shaft",
                           PLANT_TINY, PLANT_INF, 0.0045};
         i.parameter[1] = {"p2", "N m s/rad", "viscous friction", 0.0, PLANT_INF, 0.0112};

@@ -25,6 +25,7 @@ struct Pendubot : Plant {
         i.rest[0] = -PLANT_PI / 2;
         i.lean[0] = i.lean[1] = 1.0;
         i.parameter_count = 7;
+        i.mass_count = 5;
         i.parameter[0] = {"p1", "kg m^2", "m1 lc1^2 + m2 L1^2 + J1", PLANT_TINY, PLANT_INF, 0.0540};
         i.parameter[1] = {"p2", "kg m^2", "m2 lc2^2 + J2", PLANT_TINY, PLANT_INF, 0.0540};
         i.parameter[2] = {"p3", "kg m^2", "m2 L1 lc2", -PLANT_INF, PLANT_INF, 0.0286};

@@ -22,6 +22,7 @@ struct Pendulum : Plant {
         i.joint_speed[0] = PLANT_LINK_SPEED;
         i.lean[0] = 1.0;
         i.parameter_count = 4;
+        i.mass_count = 2;
         i.parameter[0] = {"p1",       "kg m^2",  "inertia J about the shaft",
                           PLANT_TINY, PLANT_INF, 0.0624};
         i.parameter[1] = {"p2", "N m", "gravity torque m g l", 0.0, PLANT_INF, 7.0408};

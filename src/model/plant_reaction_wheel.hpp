@@ -28,6 +28,7 @@ struct ReactionWheel : Plant {
         i.joint_speed[1] = PLANT_WHEEL_SPEED;
         i.lean[0] = 1.0;
         i.parameter_count = 5;
+        i.mass_count = 3;
         i.parameter[0] = {"p1", "kg m^2", "J1 + m1 lc1^2 + m2 L1^2", PLANT_TINY, PLANT_INF, 0.8544};
         i.parameter[1] = {"p2",       "kg m^2",  "inertia of wheel and rotor",
                           PLANT_TINY, PLANT_INF, 0.0045};

@@ -34,6 +34,7 @@ constexpr bool counts_are_right(const mk_plant_info &i)
 {
     return is_within(1, i.joints, MK_MAX_JOINTS) && is_within(0, i.motor_joint, i.joints - 1) &&
            is_within(3, i.parameter_count, MK_MAX_PARAMETERS) &&
+           i.mass_count == i.parameter_count - 2 &&
            is_within(1, i.equilibrium_count, MK_MAX_EQUILIBRIA);
 }
 

@@ -21,6 +21,7 @@ inline Compiled<S> compile(const mk_model &model)
     c.parallel = plant->joints_parallel;
     c.motor = plant->motor_joint;
     c.parameter_count = plant->parameter_count;
+    c.mass_count = plant->mass_count;
     c.g = model.g;
     c.u_max = model.u_max;
     for (int j = 0; j < MK_MAX_JOINTS; j++)
@@ -53,13 +54,13 @@ inline Compiled<S> compile(const mk_model &model)
     return c;
 }
 
-// Friction of the motor joint, the same form on every plant: the last two parameters.
+// Friction of the motor joint, the same form on every plant: viscous, then Coulomb.
 // Report (2.2), (2.3).
 template <class S>
 inline S motor_friction(const Compiled<S> &c, const S &speed, const S &coulomb_scale)
 {
-    return c.p[c.parameter_count - 2] * speed +
-           c.p[c.parameter_count - 1] * coulomb_scale * smooth_sign(c.sharpness[c.motor], speed);
+    return c.p[c.mass_count] * speed +
+           c.p[c.mass_count + 1] * coulomb_scale * smooth_sign(c.sharpness[c.motor], speed);
 }
 
 template <class S>

@@ -25,13 +25,13 @@ bool FirstFit::any_unknown() const
                        [](bool unknown) { return unknown; });
 }
 
-// Values that the data had to tell agree with a fit to the same data, whatever it is. Friction, the
-// last two parameters of every plant, may be unknown where masses are not.
+// Values that the data had to tell agree with a fit to the same data, whatever it is. Friction may
+// be unknown where masses are not.
 bool FirstFit::starts_as_given() const
 {
-    const int count = mk_plant(model.plant)->parameter_count;
-    for (int i = 0; i < count; i++) {
-        const bool mass = i < count - 2;
+    const mk_plant_info &plant = *mk_plant(model.plant);
+    for (int i = 0; i < plant.parameter_count; i++) {
+        const bool mass = i < plant.mass_count;
         if (options.unknown[i] ? mass : start.parameter[i] != asked.parameter[i])
             return false;
     }
