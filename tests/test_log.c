@@ -725,12 +725,30 @@ START_TEST(an_empty_mark_of_left_out_rows_leaves_nothing_out)
 }
 END_TEST
 
+START_TEST(a_number_column_is_shifted_and_nothing_else)
+{
+    struct mk_log *log = read_text("t,q1,q2,name\n0,1,,a\n1,2,1,b\n");
+    mk_log_shift(log, mk_log_angle(1), 0.5);
+    mk_log_shift(log, mk_log_speed(0), 0.5); /* not there */
+    mk_log_shift(log, "name", 0.5);
+    ck_assert(isnan(mk_log_get(log, "q2")[0]) && mk_log_get(log, "q2")[1] == 1.5);
+    ck_assert(mk_log_get(log, "q1")[0] == 1.0 && mk_log_get(log, "t")[1] == 1.0);
+    ck_assert_uint_eq(log->column_count, 4);
+    ck_assert_str_eq(log->columns[3].text[1], "b");
+    ck_assert_str_eq(mk_log_speed(1), "dq2");
+    ck_assert_str_eq(mk_log_angle(2), "");
+    ck_assert_str_eq(mk_log_angle(-1), "");
+    mk_log_free(log);
+}
+END_TEST
+
 Suite *suite_log(void)
 {
     Suite *s = suite_create("log");
     TCase *t = tcase_create("files");
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_log_is_read_with_metadata_and_gaps);
+    tcase_add_test(t, a_number_column_is_shifted_and_nothing_else);
     tcase_add_test(t, other_people_s_line_ends_and_marks_are_understood);
     tcase_add_test(t, when_a_run_began_is_a_time_before_its_rows);
     tcase_add_test(t, metadata_and_comments_may_stand_between_rows);

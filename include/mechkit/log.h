@@ -68,6 +68,13 @@ double *mk_log_add_column(struct mk_log *log, const char *name);
 
 /* Data of a number column, NULL when there is none of that name. */
 const double *mk_log_get(const struct mk_log *log, const char *name);
+/* Adds `by` to all values of a number column; a column that is not there stays so. */
+void mk_log_shift(struct mk_log *log, const char *name, double by);
+
+/* The column of a joint's angle, "q1" for joint 0; "" for a joint that no log has. Static. */
+const char *mk_log_angle(int joint);
+/* That of its speed, "dq1". */
+const char *mk_log_speed(int joint);
 
 /* Metadata value of the first line with that key, NULL when absent. */
 const char *mk_log_find_meta(const struct mk_log *log, const char *key);

@@ -79,6 +79,32 @@ const double *mk_log_get(const struct mk_log *log, const char *name)
     return NULL;
 }
 
+void mk_log_shift(struct mk_log *log, const char *name, double by)
+{
+    for (size_t c = 0; c < log->column_count; c++)
+        if (strcmp(log->columns[c].name, name) == 0 && log->columns[c].data)
+            for (size_t k = 0; k < log->rows; k++)
+                log->columns[c].data[k] += by;
+}
+
+static const char *const joint_column[][2] = {{"q1", "dq1"}, {"q2", "dq2"}};
+
+static const char *of_joint(int joint, int which)
+{
+    const int joints = (int)(sizeof joint_column / sizeof joint_column[0]);
+    return joint >= 0 && joint < joints ? joint_column[joint][which] : "";
+}
+
+const char *mk_log_angle(int joint)
+{
+    return of_joint(joint, 0);
+}
+
+const char *mk_log_speed(int joint)
+{
+    return of_joint(joint, 1);
+}
+
 const char *mk_log_find_meta(const struct mk_log *log, const char *key)
 {
     for (size_t i = 0; i < log->meta_count; i++)

@@ -30,8 +30,10 @@ struct Columns {
 
 Columns columns_of(const mk_log &log)
 {
-    Columns c = {
-        mk_log_get(&log, "t"), {mk_log_get(&log, "q1"), mk_log_get(&log, "q2")}, {}, log.rows};
+    Columns c = {mk_log_get(&log, "t"),
+                 {mk_log_get(&log, mk_log_angle(0)), mk_log_get(&log, mk_log_angle(1))},
+                 {},
+                 log.rows};
     static const char *const names[][2] = {{"u1", "u2"}, {"tau1", "tau2"}, {"u", ""}, {"tau", ""}};
     for (const auto &pair : names)
         if (!c.u[0] && mk_log_get(&log, pair[0])) {
@@ -291,8 +293,8 @@ int Fit::wrong_sign() const
     double most = BEYOND_DOUBT;
     for (int i = 0; i < np_; i++) {
         double doubt = -p_[i] / deviation_[i];
-        // With angles as in docs/formats.md all but friction are sums of masses, lengths, inertias.
-        if (i < plant_->parameter_count - 2 && doubt > most) {
+        // With angles as in docs/formats.md they are sums of masses, lengths, inertias.
+        if (i < plant_->mass_count && doubt > most) {
             most = doubt;
             worst = i;
         }
@@ -436,8 +438,8 @@ struct SlopeMatch {
 SlopeMatch match_slope(const mk_log &log, int joint)
 {
     SlopeMatch m;
-    const double *t = mk_log_get(&log, "t"), *q = mk_log_get(&log, joint ? "q2" : "q1");
-    const double *v = mk_log_get(&log, joint ? "dq2" : "dq1");
+    const double *t = mk_log_get(&log, "t"), *q = mk_log_get(&log, mk_log_angle(joint));
+    const double *v = mk_log_get(&log, mk_log_speed(joint));
     if (!t || !q || !v)
         return m;
     // Slopes over a hundredth of a second: over one sample they are counts.

@@ -17,7 +17,6 @@ namespace
 {
 
 constexpr double TURN = 6.283185307179586; // rad
-const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
 
 // --- wrapped angles ------------------------------------------------------------------------------
 
@@ -52,8 +51,8 @@ void check_wrapping(const CheckedLog &c, int joint, Findings &out)
         const size_t row = wrapped_at(q, c.record.rows, turns[i]);
         if (row == 0)
             continue;
-        out.fatal(text("%s jumps from %.6g to %.6g: it is wrapped to one turn%s", angles[joint],
-                       q[row - 1], q[row], i ? ", and in degrees" : ""),
+        out.fatal(text("%s jumps from %.6g to %.6g: it is wrapped to one turn%s",
+                       mk_log_angle(joint), q[row - 1], q[row], i ? ", and in degrees" : ""),
                   "unwrap it first, so that turns are counted on (numpy.unwrap, MATLAB's unwrap)",
                   c.log.first_row_line + (int)row);
     }
@@ -112,7 +111,7 @@ void check_unit(const CheckedLog &c, int joint, Findings &out)
     const bool in_degrees = steps_by(q, c.record.rows, 360.0 / counts);
     if (!in_degrees && (counts < FEWEST_COUNTS || !steps_by(q, c.record.rows, 1.0)))
         return;
-    const char *name = angles[joint];
+    const char *name = mk_log_angle(joint);
     out.fatal(
         text("%s: steps of %g are those of %g counts a turn in %s, but angles are in rad", name,
              in_degrees ? 360.0 / counts : 1.0, counts, in_degrees ? "degrees" : "raw counts"),
@@ -162,8 +161,9 @@ void check_missing(const CheckedLog &c, Findings &out)
     for (int j = 0; j < mk_model_joints(&c.model); j++) {
         const double share = missing_share(c.record.q[j], c.record.rows);
         if (share > MANY)
-            out.doubt(text("%.0f %% of the readings of %s are missing", 100.0 * share, angles[j]),
-                      "look for lost samples at the board or in the conversion of the file");
+            out.doubt(
+                text("%.0f %% of the readings of %s are missing", 100.0 * share, mk_log_angle(j)),
+                "look for lost samples at the board or in the conversion of the file");
     }
     const double share = c.record.u[0] ? missing_share(c.record.u[0], c.record.rows) : 0.0;
     if (share > MANY)
@@ -303,7 +303,7 @@ void check_extremes(const CheckedLog &c, Findings &out)
         for (size_t k = 0; k < c.record.rows; k++)
             reach = std::fmax(reach, std::fabs(c.record.q[j][k])); // passes a NaN over
         if (reach > MOST_ANGLE)
-            out.doubt(text("%s reaches %.3g %s: that is no %s of a rig", angles[j], reach,
+            out.doubt(text("%s reaches %.3g %s: that is no %s of a rig", mk_log_angle(j), reach,
                            mk_model_unit(&c.model, j, "rad"),
                            c.model.joint_linear[j] ? "position" : "angle"),
                       "look at the column, and at its unit");

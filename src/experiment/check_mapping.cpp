@@ -35,9 +35,6 @@ constexpr double CONTRADICTS = 1.1;
 // columns must leave of the error that a change of one of them leaves.
 constexpr double OTHER_SIGN = 0.5, SURELY_OTHER = 0.25, GOOD = 0.05, MORE_COLUMNS = 0.7;
 
-const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
-const char *const speeds[MK_MAX_JOINTS] = {"dq1", "dq2"};
-
 using Log = std::unique_ptr<mk_log, decltype(&mk_log_free)>;
 using Table = std::unique_ptr<mk_table, decltype(&mk_table_free)>;
 
@@ -55,8 +52,8 @@ double misfit(const mk_model &model, const mk_log &log)
     const double *t = mk_log_get(&log, "t"), *window = mk_log_get(out, "window");
     double sum = 0.0, n = 0.0;
     for (int j = 0; j < mk_model_joints(&model) && window; j++) {
-        const double *y = mk_log_get(&log, angles[j]), *q = mk_log_get(out, angles[j]);
-        const double *v = mk_log_get(out, speeds[j]), noise = 3.0 * mk_model_count(&model, j);
+        const double *y = mk_log_get(&log, mk_log_angle(j)), *q = mk_log_get(out, mk_log_angle(j));
+        const double *v = mk_log_get(out, mk_log_speed(j)), noise = 3.0 * mk_model_count(&model, j);
         double off = 0.0, even = 0.0, count = 0.0;
         for (size_t k = 0, first = 0; k < log.rows; k++) {
             if (window[k] != window[first])

@@ -164,12 +164,11 @@ static enum mk_status describe(struct mk_log *log, const struct recording *r)
 static enum mk_status fill(struct mk_log *log, size_t rows, const struct recording *r,
                            struct mk_rig *rig, const struct mk_signal *signal, struct mk_error *err)
 {
-    static const char *const angle[] = {"q1", "q2"};
     const struct mk_plant_info *plant = mk_plant(r->rig->plant);
     double *t = mk_log_add_column(log, "t"), *q[MK_MAX_JOINTS] = {NULL}, *u = NULL;
     bool fine = t != NULL;
     for (int j = 0; j < plant->joints; j++)
-        fine = (q[j] = mk_log_add_column(log, angle[j])) && fine;
+        fine = (q[j] = mk_log_add_column(log, mk_log_angle(j))) && fine;
     fine = (u = mk_log_add_column(log, "u")) && fine;
     enum mk_status st = fine ? describe(log, r) : MK_ERR_NOMEM;
     if (st != MK_OK)

@@ -103,14 +103,13 @@ void align(const Run &first, Run &run, int signals, double period)
 enum mk_status make_mean(const mk_record &first, double period, size_t rows, int joints,
                          mk_repeats &out, double **column)
 {
-    static const char *const angles[] = {"q1", "q2"};
     const char *two[] = {first.si ? "tau1" : "u1", first.si ? "tau2" : "u2"};
     const char *one = first.si ? "tau" : "u";
     if (mk_log_create(rows, &out.mean) != MK_OK)
         return MK_ERR_NOMEM;
     double *t = mk_log_add_column(out.mean, "t");
     for (int s = 0; s < out.signals; s++) {
-        const char *name = s < joints                  ? angles[s]
+        const char *name = s < joints                  ? mk_log_angle(s)
                            : out.signals == joints + 1 ? one
                                                        : two[s - joints];
         column[s] = mk_log_add_column(out.mean, name);

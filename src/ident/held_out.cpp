@@ -63,7 +63,7 @@ void HeldOut::add_windows(const mk_model &m, int number, const mk_log &predictio
     constexpr double LOST = 3.0; // standard deviations
     const size_t first = f.window.size();
     for (int j = 0; j < mk_model_joints(&m); j++) {
-        const double *q = mk_log_get(&prediction, j == 0 ? "q1" : "q2");
+        const double *q = mk_log_get(&prediction, mk_log_angle(j));
         const double sd = deviation(m, j);
         // Of errors below the rounding of the readings, as at rest, none is better than another.
         const double rounding = sd > 0.0 ? mk_model_count(&m, j) / std::sqrt(12.0) / sd : 0.0;

@@ -149,8 +149,8 @@ void hide_marked(mk_log &made)
     const double *mark = mk_log_get(&made, "left_out");
     for (size_t c = 0; c < made.column_count; c++) {
         const mk_log_column &column = made.columns[c];
-        const bool angle =
-            std::strcmp(column.name, "q1") == 0 || std::strcmp(column.name, "q2") == 0;
+        const bool angle = std::strcmp(column.name, mk_log_angle(0)) == 0 ||
+                           std::strcmp(column.name, mk_log_angle(1)) == 0;
         for (size_t k = 0; angle && k < made.rows; k++)
             if (mark[k] != 0.0)
                 column.data[k] = std::nan("");

@@ -211,7 +211,7 @@ enum mk_status by_fit(const Swing &s, const MeasureProblem &problem, double star
     enum mk_status st = mk_log_create(s.t.size(), &made);
     std::unique_ptr<mk_log, LogFree> log(made);
     double *t = st == MK_OK ? mk_log_add_column(made, "t") : nullptr;
-    double *angle = t ? mk_log_add_column(made, "q1") : nullptr;
+    double *angle = t ? mk_log_add_column(made, mk_log_angle(0)) : nullptr;
     double *u = angle ? mk_log_add_column(made, "u") : nullptr;
     if (!u)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for a swing");

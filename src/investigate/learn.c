@@ -12,8 +12,6 @@
 
 #define TOLERATED 2.0 /* times the noise */
 
-static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
-
 /* --- predictions ------------------------------------------------------------------------------ */
 
 /* What the model would read from rest under commands u at times t, nothing fitted: columns t, q1,
@@ -31,7 +29,7 @@ static enum mk_status read_model(const struct mk_model *model, const double *ori
     enum mk_status st = mk_log_create(rows, out);
     bool made = st == MK_OK && (own_t = mk_log_add_column(*out, "t")) != NULL;
     for (int j = 0; made && j < joints; j++)
-        made = (q[j] = mk_log_add_column(*out, angle[j])) != NULL;
+        made = (q[j] = mk_log_add_column(*out, mk_log_angle(j))) != NULL;
     made = made && (own_u = mk_log_add_column(*out, "u")) != NULL;
     if (!made)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for a prediction");
@@ -62,11 +60,8 @@ static enum mk_status read_model(const struct mk_model *model, const double *ori
 static void shift(struct mk_log *log, const struct mk_model *model, const double *origin,
                   double times)
 {
-    for (size_t c = 0; c < log->column_count; c++)
-        for (int j = 0; j < mk_model_joints(model); j++)
-            if (strcmp(log->columns[c].name, angle[j]) == 0 && log->columns[c].data)
-                for (size_t k = 0; k < log->rows; k++)
-                    log->columns[c].data[k] += times * origin[j];
+    for (int j = 0; j < mk_model_joints(model); j++)
+        mk_log_shift(log, mk_log_angle(j), times * origin[j]);
 }
 
 enum mk_status learn_read_log(const char *path, const struct experiment *x,
@@ -184,7 +179,7 @@ enum mk_status learn_judge(struct experiment *x, const struct mk_model *model, c
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         const bool there = st == MK_OK && j < mk_model_joints(model);
         x->error[j] = there ? figures.rms[j] : (double)NAN;
-        x->whole[j] = there ? difference(log, written, angle[j]) : (double)NAN;
+        x->whole[j] = there ? difference(log, written, mk_log_angle(j)) : (double)NAN;
     }
     int joint;
     x->passed = st == MK_OK && failed == 0 && learn_worst(x, model, &joint) <= TOLERATED;
@@ -219,8 +214,8 @@ bool learn_motor_is_dead(const char *log_path, const struct mk_model *model,
     if (mk_log_read(log_path, &log, NULL) == MK_OK &&
         mk_log_read(prediction_path, &predicted, NULL) == MK_OK) {
         *command = extent(log, "u", log->rows);
-        dead = extent(log, angle[motor], log->rows) <= still * count &&
-               extent(predicted, angle[motor], log->rows) > moves * count;
+        dead = extent(log, mk_log_angle(motor), log->rows) <= still * count &&
+               extent(predicted, mk_log_angle(motor), log->rows) > moves * count;
     }
     mk_log_free(log);
     mk_log_free(predicted);

@@ -242,17 +242,16 @@ static void compare(const struct prediction *p, size_t from, struct mk_predict_f
 static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool windowed,
                                   enum wanted wanted)
 {
-    static const char *const angle[] = {"q1", "q2"}, *const speed[] = {"dq1", "dq2"};
     double *t = mk_log_add_column(log, "t");
     if (!t)
         return MK_ERR_NOMEM;
     memcpy(t, p->rec.t, sizeof(double) * p->rec.rows);
     /* Data pointers stay valid while columns are added: each column has memory of its own. */
     for (int j = 0; j < p->joints; j++)
-        if (!(p->q[j] = mk_log_add_column(log, angle[j])))
+        if (!(p->q[j] = mk_log_add_column(log, mk_log_angle(j))))
             return MK_ERR_NOMEM;
     for (int j = 0; wanted != ANGLES_ONLY && j < p->joints; j++)
-        if (!(p->dq[j] = mk_log_add_column(log, speed[j])))
+        if (!(p->dq[j] = mk_log_add_column(log, mk_log_speed(j))))
             return MK_ERR_NOMEM;
     if (windowed && !(p->window = mk_log_add_column(log, "window")))
         return MK_ERR_NOMEM;

@@ -211,11 +211,10 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
     st = take_begins(log, out, err);
     if (st != MK_OK)
         return st;
-    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     for (int j = 0; j < plant->joints; j++) {
-        out->q[j] = mk_log_get(log, angles[j]);
+        out->q[j] = mk_log_get(log, mk_log_angle(j));
         if (!out->q[j])
-            return missing(log, err, angles[j]);
+            return missing(log, err, mk_log_angle(j));
     }
     out->left_out = mk_log_get(log, "left_out");
     out->flags = mk_log_get(log, "flags");

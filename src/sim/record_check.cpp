@@ -66,7 +66,6 @@ double duration_of(const mk_record &record)
 enum mk_status check_record(const mk_record &record, const mk_model &model, const mk_log &log,
                             size_t fewest, mk_error *err)
 {
-    static const char *const angles[MK_MAX_JOINTS] = {"q1", "q2"};
     if (record.rows < fewest)
         return mk_error_at(err, MK_ERR_RANGE, log.path, 0, 0,
                            "%zu row%s too few to learn anything from: %zu at least", record.rows,
@@ -79,7 +78,7 @@ enum mk_status check_record(const mk_record &record, const mk_model &model, cons
                            period, LONGEST_PERIOD);
     enum mk_status st = MK_OK;
     for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
-        const Column c = {record.q[j], angles[j]};
+        const Column c = {record.q[j], mk_log_angle(j)};
         st = check_sizes(c, MOST_ANGLE, model.joint_linear[j] ? " m" : " rad", log, err);
         if (st == MK_OK)
             st = check_count(c, fewest, log, err);

@@ -273,7 +273,7 @@ std::string error_plots(const mk_explanation &e, const mk_log *whole)
         return s;
     size_t step = record.rows / 1500 + 1;
     for (int j = 0; j < mk_model_joints(&e.given); j++) {
-        const char *name = j == 0 ? "q1" : "q2";
+        const char *name = mk_log_angle(j);
         const double *b = mk_log_get(before.get(), name), *a = mk_log_get(after.get(), name);
         Series sb = {{}, {}, "before", e.offered ? "refitted" : "given"};
         Series sa = {{}, {}, "after", e.offered ? "extended" : "refitted"};

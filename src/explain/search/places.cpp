@@ -313,15 +313,10 @@ Places find_places(const std::vector<const mk_log *> &learn,
 std::vector<OwnedLog> put_in_place(const std::vector<const mk_log *> &logs, int joint,
                                    const std::vector<Place> &places)
 {
-    static const char *const angle[MK_MAX_JOINTS] = {"q1", "q2"};
     std::vector<OwnedLog> out;
     for (size_t l = 0; l < logs.size(); l++) {
         out.push_back(rows_of_log(*logs[l], 0, logs[l]->rows));
-        mk_log &log = *out.back();
-        for (size_t c = 0; c < log.column_count; c++)
-            if (std::strcmp(log.columns[c].name, angle[joint - 1]) == 0)
-                for (size_t k = 0; k < log.rows; k++)
-                    log.columns[c].data[k] += places[l].shift;
+        mk_log_shift(out.back().get(), mk_log_angle(joint - 1), places[l].shift);
     }
     return out;
 }
