@@ -285,6 +285,39 @@ START_TEST(one_law_has_one_name_at_every_joint)
 }
 END_TEST
 
+// Values of the first two parameters of an effect are as in the catalogue's row.
+static int detents_offered(const mk_model &rig, int joint, double least_cycles, double most_cycles)
+{
+    mk::DataRange range = {};
+    for (int j = 0; j < MK_MAX_JOINTS; j++)
+        range.q_min[j] = -2.0, range.q_max[j] = 2.0, range.v_max[j] = 10.0;
+    range.u_max = 1.0, range.seconds = 10.0, range.torque = 0.5;
+    int count = 0;
+    for (const mk::Candidate &c : mk::candidates(rig, range))
+        count += std::strcmp(c.effect->name, "cogging") == 0 && c.joint == joint &&
+                 c.value[1] >= least_cycles && c.value[1] <= most_cycles;
+    return count;
+}
+
+// A torque that repeats with the angle comes from a motor's magnets, or from teeth.
+START_TEST(a_detent_is_looked_for_where_a_motor_or_a_gear_can_be)
+{
+    mk_model rig;
+    mk_model_default(MK_PLANT_FURUTA, &rig); // arm driven, pendulum free
+    ck_assert_int_eq(detents_offered(rig, 1, 1.0, 1.0), 1);
+    ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 0);
+    mk_model_default(MK_PLANT_PENDUBOT,
+                     &rig); // joint 2 is free, in a plane that turns with joint 1
+    ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 0);
+    ck_assert_int_gt(detents_offered(rig, 2, 2.0, 48.0), 20);
+    mk_model_default(MK_PLANT_ACROBOT, &rig); // joint 2 is driven
+    ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 1);
+    rig.no_motor = true;
+    for (int joint = 1; joint <= 2; joint++)
+        ck_assert_int_eq(detents_offered(rig, joint, 1.0, 48.0), 0);
+}
+END_TEST
+
 // Two seconds never come near the speed from which Stribeck friction would fall, and the little
 // that is held back of them is predicted a little better by whichever law was fitted last.
 START_TEST(dry_friction_is_not_called_by_a_law_whose_shape_two_seconds_leave_open)
@@ -323,6 +356,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, values_are_called_wrong_where_one_data_set_in_ten_thousand_would_say_so);
     tcase_add_test(t, a_cause_that_no_entry_names_is_unknown_and_gets_a_formula);
     tcase_add_test(t, only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log);
+    tcase_add_test(t, a_detent_is_looked_for_where_a_motor_or_a_gear_can_be);
     tcase_add_loop_test(t, one_law_has_one_name_at_every_joint, 0, MK_PLANT_COUNT);
     suite_add_tcase(s, t);
 
