@@ -9,6 +9,7 @@
 
 #include "ident/fit_log.hpp"
 #include "mechkit/ident.h"
+#include "mechkit/loop.h"
 #include "sim/shoot.hpp"
 
 namespace
@@ -486,6 +487,31 @@ static void weigh_a_count(int counts, double &passed, double &turned)
     }
 }
 
+/* A row that came late, and whose command is missing as well: nobody knows how far off it is, and
+ * yet its doubt is a number, or the piece of the log would count for nothing. */
+START_TEST(a_late_row_without_a_command_leaves_a_doubt_that_is_a_number)
+{
+    constexpr size_t ROWS = 100, AT = 50;
+    mk_model model;
+    mk_model_default(MK_PLANT_PENDULUM, &model);
+    std::vector<double> t, q, u, flags(ROWS, 0.0);
+    for (size_t k = 0; k < ROWS; k++) {
+        t.push_back(0.005 * (double)k);
+        q.push_back(std::sin(4.0 * t[k]));
+        u.push_back(k < AT ? -1.0 : 1.0);
+    }
+    flags[AT] = MK_FLAG_LATE;
+    u[AT] = std::nan("");
+    mk_record record = {};
+    record.rows = ROWS;
+    record.t = t.data(), record.q[0] = q.data(), record.u[0] = u.data();
+    record.flags = flags.data();
+    const mk::FitLog log = mk::fit_log(record, model, 0, ROWS);
+    for (size_t k = 0; k < log.rows(); k++)
+        ck_assert_msg(std::isfinite(log.doubt[k]) && std::isfinite(log.u[0][k]), "row %zu", k);
+}
+END_TEST
+
 START_TEST(rounding_evens_out_on_a_way_of_many_counts_and_not_of_few)
 {
     double passed, turned;
@@ -782,6 +808,7 @@ Suite *suite_shoot(void)
     tcase_add_test(t, output_error_fits_effects_too);
     tcase_add_test(t, intervals_of_output_error_hold_the_truth_as_often_as_they_say);
     tcase_add_test(t, noise_does_not_decide_what_a_reading_weighs);
+    tcase_add_test(t, a_late_row_without_a_command_leaves_a_doubt_that_is_a_number);
     tcase_add_test(t, rounding_evens_out_on_a_way_of_many_counts_and_not_of_few);
     tcase_add_test(t, fast_motion_is_no_noise_of_the_readings_where_another_log_is_slow);
     tcase_add_test(t, a_motion_that_repeats_itself_is_known_by_its_counts);

@@ -87,7 +87,7 @@ class Builder
         size_t n = log.rows();
         log.doubt.assign(n, 0.0);
         for (size_t k = 1; k < n; k++)
-            if (held[k])
+            if (held[k] && !std::isnan(log.u[0][k])) // else it is a hole, see below
                 log.doubt[k] = std::fabs(log.u[0][k] - last_command(k));
         for (int i = 0; i < MK_MAX_INPUTS; i++) {
             for (size_t k = 0; k < n; k++) {
