@@ -1,4 +1,25 @@
-/* Free-run prediction of a log: the model driven by the log's command, against its readings. */
+/* Free-run prediction of a log: the model driven by the log's command, against its readings.
+ *
+ * The log is cut into windows of window_s (0: one window). In each the model runs freely from the
+ * best start state x0 that it allows, found by least squares over the window's own readings
+ * (sim/start_state.cpp):
+ *     dx/dt = f(t, x, u(t)) ,   x(t_first) = x0 ,   e_k = h(t_k, x(t_k)) - y_k ,
+ * u held from row to row, y_k the reading of a row and h what the encoder would read. No reading
+ * corrects the run on the way, and no window knows of another. Over the rows with a reading,
+ *     rms = sqrt(1/n sum e_k^2) ,   nrmse = rms / sd(y) ,
+ * sd the standard deviation of the readings about their mean: 1 is no better than a constant.
+ *
+ * Why windows: an error of the model grows with the length of a run, on an unstable or chaotic rig
+ * exponentially. The length says how far ahead the model has to predict.
+ *
+ * Parameters with a value of their own in every log are found from the first half of the log
+ * (sim/own_values.h); figures are then those of the second half, so that nothing is judged on what
+ * it was fitted to, but for start states.
+ *
+ * Two ways to integrate: a solver with error control (whole states, speeds), or the fixed steps of
+ * fits, all windows of a batch side by side (angles only). `struct prediction` borrows record,
+ * model and the columns of the log that is made; predict() owns the rest.
+ */
 #include "mechkit/sim.h"
 
 #include <math.h>
@@ -24,7 +45,7 @@ struct prediction {
     double *x[MK_MAX_STATES]; /* whole states, NULL when not wanted */
 };
 
-/* Command of row k; a missing one is held from before. */
+/* Command of a row; where it is missing u keeps what it has, which is the command before. */
 static void command_at(const struct mk_record *rec, size_t row, double *u)
 {
     for (int i = 0; i < MK_MAX_INPUTS; i++)
@@ -32,6 +53,8 @@ static void command_at(const struct mk_record *rec, size_t row, double *u)
             u[i] = rec->u[i][row];
 }
 
+/* The simulation as it is now, into a row. Angles are as the encoders read them, before rounding;
+ * speeds are those of the joints, not of the readings. */
 static void store(struct prediction *p, size_t row)
 {
     double y[MK_MAX_JOINTS];
@@ -59,7 +82,10 @@ static void commands_before(const struct mk_record *rec, size_t row, double *u)
 }
 
 /* Puts the simulation into state x at a row, the commands of earlier rows that have not come into
- * force yet on their way. */
+ * force yet on their way. With d the command's delay these are the rows with
+ *     t_now - d < t_k < t_now ,
+ * and what was commanded before them is in force at the start. Times of the simulation count from
+ * where the run began (rec->begins), as effects that depend on time do. */
 static enum mk_status start_at(struct prediction *p, size_t row, const double *x,
                                struct mk_error *err)
 {
@@ -82,7 +108,8 @@ static enum mk_status start_at(struct prediction *p, size_t row, const double *x
  * rest, no fit to it. */
 #define FIRST_READINGS_S 1.0
 
-/* The row behind those that the start state of a run over [first, last) is fitted to. */
+/* The row behind those that the start state of a run over [first, last) is fitted to: all of a
+ * window, of a run over a whole log those of its first FIRST_READINGS_S. One row at least. */
 static size_t fitted_to(const struct prediction *p, size_t first, size_t last)
 {
     const struct mk_record *rec = &p->rec;
@@ -92,7 +119,9 @@ static size_t fitted_to(const struct prediction *p, size_t first, size_t last)
     return end;
 }
 
-/* One window [first, last), from state x. */
+/* One window [first, last), from state x. The command of row k acts from t_k to t_(k+1); row k + 1
+ * is stored before its own command acts, as a reading is taken. Where the solver fails, the rows
+ * from there on keep the NaN that their columns begin with. */
 static enum mk_status run_window(struct prediction *p, size_t first, size_t last, const double *x,
                                  struct mk_error *err)
 {
@@ -123,7 +152,12 @@ static size_t skip_left_out(const struct mk_record *rec, size_t row)
     return row;
 }
 
-/* The window that begins at a row, and its number. */
+/* The window that begins at a row. Windows lie on a grid from the first row of the log, W =
+ * window_s:
+ *     number = floor((t_first - t_0) / W) ,   end at t_0 + (number + 1) W ,
+ * so that one that begins behind left-out rows is shorter, and figures of two models are of the
+ * same windows. 1e-9 W keeps rounding of the times from moving a row across an end. The number goes
+ * into the column `window` of its rows. Left-out rows end a window. */
 static struct mk_row_range window_at(const struct prediction *p, size_t first, double window_s)
 {
     const struct mk_record *rec = &p->rec;
@@ -143,7 +177,10 @@ static struct mk_row_range window_at(const struct prediction *p, size_t first, d
 /* Windows whose start states are found together. */
 #define TOGETHER 64
 
-/* Runs over these windows; returns how many failed, the last one's reason in *last. */
+/* Runs over these windows, `count` <= TOGETHER of them: first all start states x (a row of
+ * MK_MAX_STATES for each window), then the runs. A window fails where its start state cannot be
+ * found or its run ends early; the others go on. Returns how many failed; *last is the status of
+ * the last window, and with it a reason where all have failed. */
 static size_t run_together(struct prediction *p, const struct mk_row_range *window, size_t count,
                            enum mk_status *last, struct mk_error *err)
 {
@@ -167,6 +204,8 @@ static size_t run_together(struct prediction *p, const struct mk_row_range *wind
     return failed;
 }
 
+/* All windows of the log, by batches. An error only where every one of them has failed, or where
+ * no row is left: a model that runs away in some windows is judged by the others. */
 static enum mk_status run_windows(struct prediction *p, double window_s, size_t *windows,
                                   size_t *failed, struct mk_error *err)
 {
@@ -200,7 +239,9 @@ static size_t middle(const struct mk_record *rec)
     return row;
 }
 
-/* First row of the first window that begins there; without windows that row. */
+/* First row of the first window that begins there; without windows that row. A window that reaches
+ * into the first half has readings by which own values were found. Where the last window does, the
+ * middle row all the same. */
 static size_t first_judged(const struct prediction *p)
 {
     size_t row = middle(&p->rec);
@@ -209,7 +250,11 @@ static size_t first_judged(const struct prediction *p)
     return row < p->rec.rows ? row : middle(&p->rec);
 }
 
-/* Rows from `from` on. */
+/* The figures of rows from `from` on, joint by joint. With m the mean of the n readings y_k, and
+ * n_c rows that have a prediction h_k as well,
+ *     rms = sqrt(sum (h_k - y_k)^2 / n_c) ,   nrmse = rms / sqrt(sum (y_k - m)^2 / n) ;
+ * the sum of squares about m is taken in a second pass, so that nothing cancels. NaN where nothing
+ * is compared, and nrmse where the joint stands still. */
 static void compare(const struct prediction *p, size_t from, struct mk_predict_figures *out)
 {
     const struct mk_record *rec = &p->rec;
@@ -268,6 +313,8 @@ static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool
 #define FINEST_RTOL 1e-12
 #define FINEST_ATOL 1e-14
 
+/* Without contact the model's own. With it a thousandth, but no less than FINEST and no more than
+ * the model's: every impact multiplies the errors that were made before it. */
 void mk_free_run_tolerances(const struct mk_model *model, double *rtol, double *atol)
 {
     bool contact = mk_model_event_count(model) > 0;
@@ -312,6 +359,9 @@ static enum mk_status read_log(struct prediction *p, const struct mk_log *log, d
     return st;
 }
 
+/* All of it in order: record and own values, the log to fill, simulation and start states, runs,
+ * figures. `figures` and `failed` may be NULL, and are written on success only. On failure *out is
+ * NULL; on success it is the caller's. */
 static enum mk_status predict(const struct mk_model *model, const struct mk_log *log,
                               const struct mk_predict_options *options, enum wanted wanted,
                               struct mk_log **out, struct mk_predict_figures *figures,

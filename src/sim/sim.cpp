@@ -1,4 +1,23 @@
-// The simulation handle: command edges, delays, energy; solvers do the rest.
+// The simulation handle (mechkit/sim.h): command edges, delays, energy; solvers do the rest.
+//
+// A model is dx/dt = f(t, x, u), its readings h(t, x). Three things lie between that and a solver.
+//     edges    u is held from sample to sample (zero-order hold) and jumps at the edges. Between
+//              two edges u is constant and f smooth, but for the switching of effects, so that a
+//              solver runs from edge to edge and never over one.
+//     delays   A command given at t acts from t + d on, d the sum of all input delays; those on
+//              their way are kept in a ring, in the order of time. A reading of joint j shows the
+//              state at t - age_j; past states are kept in another ring.
+//     energy   The work of the motors is integrated beside the states,
+//                  dW/dt = u_0 v_m + u_1 v_2 ,   W = 0 at the reset ,
+//              as the last value of y = (x, W), in torque units x rad; u are the commands after
+//              limit and effects, v_m the motor's speed, v_2 that of joint 2, where a second motor
+//              acts. With T + V the energy of the plant,
+//                  loss = W - (T + V - (T + V)(reset)) ,
+//              which is what friction and effects have taken.
+//
+// The solvers (sim/integrator.hpp) see the command in force as System::u. Where they go on they
+// rely on what came before: `fresh` says that state, model or command have jumped, and that the
+// next run begins with a restart.
 #include "mechkit/sim.h"
 
 #include <cmath>
@@ -27,11 +46,13 @@ const SolverRow rows[] = {
 // Delayed readings look this many advances back at most.
 constexpr int HISTORY = 2048;
 
+// A state as it was; x has as many values as the model has states.
 struct Past {
     double t;
     double x[MK_MAX_STATES];
 };
 
+// Command u comes into force at t.
 struct Edge {
     double t;
     double u[MK_MAX_INPUTS];
@@ -87,7 +108,8 @@ enum mk_solver mk_solver_by_name(const char *name)
     return MK_SOLVER_COUNT;
 }
 
-// How old each joint's reading is; whether any is.
+// How old each joint's reading is; whether any is. The delays of all its effects add up; joint 0
+// stands for all joints. Adds to ages that are 0 before.
 static bool find_ages(mk_sim *sim)
 {
     const mk_model &m = sim->system.model;
@@ -101,6 +123,8 @@ static bool find_ages(mk_sim *sim)
     return sim->age[0] > 0.0 || sim->age[1] > 0.0;
 }
 
+// The present state becomes the newest of the ring, and the oldest is lost where it is full. Called
+// once for each run of the solver, so also at every edge on the way.
 static void remember(mk_sim *sim)
 {
     if (!sim->past)
@@ -113,6 +137,8 @@ static void remember(mk_sim *sim)
         sim->past_count++;
 }
 
+// All memory is taken here; the ring of past states only where a reading is late. The integrator
+// keeps a reference to sim->system, so that it is destroyed first.
 enum mk_status mk_sim_create(const mk_model *model, const mk_sim_config *config, mk_sim **out,
                              mk_error *err)
 {
@@ -158,6 +184,9 @@ void mk_sim_destroy(mk_sim *sim)
     delete sim;
 }
 
+// The same plant and effects at the same joints, so that states and their order stay what they
+// are. Commands on their way keep the times that the old delay gave them. Nothing changes on
+// failure.
 enum mk_status mk_sim_set_values(mk_sim *sim, const mk_model *model, mk_error *err)
 {
     const mk_model &now = sim->system.model;
@@ -179,6 +208,8 @@ enum mk_status mk_sim_set_values(mk_sim *sim, const mk_model *model, mk_error *e
     return MK_OK;
 }
 
+// T + V of the plant without its effects, torque units x rad: what effects store (a spring, a
+// moving base) counts as loss.
 static double mechanical_energy(const mk_sim *sim)
 {
     const mk_model *m = &sim->system.model;
@@ -186,6 +217,8 @@ static double mechanical_energy(const mk_sim *sim)
     return mk_plant_kinetic(m, q, v) + mk_plant_potential(m, q);
 }
 
+// With u_past in force since ever nothing is on its way, and past states begin anew. Where x is not
+// finite, MK_ERR_NUMERIC; y is then overwritten in part.
 enum mk_status mk_sim_reset(mk_sim *sim, double t, const double *x, const double *u_past)
 {
     for (int i = 0; i < sim->system.states; i++) {
@@ -205,6 +238,7 @@ enum mk_status mk_sim_reset(mk_sim *sim, double t, const double *x, const double
     return MK_OK;
 }
 
+// Bit by bit: a command that is repeated is no edge, and costs no restart.
 static bool differs(const double *a, const double *b)
 {
     return memcmp(a, b, sizeof(double) * MK_MAX_INPUTS) != 0;
@@ -218,6 +252,8 @@ static void put_in_force(mk_sim *sim, const double *u)
     sim->fresh = true;
 }
 
+// Integrates y from sim->t to t_end under the command in force. After a failure time stays where it
+// was, and the simulation has to be reset.
 static enum mk_status run_to(mk_sim *sim, double t_end, mk_error *err)
 {
     // Solvers refuse intervals at the resolution of time itself; nothing happens in those.
@@ -240,7 +276,8 @@ static enum mk_status run_to(mk_sim *sim, double t_end, mk_error *err)
     return st;
 }
 
-// A command given at time t.
+// A command given at time t: in force at once without a delay, else an edge at t + d. MK_ERR_RANGE
+// where the ring is full. Edges come in the order of time as long as d stays what it is.
 static enum mk_status issue(mk_sim *sim, double t, const double *u, mk_error *err)
 {
     if (sim->delay <= 0.0) {
@@ -259,6 +296,8 @@ static enum mk_status issue(mk_sim *sim, double t, const double *u, mk_error *er
     return MK_OK;
 }
 
+// What was given at t <= now acts already if t + d <= now. Of several such the last one told is in
+// force.
 enum mk_status mk_sim_issued_before(mk_sim *sim, double t, const double *u, mk_error *err)
 {
     if (!sim->ready || t > sim->t)
@@ -270,6 +309,9 @@ enum mk_status mk_sim_issued_before(mk_sim *sim, double t, const double *u, mk_e
     return MK_OK;
 }
 
+// From edge to edge: run to the first one on its way, put its command in force, and so on while
+// there are edges up to t_end; then to t_end. An edge at t_end itself is in force afterwards, so
+// that mk_sim_applied() tells it.
 enum mk_status mk_sim_advance(mk_sim *sim, double t_end, const double *u, mk_error *err)
 {
     if (!sim->ready)
@@ -300,11 +342,17 @@ const double *mk_sim_state(const mk_sim *sim)
     return sim->y;
 }
 
-// The state at time t in the past: cubic in the angles, linear in the rest. Before the reset the
-// rig is taken to have moved evenly.
+// The state x (the model's states) at time t in the past, between two that are remembered: `before`
+// at t_0 and `after` at t_1. With h = t_1 - t_0, s = (t - t_0) / h and r = 1 - s,
+//     x_i = r x_i(t_0) + s x_i(t_1)                                        all but the angles ,
+//     q_j = (1 + 2s) r^2 q_j(t_0) + s^2 (3 - 2s) q_j(t_1) + h s r (r v_j(t_0) - s v_j(t_1)) ,
+// the cubic Hermite polynomial, whose values and slopes at both ends are those remembered: its
+// error falls with h^4. Before the first one, and behind the newest, q goes on evenly with the
+// speed there and the rest stays. Before the reset the rig is taken to have moved evenly.
 static void recall(const mk_sim *sim, double t, double *x)
 {
     const int n = sim->system.states, joints = mk_model_joints(&sim->system.model);
+    // From the newest backwards to the first one that is not later than t.
     const Past *after = nullptr, *before = nullptr;
     for (int i = 1; i <= sim->past_count && !before; i++) {
         const Past *p = &sim->past[(sim->past_next + HISTORY - i) % HISTORY];
@@ -329,6 +377,8 @@ static void recall(const mk_sim *sim, double t, double *x)
     }
 }
 
+// y_j = h_j(t - age_j, x(t - age_j)). Each joint may have an age of its own, so that each is read
+// from a state of its own.
 void mk_sim_measure(const mk_sim *sim, double *y)
 {
     const mk_model *m = &sim->system.model;
@@ -355,6 +405,8 @@ void mk_sim_get_stats(const mk_sim *sim, mk_sim_stats *out)
     sim->integrator->stats(out);
 }
 
+// Kinetic and potential energy are those of the plant (docs/theory.md, section 2); W comes from the
+// integration, the loss is what is missing.
 enum mk_status mk_sim_energy(const mk_sim *sim, mk_energy *out)
 {
     if (!sim->ready)
