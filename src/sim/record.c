@@ -1,4 +1,19 @@
-/* A log in a model's terms: which column is what, and the state of the rig at a row. */
+/* A log in a model's terms: which column is what, and the state of the rig at a row.
+ *
+ * A record (struct mk_record) is a set of pointers into the log, which owns the data and has to
+ * outlive it: nothing is copied, and nothing has to be freed. Logs have columns under several names
+ * (docs/formats.md); what a model needs and a log lacks is an error with the reason.
+ *
+ * The state at a row comes from the angles alone. Around row r a polynomial of degree 4 in time,
+ *     q(t) ~ sum_i c_i s^i ,   s = (t - t_r) / scale ,
+ * is fitted to the readings of a neighbourhood by least squares. Its value and slope at the row are
+ *     q = c_0 ,   v = c_1 / scale .
+ * How wide? With m readings of noise sigma over a width w the error of v by noise is of the order
+ * of sigma / (w sqrt(m)), so that it falls with w; what the polynomial misses of the motion grows
+ * with w. The widest neighbourhood wins whose residual is still what the encoder's noise explains:
+ * the width follows the motion, and no bandwidth has to be given. This is a first guess for fits,
+ * which find better states (sim/start_state.cpp).
+ */
 #include "mechkit/number.h"
 #include "mechkit/sim.h"
 
@@ -107,6 +122,8 @@ static enum mk_status find_commands(const struct mk_log *log, const struct mk_mo
     return MK_OK;
 }
 
+/* joint_unit has a word for each joint, blanks or commas between them: the word of `joint` is found
+ * by skipping as many. A joint without a word turns. */
 bool mk_record_joint_slides(const struct mk_log *log, int joint)
 {
     const char *at = mk_log_find_meta(log, "joint_unit");
@@ -146,6 +163,8 @@ static void count_word(const struct mk_model *model, int joint, char *text, size
     snprintf(text, size, "%.9g", mk_model_count(model, joint));
 }
 
+/* Counts are told as counts a revolution where all joints have that, else as the size of a count in
+ * the joint's unit, which says it of joints that slide as well. */
 enum mk_status mk_record_describe_joints(struct mk_log *log, const struct mk_model *model,
                                          bool counts)
 {
@@ -192,6 +211,10 @@ static enum mk_status take_begins(const struct mk_log *log, struct mk_record *ou
                        "begins_s: '%.40s' is no time: expected when the run began, in s", begins);
 }
 
+/* In the order in which a wrong file shows: rig, units, times, angles, command. Where the command
+ * comes as a torque (tau, in N m) u_to_torque is 1, and the model's parameters are SI
+ * (docs/theory.md, section 1). A board's own clock makes samples on time, so that `late_us` of such
+ * a log says nothing of when readings were taken. */
 enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_model *model,
                                   struct mk_record *out, struct mk_error *err)
 {
@@ -233,14 +256,20 @@ enum mk_status mk_record_from_log(const struct mk_log *log, const struct mk_mode
 #define DEGREE 4
 #define TERMS (DEGREE + 1)
 
-/* Readings around a row, as offsets in time and angle so that nothing cancels. */
+/* Readings around a row. t0 is the time of the row and `scale` the distance to its farther end, s,
+ * so that |s| <= 1 and the normal equations are as well conditioned as powers allow. */
 struct neighbourhood {
     const double *t, *q;
     size_t first, last; /* rows [first, last) */
     double t0, scale;
 };
 
-/* Solves the TERMS x TERMS normal equations by Cholesky; false when they are singular. */
+/* Solves A x = b for n <= TERMS unknowns by Cholesky, A = L L', of which only the lower triangle is
+ * read. Column by column
+ *     L_jj = sqrt(A_jj - sum_(k<j) L_jk^2) ,   L_ij = (A_ij - sum_(k<j) L_ik L_jk) / L_jj ,
+ * then L y = b forwards and L' x = y backwards. A becomes L, b becomes x. False when a pivot is
+ * next to nothing: entries of A are sums of powers of |s| <= 1 over the readings, so that an
+ * absolute bound does. */
 static bool solve_normal(int n, double a[TERMS][TERMS], double *b)
 {
     for (int j = 0; j < n; j++) {
@@ -267,7 +296,12 @@ static bool solve_normal(int n, double a[TERMS][TERMS], double *b)
 }
 
 /* Polynomial of degree `terms` - 1 through the neighbourhood, in s = (t - t0) / scale, by least
- * squares. Returns the rms residual; negative when there are too few readings. */
+ * squares over the n rows that have a reading q_k:
+ *     A_ij = sum_k s_k^(i+j) ,   b_i = sum_k s_k^i q_k ,   A c = b .
+ * c has TERMS values; those behind `terms` are 0. Returns the rms residual
+ *     sqrt(1/n sum_k (q_k - sum_i c_i s_k^i)^2) ,
+ * in the joint's unit, the polynomial evaluated by Horner's rule; negative when there are fewer
+ * than `terms` readings, or too few different times. */
 static double fit(const struct neighbourhood *nb, int terms, double *c)
 {
     double a[TERMS][TERMS] = {{0}}, ss = 0.0;
@@ -299,6 +333,7 @@ static double fit(const struct neighbourhood *nb, int terms, double *c)
     return sqrt(ss / n);
 }
 
+/* `half` rows either side of a row, within [first, last). */
 static struct neighbourhood around(const struct mk_record *rec, int joint, size_t first,
                                    size_t last, size_t row, size_t half)
 {
@@ -318,11 +353,16 @@ static struct neighbourhood around(const struct mk_record *rec, int joint, size_
 
 /* Angle and speed of one joint at a row: the widest neighbourhood whose residual is still what the
  * encoder's noise explains wins (wider averages more noise, but a polynomial follows the motion
- * only so far). */
+ * only so far). Half widths grow by a quarter, 3, 4, 6, 8, ..., up to `half` or, with 0, half of
+ * the rows. The first one that can be fitted counts whatever it leaves; the search ends with the
+ * first one that leaves more than 0.45 counts. Where readings are too few for degree 4 the degree
+ * falls, to a straight line at least. False when no width can be fitted; *q and *v are then as they
+ * were. */
 static bool smooth_joint(const struct mk_record *rec, const struct mk_model *model, int joint,
                          size_t first, size_t last, size_t row, int half, double *q, double *v)
 {
     double count = mk_model_count(model, joint);
+    /* An error that is uniform over one count has a standard deviation of 1 / sqrt(12) = 0.29. */
     double noise = 0.45 * count; /* rounding (0.29) and some jitter, rms */
     bool found = false;
     size_t widest = half > 0 ? (size_t)half : (last - first) / 2 + 1;
@@ -346,6 +386,9 @@ static bool smooth_joint(const struct mk_record *rec, const struct mk_model *mod
     return found;
 }
 
+/* Readings y and their slopes v at the row; the true angles q = h^-1(y) (mk_model_unmeasure), with
+ * v taken for the speed of the joint: the encoder's effects change it little. States of effects are
+ * at rest. x has mk_model_state_count() values, and is written on success only. */
 enum mk_status mk_record_state_at(const struct mk_record *rec, const struct mk_model *model,
                                   size_t first, size_t last, size_t row, int half, double *x,
                                   struct mk_error *err)

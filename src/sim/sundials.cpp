@@ -7,10 +7,22 @@
 // constant and f is smooth but for switching functions g(t, y), whose roots the libraries find: the
 // integration stops there and starts again.
 //
-// ARKODE: Verner's explicit method of order 6 with an embedded one of order 5, eight stages. A
-// one-step method keeps its step over an edge. CVODE: Adams-Moulton formulas with fixed-point
-// iteration for long smooth runs, BDF with Newton's method and an exact Jacobian for stiff contact.
-// Multistep methods lose their history at every edge and begin again at order 1.
+// ARKODE: Verner's explicit method of order 6 with an embedded one of order 5, eight stages. With h
+// the step and k_i the slopes at its stages,
+//     k_i = f(t + c_i h, y + h sum_(j<i) a_ij k_j) ,   y(t + h) = y + h sum_i b_i k_i ,
+//     e = h sum_i (b_i - b^_i) k_i ,
+// b^ the weights of order 5. A one-step method keeps its step over an edge.
+//
+// CVODE: implicit multistep formulas. With gamma = h beta_0, and a what is known from earlier
+// steps, each step solves
+//     y - gamma f(t, y) - a = 0 .
+// Adams-Moulton formulas (orders 1 to 12) for long smooth runs: by fixed-point iteration, which
+// converges where gamma times the norm of df/dy is below 1. BDF (orders 1 to 5) for stiff contact:
+// by Newton's method with 1 - gamma J, J = df/dy exact, which has no such bound. Multistep methods
+// lose their history at every edge and begin again at order 1.
+//
+// Every create_...() returns an integrator that the caller deletes, or nullptr and MK_ERR_NOMEM; it
+// keeps a reference to the System, whose command and model may change between two runs.
 #include <arkode/arkode_erkstep.h>
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
@@ -51,7 +63,9 @@ bool create_context(SUNContext *ctx)
 #endif
 }
 
-// f. A number that is not finite is recoverable: the step was too long.
+// f(t, y), the work's rate last. 0: fine; above 0: recoverable, the library takes a shorter step
+// and tries again; below 0 it would give up. A number that is not finite is recoverable: the step
+// was too long.
 int on_rhs(sunrealtype t, N_Vector y, N_Vector dy, void *user)
 {
     const System *system = static_cast<const System *>(user);
@@ -91,6 +105,7 @@ int on_jacobian(sunrealtype t, N_Vector y, N_Vector, SUNMatrix jac, void *user, 
     return 0;
 }
 
+// MK_ERR_NUMERIC with the library's own code in err->os_code.
 enum mk_status gave_up(mk_error *err, const char *what, int flag, double t)
 {
     enum mk_status st = mk_error_set(
@@ -124,6 +139,8 @@ class SundialsBase : public Integrator
         if (ctx_)
             SUNContext_Free(&ctx_);
     }
+    // y_ and tolerance_ have size() = states + 1 values. False where there is no memory; what is
+    // made by then is freed by the destructor.
     bool create_vectors()
     {
         if (!create_context(&ctx_))
@@ -139,12 +156,14 @@ class SundialsBase : public Integrator
         N_VGetArrayPointer(tolerance_)[system_.states] = 1e3 * system_.atol;
         return true;
     }
+    // Between the caller's y and the library's vector; unload() is the way back.
     void load(double t, const double *y)
     {
         t_ = t;
         memcpy(N_VGetArrayPointer(y_), y, sizeof(double) * static_cast<size_t>(system_.size()));
         restarts_++;
     }
+    // Adds what the solver has counted since its last start, before that is lost.
     void count(long steps, long evaluations)
     {
         steps_ += static_cast<uint64_t>(steps);
@@ -181,6 +200,7 @@ class Cvode : public SundialsBase
         if (matrix_)
             SUNMatDestroy(matrix_);
     }
+    // `method`: CV_ADAMS or CV_BDF.
     bool create(int method)
     {
         if (!create_vectors() || !(mem_ = CVodeCreate(method, ctx_)))
@@ -258,6 +278,8 @@ class Cvode : public SundialsBase
     }
 };
 
+// ARKODE's explicit one-step method. last_step_ is the step that it would take next, s; 0 before
+// the first run.
 class Erk : public SundialsBase
 {
     void *mem_ = nullptr;
@@ -290,6 +312,8 @@ class Erk : public SundialsBase
         load(t, y);
         return reinit(0.0);
     }
+    // As Cvode::advance(). Behind a root of g the law is another one, so that slopes of the step
+    // before it mean nothing: the method starts anew at the root.
     enum mk_status advance(double t_end, double *y, mk_error *err) override
     {
         ERKStepSetStopTime(mem_, t_end);
