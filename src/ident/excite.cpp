@@ -1,4 +1,28 @@
-// Excitation: the search, by condition number or by information.
+// Excitation: the input that tells most about a rig's parameters, within limits
+// (mechkit/excite.h, docs/identification.md).
+//
+// The unknowns of the search are one vector x: x_0 = log(f / Hz), the logarithm of the base
+// frequency, and behind it amplitudes. Limits are no constraints of the search but a penalty,
+//     J(x) = log(criterion(x)) + OVER sum_i excess_i(x) ,
+// so that an excess of 10 % costs as much as a criterion that is e times as large. excess_i is 0
+// within a limit, and beyond it a share: of the limit for speeds and commands, of the range for
+// angles (ident/excite_cost.hpp).
+//
+// Two kinds of criterion.
+//     condition      The only joint is controlled along a Fourier series q(t), (3.9)-(3.11) of
+//                    Meesters. With Phi the regressor of tau = Phi p, a row for each instant of one
+//                    period, the criterion is cond(Phi), its largest singular value over its least,
+//                    with columns of unit norm or as they are. No trajectory is integrated: motion
+//                    and command are known in closed form.
+//     worst, a, d    The command itself is a multisine u(t). With C (n x n) the covariance of the
+//                    relative errors of the n free parameters that the Cramer-Rao bound leaves
+//                    (ident/information.hpp), the criterion is
+//                        worst = max_i sqrt(C_ii) ,   a = sqrt(tr C / n) ,   d = det(C)^(1/2n) .
+//                    The last two order inputs as A- and D-optimality do.
+//
+// J has kinks (limits), cliffs (a pendulum that just goes over) and several valleys, so that it is
+// minimised without derivatives, by CMA-ES (ident/cma_es.hpp). The search looks at coarse samples;
+// all figures of the result are made again at the rate of the loop.
 #include "mechkit/excite.h"
 
 #include <algorithm>
@@ -31,7 +55,8 @@ using Eigen::VectorXd;
 
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 constexpr double TWO_PI = 6.283185307179586;
-// The search looks at a coarse picture of the experiment, the figures come from the fine one.
+// Samples per second of the search, and points of a trajectory's period. The figures of the result
+// come from the rate of the loop.
 constexpr double SEARCH_RATE_HZ = 200.0;
 constexpr int SEARCH_POINTS = 240; // of a trajectory's period
 constexpr double OVER = 10.0;      // weight of a limit's relative excess, against the log of a cost
@@ -55,6 +80,7 @@ Series series_of(const mk_model &model, const VectorXd &x)
     return Series(TWO_PI * std::exp(x(0)), x.tail(x.size() - 1), mk_plant(model.plant)->rest[0]);
 }
 
+// u_k = u(k / rate) for k = 0 .. round(seconds rate) - 1, held from row to row when it is run.
 std::vector<double> sampled(const Multisine &wave, double seconds, double rate)
 {
     std::vector<double> u((size_t)std::lround(seconds * rate));
@@ -69,12 +95,16 @@ class Excitation
     Excitation(const mk_model &m, const mk_excite_options &opt, mk_excitation &result)
         : model(m), o(opt), out(result), led(by_condition(opt.criterion))
     {
+        // The parameters that a later fit moves; those that are held take no part in C.
         for (int number : fitted_parameters(m))
             if (!o.fixed[number])
                 free.push_back(number);
         threads = o.threads > 0 ? o.threads : std::max(1, (int)std::thread::hardware_concurrency());
     }
 
+    // Fills the plan and the figures of `out`. MK_ERR_RANGE: no free parameter; MK_ERR_NUMERIC: the
+    // model runs away under every input, or even the best one leaves the limits by more than
+    // TOLERATED; MK_ERR_INTR, MK_ERR_NOMEM. On failure out.plan may be there; the caller frees it.
     enum mk_status run(mk_error *err)
     {
         if (free.empty())
@@ -91,6 +121,8 @@ class Excitation
         fill(u, out.figures);
         if (std::isnan(out.figures.worst))
             return mk_error_set(err, MK_ERR_NUMERIC, "the model runs away under every input");
+        // The penalty is finite, so that a good criterion may have bought a little excess. What the
+        // plan does at the rate of the loop decides whether it is given away.
         Extent e;
         for (int j = 0; j < MK_MAX_JOINTS; j++) {
             e.q_min[j] = out.figures.q_min[j];
@@ -116,6 +148,9 @@ class Excitation
     bool led;
     int threads;
 
+    // How the readings of an experiment with `rate` rows a second are weighed. One row of the
+    // search stands for rate_hz / rate readings of the loop, so that C does not depend on the rate
+    // it is reckoned at. The process noise bounds the memory of C (docs/identification.md).
     InformationOptions readings(double rate) const
     {
         InformationOptions i;
@@ -126,6 +161,9 @@ class Excitation
         return i;
     }
 
+    // J by the regressor along one period of a trajectory:
+    //     log cond(Phi) + OVER (angles and speeds + command + max(0, log(T / seconds))) ,
+    // with T = exp(-x_0) the period in s. Infinite where Phi has no full rank.
     double cost_led(const VectorXd &x) const
     {
         Led l = lead(model, series_of(model, x), SEARCH_POINTS);
@@ -134,7 +172,10 @@ class Excitation
         return std::log(l.condition(o.criterion == MK_EXCITE_CONDITION)) + OVER * over;
     }
 
-    // Parameters apart by up to `spread`, as far as they make a rig.
+    // The model, and up to MK_EXCITE_RIGS models around it: with r uniform in [-1, 1),
+    //     p_i <- p_i (1 + spread r)   for each base parameter ,
+    // as far as they make a rig (mass matrix positive definite). Effects stay as they are. A
+    // hundred draws at most: where few of them make a rig there may be fewer models.
     void draw_rigs()
     {
         rigs.assign(1, model);
@@ -149,6 +190,11 @@ class Excitation
         }
     }
 
+    // J by information: with R rigs m,
+    //     1/R sum_m log criterion(C_m) + OVER (frequency + sum_m excess_m) .
+    // The mean of logarithms is that of the geometric mean: no rig decides alone. Limits count on
+    // every rig. x_0 lies between log(1 / seconds), one period in all, and log(HIGHEST_BASE_HZ);
+    // far outside of that nothing is run. Infinite where a rig runs away.
     double cost_input(const VectorXd &x) const
     {
         double rate = std::min(o.rate_hz, SEARCH_RATE_HZ);
@@ -169,7 +215,16 @@ class Excitation
         return sum / (double)rigs.size() + OVER * over;
     }
 
-    // Wide searches from several frequencies, then a narrow one from the best.
+    // Wide searches from several frequencies, then a narrow one from the best: CMA-ES finds the
+    // bottom of a valley, and which valley it falls into depends on the frequency most. Wide
+    // round r = 0, 1, 2 takes 20 % of the evaluations, begins with all amplitudes 0.3 (rad of a
+    // series, next to the argument of tanh of a multisine) and
+    //     f = max(0.2 1.4^r Hz, 1.5 / seconds) ,   standard deviation 0.5 of every unknown;
+    // the narrow one has the other 40 %, the best point so far and 0.1.
+    //
+    // `best` has 1 + 2 (harmonics - 1) unknowns for a series, whose first harmonic follows from the
+    // start at rest, and 1 + 2 harmonics for a multisine. MK_ERR_INTR where progress says stop,
+    // MK_ERR_NUMERIC where no point had a finite J.
     enum mk_status search(VectorXd &best, mk_error *err)
     {
         double best_cost = HUGE_VAL, spent = 0.0;
@@ -206,7 +261,12 @@ class Excitation
         return MK_OK;
     }
 
-    // A command is held from row to row: the torque that the motion needs in the middle.
+    // The plan of a series over floor(seconds / T) whole periods T, one at least, and its condition
+    // numbers at the rate of the loop. A command is held from row to row, so that the one of row k
+    // is the torque that the motion needs in the middle of its interval,
+    //     u_k = Phi(q, v, a) p   at t_k + 1 / (2 rate) ,   clipped to u_max:
+    // the inverse dynamics of the plant, effects left out. Columns q1, dq1, ddq1 are the motion at
+    // t_k itself. u is a copy of the command.
     enum mk_status plan_trajectory(const VectorXd &x, std::vector<double> &u, mk_error *err)
     {
         Series series = series_of(model, x);
@@ -232,6 +292,9 @@ class Excitation
         return st;
     }
 
+    // The plan of a multisine: t_k = k / rate and u_k. As text (out.input) the same function can be
+    // run as a signal; wave has its frequency and coefficients rounded as the text writes them, so
+    // that both are equal. MK_ERR_RANGE where the text does not fit.
     enum mk_status plan_input(const VectorXd &x, std::vector<double> &u, mk_error *err)
     {
         Multisine wave(o.u_max, TWO_PI * std::exp(x(0)), x.tail(x.size() - 1));
@@ -250,6 +313,7 @@ class Excitation
         return st;
     }
 
+    // A log of `rows` rows in out.plan, which owns the data; column[i] points into it.
     enum mk_status make_plan(size_t rows, const char *const *names, int count, double **column,
                              mk_error *err)
     {
@@ -262,6 +326,10 @@ class Excitation
         return st == MK_OK ? st : mk_error_set(err, st, "no memory for the plan");
     }
 
+    // What input u, rows 1 / rate_hz apart, does to the model and tells about it. Relative standard
+    // errors are sqrt(C_ii): the parameters are scaled by their size (Fit::scale_of). Condition
+    // numbers are those of the sensitivities of the readings, not of the regressor. All NaN but
+    // u_max where the model runs away.
     void fill(const std::vector<double> &u, mk_excite_figures &f) const
     {
         std::fill(f.std_error, f.std_error + MK_MAX_FIT_PARAMETERS, UNKNOWN);
@@ -287,6 +355,7 @@ class Excitation
         }
     }
 
+    // max over the rigs of max_i sqrt(C_ii); infinite where one of them runs away.
     double worst_of_rigs(const std::vector<double> &u) const
     {
         double worst = 0.0;
@@ -299,6 +368,8 @@ class Excitation
         return worst;
     }
 
+    // The figures of another input over as many rows, clipped to the same limit: `against`, or
+    // u_max sin(6 t). Where that runs away its figures are NaN, and that is no error.
     enum mk_status compare(size_t rows, mk_error *err)
     {
         char limit[MK_NUMBER_MAX];
@@ -344,6 +415,8 @@ enum mk_status check_figures(const mk_model &model, const mk_excite_options &o, 
     return MK_OK;
 }
 
+// A run starts at rest, hanging, so that this has to lie within the limits of the angles. A wheel
+// has none.
 enum mk_status check_joints(const mk_model &model, const mk_excite_options &o, mk_error *err)
 {
     const mk_plant_info *plant = mk_plant(model.plant);
@@ -403,6 +476,9 @@ enum mk_excite_criterion mk_excite_criterion_by_name(const char *name)
 // Of what a carriage has to its stops: the rest is for a rig that goes farther than its model.
 static constexpr double TRACK_SHARE = 0.7;
 
+// Limits are well inside those at which a run is stopped: angles half a turn either way, speeds
+// 0.4 of the limit, the command 0.7. A reading's error is that of rounding to whole counts, uniform
+// over one count c, whose standard deviation is c / sqrt(12).
 void mk_excite_default(const mk_model *model, mk_excite_options *out)
 {
     const mk_plant_info *plant = mk_plant(model->plant);
@@ -438,6 +514,8 @@ enum mk_status mk_excite(const mk_model *model, const mk_excite_options *options
     enum mk_status st = mk::check(*model, *options, err);
     if (st != MK_OK)
         return st;
+    // Made apart and copied at the end: *out is untouched by a failure, and what it points to is
+    // the caller's after a success.
     auto made = std::make_unique<mk_excitation>();
     made->model = *model;
     made->criterion = options->criterion;

@@ -1,4 +1,22 @@
-// Output error: maximum likelihood of the measured angles themselves.
+// Output error: maximum likelihood of the measured angles themselves (docs/identification.md).
+//
+// The cost is minus the log likelihood of all readings. Multiple shooting (H. G. Bock 1987; L.
+// Ljung, System Identification, ch. 7) with the states eliminated makes of it, in a step d of the
+// scaled parameters p_i = p_i0 + scale_i d_i,
+//     cost(d) = cost - g'd + d'H d / 2 ,
+// H the information matrix (n x n for n free parameters; ident/fit.cpp). This file is what lies
+// around that minimisation:
+//     rows      which are fitted: pieces between holes, a million at most ;
+//     start     values that the fit finds its way from (first_values), and for long data a first
+//               fit to few of the logs ;
+//     way       from much process noise to little (go_down); the intensity D at which the
+//               likelihood is largest says how much the model lacks ;
+//     check     by free runs, where the model does not follow its data ;
+//     result    standard errors, condition numbers, and what the data do not say.
+//
+// A right model ends with D near LEAST_PROCESS_NOISE. The inverse of H is then the Cramer-Rao bound
+// of the covariance: no unbiased estimate has less. With a large D standard errors count the noise
+// and not what the model lacks, and are no bounds of anything; the warnings say so.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -19,6 +37,8 @@ namespace
 
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 
+// Numbers of the parameters that the fit moves: those of a law that can be fitted, less the ones
+// that the caller holds.
 std::vector<int> free_parameters(const IdentProblem &problem)
 {
     std::vector<int> free;
@@ -28,6 +48,9 @@ std::vector<int> free_parameters(const IdentProblem &problem)
     return free;
 }
 
+// cond(J) of the sensitivities J of the weighted readings, where H = J'J:
+//     cond(J) = sqrt(largest eigenvalue of H / least one) .
+// Infinite where the data leave a combination of parameters open, 1 without parameters.
 double condition(const Eigen::MatrixXd &information)
 {
     if (information.rows() == 0)
@@ -51,7 +74,15 @@ void warn_if_nothing_is_left(const IdentProblem &problem, int number, mk_ident_r
              p.name, given);
 }
 
-// Standard errors, correlations and what the data do not say, from the information matrix.
+// Standard errors, correlations and what the data do not say, from the information matrix H. With
+// S = diag(scale) and R = diag(sqrt(H_ii)),
+//     C = S H^-1 S                covariance, in the parameters' units ,
+//     std_error_i = sqrt(C_ii) ,
+//     condition numbers of S^-1 H S^-1 (parameters in their units) and of R^-1 H R^-1 (columns of
+//     the sensitivities scaled to unit norm) .
+// A parameter is excited if its standard error is below its value or, where it may be nothing,
+// below 0.3 of its scale. C goes row by row into r.covariance, at the parameters' numbers; rows of
+// held ones stay as they are.
 void judge(const IdentProblem &problem, const FitPoint &point, const QuadraticModel &quadratic,
            const std::vector<int> &free, mk_ident_result &r)
 {
@@ -69,6 +100,8 @@ void judge(const IdentProblem &problem, const FitPoint &point, const QuadraticMo
     r.condition_number_scaled = condition(unit);
     Eigen::MatrixXd cov = Fit::covariance(point.model, quadratic, free);
     int count = r.parameter_count;
+    // H_ii is the square of how many standard deviations the readings move when the parameter
+    // changes by its scale: 1e-6 is nothing, whatever the inverse makes of it.
     for (long i = 0; i < n; i++) {
         mk_ident_parameter &p = r.parameter[free[(size_t)i]];
         double variance = cov(i, i);
@@ -98,6 +131,9 @@ void judge(const IdentProblem &problem, const FitPoint &point, const QuadraticMo
 constexpr size_t MOST_ROWS = 1000000;
 
 // The logs as they are fitted: in pieces where they have holes, and of each at most the first rows.
+// Where there are too many, every log gets an equal share of the rows that are left, so that what a
+// short log does not need goes to those behind it. The logs own copies of their rows; `source` is
+// the number of the record that a piece is of.
 std::vector<FitLog> fit_logs(const IdentProblem &problem, mk_ident_result &r)
 {
     size_t all = 0, left = MOST_ROWS, logs_left = problem.records.size();
@@ -131,7 +167,13 @@ constexpr double SCOUT_ERROR = 0.1;
 // At which a log is one trajectory.
 constexpr double LEAST_PROCESS_NOISE = 1e-5;
 
-// The whole way from a point; false when the model cannot follow the data at all.
+// The whole way from a point to the process-noise intensity D of largest likelihood, `first` being
+// where it begins. First the direct solve, from `first` to the least D at once, which is enough for
+// a right model; else the continuation, D falling by factors of ten (ident/fit_minimise.cpp). The
+// direct solve is tried at the ends only: from 1 up nothing is known of the model, from the least D
+// a first fit says that it is right; in between it says that it is not. False when the model cannot
+// follow the data at all; `point` is then of no use. On success point and quadratic model are those
+// of the minimum, and fit.options.process_noise has D.
 bool go_down(Fit &fit, const std::vector<int> &free, double first, FitPoint &point,
              QuadraticModel &quadratic)
 {
@@ -148,9 +190,12 @@ bool go_down(Fit &fit, const std::vector<int> &free, double first, FitPoint &poi
            fit.continue_over_process_noise(point, free, top, LEAST_PROCESS_NOISE, quadratic);
 }
 
-// What the first logs say: where the model's parameters, the noise and the step ended, and the
-// process noise at which it follows them. False when there is too little beyond them to be worth
-// it, or when they do not know every parameter well.
+// What the first logs say, some SCOUT_ROWS rows: where the model's parameters, the noise and the
+// step ended, and the process noise at which it follows them. The way costs as many passes over the
+// data as with all of them, each a fraction as long, and the fit of all then starts near its end.
+// False when there is too little beyond them to be worth it (less than four times as many rows in
+// all), or when they do not know every parameter well, sqrt(C_ii) < SCOUT_ERROR scale_i: a start
+// that the first logs leave open may be far from what the others say.
 bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &free,
            const FitOptions &options, const mk_model &model, FitPoint &point, double &process_noise)
 {
@@ -181,8 +226,9 @@ bool scout(const std::vector<const FitLog *> &views, const std::vector<int> &fre
     return true;
 }
 
-// Process noise beyond which the model is not the whole truth: an honest rig's plays and cables
-// stay below.
+// Process noise beyond which the model is not the whole truth, rad/s per sqrt(s): an honest rig's
+// backlash and cables stay below. The continuation visits 1, 0.1, 0.01, ...: the bounds are just
+// below its steps, so that a D of 0.01 is suspicious and one of 1 hopeless.
 constexpr double SUSPICIOUS_PROCESS_NOISE = 0.009, HOPELESS_PROCESS_NOISE = 0.9;
 constexpr double NOISY = 3.0; // times what the readings scatter
 
@@ -197,7 +243,10 @@ void warn_of_process_noise(double process_noise, mk_ident_result &r)
 }
 
 // Standard errors are those of readings whose errors are independent: not so where a motion comes
-// by the same counts again and again, and rounding with it.
+// by the same counts again and again, and rounding with it. With V readings at one place, and a
+// share rho of their variance sigma^2 that is the same at each visit, the variance of their mean is
+//     sigma^2 (rho + (1 - rho) / V) ~ sigma^2 / V (1 + rho V)   for V >> 1 ,
+// sqrt(1 + rho V) times the standard error of independent ones.
 void warn_of_repetition(const std::vector<const FitLog *> &views, mk_ident_result &r)
 {
     constexpr double SUSPICIOUS = 2.0;
@@ -236,7 +285,11 @@ bool fit_from(Fit &fit, const std::vector<const FitLog *> &views, const std::vec
 
 constexpr double RUN_S = 0.5; // of a free run
 
-// Squared errors of free runs over those of the readings about their mean; the worst joint's root.
+// How much of the motion free runs miss: squared errors of free runs over those of the readings
+// about their mean; the worst joint's root. With S_wj the squared error of window w (counts^2),
+// n_wj its readings and sd_j the standard deviation of all readings,
+//     max_j count_j sqrt(sum_w S_wj / sum_w n_wj) / sd_j :
+// 1 is no better than a constant. Windows that cannot be run do not take part; 0 if none can.
 double missed_by(const FreeRuns &runs, const RunQuadraticModel &quadratic, const mk_model &model)
 {
     double most = 0.0;
@@ -268,6 +321,13 @@ struct RunCheck {
 // Where the model lacks much, the likelihood of every reading may lead far away from them: into a
 // noise that is as large as the motion. Free runs over windows show it, and are fitted then, from
 // where the fit started: the given values, or what was put in the place of unknown ones.
+//
+// Both points are judged by one cost, that of free runs in units of the errors that are usual about
+// the start (FreeRuns::cost, a log likelihood). Only where
+//     cost(fitted) >= cost(start) + ASTRAY ,
+// or the fitted model cannot be run at all, is it given up for a fit of free runs; `point`,
+// `quadratic` and `check` are then of that one. Else only `check` is filled. With values per log
+// the fit stays in any case: free runs would have others, and `own` belongs to the fit.
 void check_by_runs(const IdentProblem &problem, const mk_model &start, const std::vector<int> &free,
                    int threads, FitPoint &point, QuadraticModel &quadratic, RunCheck &check)
 {
@@ -300,6 +360,8 @@ void check_by_runs(const IdentProblem &problem, const mk_model &start, const std
     check.instead = true;
 }
 
+// In the order of how bad it is: another rig; a little process noise beside readings that scatter
+// as they should; everything between, with the share of the motion that is missed.
 void warn_of_misfit(const RunCheck &runs, double process_noise, mk_ident_result &r)
 {
     constexpr double MUCH = 0.3; // nrmse from which it is another rig
@@ -369,7 +431,8 @@ enum mk_status refuse_hopeless(const IdentProblem &problem, double process_noise
     return MK_OK;
 }
 
-// What a model that does not follow its data misses is no noise of the readings.
+// Standard deviation of a reading by joint, rad. What a model that does not follow its data misses
+// is no noise of the readings: there it is no more than their own fast scatter.
 void tell_noise(const std::vector<const FitLog *> &views, const FitPoint &point, bool follows,
                 mk_ident_result &r)
 {
@@ -378,6 +441,10 @@ void tell_noise(const std::vector<const FitLog *> &views, const FitPoint &point,
         r.noise[j] = follows ? point.noise[j] : std::min(point.noise[j], scatter_of(views, j));
 }
 
+// The method: rows, minimum, check, result. `views` point into `logs`, and the fit keeps them; all
+// live to the end of this function. r.rows counts readings of all joints that have a weight, not
+// rows of the logs. Where the fit is refused r is filled all the same. MK_ERR_RANGE,
+// MK_ERR_NUMERIC, MK_ERR_INTR.
 enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *err)
 {
     std::vector<FitLog> logs = fit_logs(problem, r);
@@ -402,6 +469,9 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
     enum mk_status st = find_minimum(fit, problem, views, free, begun, point, quadratic, err);
     if (st != MK_OK)
         return st;
+    // Two signs of a model that does not follow: process noise, and a fitted noise far above the
+    // scatter, into which a wrong zero goes without any process noise. Own values are taken before
+    // the check, which may replace the quadratic model that they belong to.
     const double process_noise = fit.options.process_noise[0];
     const std::vector<OwnValue> own = fit.own_values(point, quadratic);
     RunCheck runs;
