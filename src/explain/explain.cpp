@@ -1,4 +1,35 @@
-// From data to a verdict: refit, search, second and third causes, check on held-out data.
+// From data to a verdict: the road of stages of explain (docs/explain.md, "How it decides").
+//
+// In come a model, logs to learn from, logs held out and options; out goes an mk_explanation, which
+// owns nothing. mk_explain() checks the data and leaves rows out; Explainer::run() does the rest:
+//
+//     stage            takes                makes                                 by
+//     load_and_fit     logs, model          data, folds, search, start, masses,   likelihood
+//                                           refit: the model without a cause
+//     put_in_place     refit                logs with one zero of the counter     likelihood
+//     refit_beside_    refit, logs          values: what differs from log to      both
+//     values                                log; the column of the command
+//     find_causes      values               correction: missed counts put back;   both
+//                                           causes: rounds and the best model
+//     conclude         causes, held-out     verdict, standard errors, gain,       held-out
+//                      data                 budget, next experiment               data
+//
+// Why in this order: what is about the data comes before what is about the rig. A zero that differs
+// from log to log, a column that is late, a count that was missed would be found as a cause that is
+// none. The other way round a strong cause can show as zeros and a delay: where one says more than
+// both, ask_causes_first() turns the order round. Each stage that changes the data begins with
+// load_and_fit() again, so that all later stages see one set of data. Held-out data are asked last:
+// as long as they have chosen nothing, what they say is a measurement. They have a say against
+// causes (claim, reject_misleading), and for one only among rivals (ask_held_out).
+//
+// Two judges take turns. Likelihood (CauseSearch) is right where a model nearly follows its data:
+// then every reading is evidence. Where the best model still needs a process noise above
+// policy::FAINT it gains thousands by whatever bends to the data, and predictions of data left out
+// (PredictionSearch) decide.
+//
+// Who refers to whom: search and folds point into data, causes and PredictionSearches into search
+// and free runs, free runs into folds. load_and_fit() replaces data, folds and search; what refers
+// to them is made anew behind it.
 #include "mechkit/explain.h"
 
 #include <algorithm>
@@ -55,7 +86,9 @@ mk_model without_effects(mk_model m, int first, int last)
     return m;
 }
 
-// Delay and lag of the command as they are with all causes in the model.
+// Delay and lag of the command, s, as they are with all causes in the model, with standard errors
+// sqrt(C_ii), C the covariance of the free parameters; NaN of one that was not fitted. Nothing
+// changes unless the commanded column was taken in place of the model's.
 void describe_input(const Hypothesis &best, mk_input_comparison &input)
 {
     const mk_model &m = best.point.model;
@@ -87,8 +120,8 @@ class Explainer
     {
     }
 
-    // The road of a question: load and check, refit, zeros, values per log and the command's
-    // column, causes, last fit, verdict, held-out data, budget, next experiment.
+    // The road of a question, as at the head of this file. Borrows the logs until it returns. The
+    // first stage that fails ends it; `out` is then of no use.
     enum mk_status run(const mk_log *const *logs, size_t log_count, const mk_log *const *holdouts,
                        size_t holdout_count, mk_error *err)
     {
@@ -163,6 +196,9 @@ class Explainer
         plain = refit;
         return st;
     }
+    // The causes beside the values per log and the column: makes `causes` and `correction`. Twice
+    // where values per log turn out to have stood for a part of a cause (reject_log_values), and
+    // again where the causes came first and the column is another one beside them.
     enum mk_status find_causes(const LogList &learn, const LogList &held, SearchOptions &so,
                                mk_error *err)
     {
@@ -177,7 +213,14 @@ class Explainer
         out.tried = causes->tried();
         return search->cancelled ? mk_error_set(err, MK_ERR_INTR, "stopped") : MK_OK;
     }
-    // What is said of what was found, and measured on data that nothing was fitted to.
+    // What is said of what was found, and measured on data that nothing was fitted to:
+    //     last fit          all data in place of the windows that were searched: parameters and
+    //                       standard errors are best known so ;
+    //     verdict           causes, evidence and rivals from the search, values from the last fit ;
+    //     detection limits, residual torques, one-step predictions: what the last fit leaves ;
+    //     held-out data     may take the extension back, or raise the verdict ;
+    //     budget, next      of what is still claimed, so behind it .
+    // A failure on held-out data is that of the whole.
     enum mk_status conclude(SearchOptions &so, mk_error *err)
     {
         clock.enter("last fit");
@@ -289,7 +332,13 @@ class Explainer
     }
     // Values per log and the column come before all causes, because causes would be sought in the
     // place of what they miss. Where a single cause says more than both together it is they that
-    // stand in for it: then it comes first, and they are asked beside it.
+    // stand in for it: then it comes first, and they are asked beside it. With s(m) minus the log
+    // likelihood of independent errors of free runs, with a penalty for parameters,
+    //     s(given model and its first cause) < s(values per log and column) .
+    // For that the data are loaded as the given column drives them, and if the cause does not say
+    // more they are loaded as before: fits are repeatable, so that nothing else changes. Then
+    // `refit`, `values`, model and start are as they were; else they are those of the given model,
+    // and `begun` has the cause.
     enum mk_status ask_causes_first(const LogList &logs, const LogList &holdouts, SearchOptions &so,
                                     Hypothesis &refit, mk_error *err)
     {
@@ -326,7 +375,9 @@ class Explainer
             values = with_log_values(model, found, *search, refit);
         return st;
     }
-    // The column once more, beside causes that came before it.
+    // The column once more, beside causes that came before it. Where it is the other one now, the
+    // data are loaded with it and the causes taken over and fitted there; the search by predictions
+    // has then come to its end already. `their_search` keeps alive what `before` refers to.
     enum mk_status ask_input_again(const LogList &logs, const LogList &holdouts, SearchOptions &so,
                                    Hypothesis &refit, mk_error *err)
     {
@@ -357,12 +408,15 @@ class Explainer
         search_beside_values(so);
         return MK_OK;
     }
+    // A search by predictions over the folds, from a base model. It refers to `free_runs`, which is
+    // replaced here: a search that was made before keeps its results, but must not go on.
     std::unique_ptr<PredictionSearch> predictions_of(const mk_model &base)
     {
         free_runs = std::make_unique<FreeRuns>(folds->by_fold(), start, out.window_s,
                                                options.threads, &masses);
         return std::make_unique<PredictionSearch>(*search, *free_runs, base);
     }
+    // s(base), fitted to free runs; infinite where it cannot be run.
     double surprise_of(const mk_model &base)
     {
         const std::unique_ptr<PredictionSearch> fitted = predictions_of(base);
@@ -391,6 +445,15 @@ class Explainer
                 without_effects(out.input.model, model.effect_count, values.model.effect_count);
         return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
     }
+    // The search itself, with what differs from log to log in the model.
+    //     1. Of long logs, or where a search has begun: by predictions. A base model that even with
+    //        all of that is farther than policy::FAR_FROM_NOISE times the noise from its data is
+    //        not searched by likelihood, which would only take longer to fail.
+    //     2. Missed counts: steps in the readings look like kicks to every law, so before causes.
+    //     3. By likelihood; once more where the causes change the size of the missed counts.
+    //     4. Where that does not speak for itself: predictions decide (decide_by), or at least
+    //        confirm causes beside a rest without a name (ask_what_carries_over).
+    //     5. Where likelihood has decided: rivals, and what held-out data say of them and of terms.
     void search_beside_values(SearchOptions &so)
     {
         by_predictions = false;
@@ -457,6 +520,8 @@ class Explainer
         return correction.joint > 0 || causes->follows(causes->best) ||
                CauseSearch::likelihood_counts(causes->best);
     }
+    // Whether there is no rest beside the causes of likelihood that predictions could be asked
+    // about.
     bool followed() const
     {
         return correction.joint > 0 || causes->rounds.empty() || causes->follows(causes->best);
@@ -492,6 +557,8 @@ class Explainer
         clock.enter("search");
         causes->run_to_the_end();
     }
+    // The causes of a search by predictions become `causes`: confirmed on all logs, then against
+    // held-out data. False where one of both cannot be done; `causes` is then as it was.
     bool take_predictions(std::unique_ptr<PredictionSearch> &found, const Hypothesis &refit)
     {
         auto carried = std::make_unique<CauseSearch>(values.model, *search, refit);
@@ -599,6 +666,11 @@ class Explainer
         values = with_log_values(model, left, *search, plain);
         return true;
     }
+    // A new search by likelihood from `refit`; with `far` it stays at that model. It gives up early
+    // only where predictions can take over: there are folds, and no missed counts, which free runs
+    // do not know. It does so after one cause (two where there are only one or two short logs) if
+    // the model still says nothing within a shooting interval and, but of long logs, the causes
+    // gain less than policy::LIKELIHOOD_SAYS_LITTLE a reading.
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
@@ -608,6 +680,8 @@ class Explainer
         if (!far)
             causes->run();
     }
+    // Looks for missed counts with the model as it is; what is found is put back into the logs, and
+    // `refit` is the fit to those.
     void correct_counts(const SearchOptions &so, Hypothesis &refit)
     {
         correction = find_count_correction(values.model, training, so, refit, policy::ACCEPT_FIRST,
@@ -638,6 +712,8 @@ class Explainer
         use_corrected_logs(so, refit);
         return true;
     }
+    // `training` become the logs of `correction`. The model is fitted anew from the base parameters
+    // of the start: those of a fit to logs with steps in them may be far off.
     void use_corrected_logs(const SearchOptions &so, Hypothesis &refit)
     {
         training.clear();
@@ -651,7 +727,11 @@ class Explainer
             refit = correction.fit;
     }
     // Of rivals that the training data cannot tell apart, the one that predicts held-out data
-    // clearly better.
+    // clearly better. With L the penalised nlml, rival i may lead if
+    //     L_i <= L_0 + policy::INSEPARABLE ,
+    // it has a name and as many effects, and its errors on held-out data are clearly less than
+    // those of the best so far. Of a single cause only: of several the others would have to be
+    // fitted anew.
     void ask_held_out()
     {
         if (causes->rounds.size() != 1 || search->cancelled)
@@ -691,7 +771,9 @@ class Explainer
         while (causes->rounds.size() > 1 && reject_one(held, refitted))
             continue;
     }
-    // False where all may stay, or none is better left out.
+    // All may stay where the model with them predicts held-out data no worse than the refitted one,
+    // in the sum of squares and by windows. Else the cause goes without which that sum is least, if
+    // it is below that of the refitted model. False where all may stay, or none is better left out.
     bool reject_one(const HeldOut &held, const HeldOutFigures &refitted)
     {
         HeldOutFigures all, least = refitted;
@@ -763,6 +845,10 @@ const char *mk_verdict_name(enum mk_verdict verdict)
     return names[verdict];
 }
 
+// With total the sum of squared nrmse over joints (explain/evidence/gain.cpp):
+//     total(refitted) > REFIT_BEHIND total(given)   and   > REFIT_OVER_NOISE total(noise) .
+// Values that fit some logs and are far worse than the given ones on another: it is hardly of one
+// rig.
 bool mk_explanation_doubts_logs(const mk_explanation *e)
 {
     double before = 0.0, refitted = 0.0, floor = 0.0;
@@ -775,6 +861,10 @@ bool mk_explanation_doubts_logs(const mk_explanation *e)
            refitted > mk::policy::REFIT_OVER_NOISE * floor;
 }
 
+// With c = NOBODY_WEIGHS_SO and the ratio of the fitted value to the given one, whether not
+//     1 / c < ratio < c ;
+// a sign that changed is a doubt as well. Only ratios of masses to each other are known where the
+// scale is free, so none is doubted then.
 bool mk_explanation_doubts_mass(const mk_explanation *e, int i)
 {
     const bool rest = e->verdict == MK_VERDICT_PARTIAL || e->verdict == MK_VERDICT_UNKNOWN;
@@ -791,6 +881,9 @@ bool mk_explanation_leaves_little(const mk_explanation *e)
     return e->offered && e->budget.closed >= mk::policy::LEAVES_LITTLE;
 }
 
+// At some joint the best of the three models is
+//     above FAR_FROM_READ times what noise leaves, and above FAR_FROM_TRAINED times its error on
+//     the data to learn from .
 bool mk_explanation_misses_held_out(const mk_explanation *e)
 {
     bool misses = false;
@@ -806,6 +899,9 @@ bool mk_explanation_misses_held_out(const mk_explanation *e)
     return misses && !missed && e->verdict != MK_VERDICT_UNKNOWN;
 }
 
+// Before the road: checks of the data, rows with foreign contact left out, logs in which nothing
+// moves dropped. Behind it: what the caller's model says of a motor, and trials in control if asked
+// for. The result is made apart, so that *out is untouched by a failure.
 enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size_t log_count,
                           const mk_log *const *holdouts, size_t holdout_count,
                           const mk_explain_options *options, mk_explanation *out, mk_error *err)

@@ -1,3 +1,24 @@
+// How much better the extended model predicts data that were not fitted
+// (explain/evidence/gain.hpp, docs/explain.md, "How to read a report").
+//
+// Free runs over windows of the held-out logs (ident/held_out.hpp) give each model m and joint j
+//     s_mj = nrmse = rms error / sd_j ,   total_m = sum_j s_mj^2 ,
+// sd_j the standard deviation of the joint's held-out readings. m is one of
+//     before     the given model ,
+//     refitted   the given model with its values fitted to the data to learn from ,
+//     after      the extended model: with causes, values per log, the command's other column .
+// With n_j = noise_j / sd_j what the readings' noise leaves, the gap is what lies between
+// `refitted` and the noise, and
+//     closed = 1 - (total_after - sum_j floor_j^2) / (total_refitted - sum_j floor_j^2) ,
+//     floor_j = min(n_j, s_refitted,j, s_after,j) .
+//
+// The held-out data have chosen nothing, so that they have the last word on what is offered:
+//     clearly worse   mean over windows of log(error after / error refitted) above two standard
+//                     errors and above log(1.02): the extension is taken back ,
+//     misleads        it widens the gap, though a joint or most windows gain: the same ,
+//     confirms        it closes nearly all of the gap, though the data to learn from were not
+//                     followed to the last digit: the verdict is raised to `effect` .
+// Thresholds and where they come from: explain/policy.hpp.
 #include "explain/evidence/gain.hpp"
 
 #include <algorithm>
@@ -13,6 +34,7 @@ namespace mk
 namespace
 {
 
+// The data and results of one explanation, all borrowed; `out` and `verdict` are changed.
 struct Gain {
     const mk_model &model;
     const mk_explain_options &options;
@@ -42,6 +64,11 @@ struct Gain {
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
     }
+    // Figures of the three models over the same windows. Their length is out.window_s; where the
+    // caller named none (options.window_s is 0) it is halved while at some joint both the refitted
+    // and the extended model are worse than a constant (s_mj > 1), to SHORTEST at least, and
+    // out.window_s says what it came to. The error of a model that no window can be run by is
+    // MK_ERR_NUMERIC; of the extended one it counts as an infinite error instead.
     enum mk_status predict_held_out(HeldOutFigures &before, HeldOutFigures &refitted,
                                     HeldOutFigures &after, mk_error *err)
     {
@@ -64,9 +91,12 @@ struct Gain {
             return st == MK_OK ? held.figures(out.given, before, err) : st;
         }
     }
-    // Whether held-out data are predicted nearly as well as they are read. A trace of process noise
-    // that nothing explains says nothing then: long chaotic motion leaves one, and so does a rig
-    // that is balanced for long, whose free run besides grows from any error at its start.
+    // Whether held-out data are predicted nearly as well as they are read,
+    //     s_j sd_j < c noise_j   at every joint ,
+    // c = policy::RIGHT, or RIGHT_WITH_TRACE where the refitted model needs only a trace of process
+    // noise and leaves white noise. A trace of process noise that nothing explains says nothing
+    // then: long chaotic motion leaves one, and so does a rig that is balanced for long, whose free
+    // run besides grows from any error at its start.
     bool at_noise(const HeldOut &held, const HeldOutFigures &f) const
     {
         const bool trace = last.refit.process_noise <= policy::TRACE &&
@@ -77,6 +107,7 @@ struct Gain {
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
     }
+    // s_j <= times n_j at every joint.
     bool within(double times, const HeldOut &held, const HeldOutFigures &f) const
     {
         for (int j = 0; j < mk_model_joints(&model); j++)
@@ -85,7 +116,9 @@ struct Gain {
         return true;
     }
     // Whether held-out data, to which nothing is fitted but states and noise, are likelier by the
-    // extension than by the refitted model: nlml(refitted) - nlml(extended) > 0.
+    // extension than by the refitted model: nlml(refitted) - nlml(extended) > 0. Each has at most
+    // the process noise that the data to learn from left it. No penalty for parameters, since none
+    // is fitted here. False where one of both cannot follow the data.
     bool likelier_on_held_out() const
     {
         std::vector<FitLog> logs;
@@ -112,6 +145,7 @@ struct Gain {
                with.quadratic.nlml < without.quadratic.nlml;
     }
     double noise(int j) const { return out.noise[j]; }
+    // n_j; 0 of a joint that stands still.
     double noise_share(const HeldOut &held, int j) const
     {
         const double sd = held.deviation(model, j);
@@ -126,7 +160,11 @@ struct Gain {
         return std::min({sd > 0.0 ? out.noise[j] / sd : 0.0, refitted.nrmse(j), after.nrmse(j)});
     }
     // Where there is something to close, an extension that widens it is not what is missing,
-    // however well it does in most windows or at one joint. A joint that hardly moves shows noise.
+    // however well it does in most windows or at one joint. A joint that hardly moves shows noise:
+    // below c = policy::NOISE_SQUARES times the noise squared nothing counts. With
+    //     x_mj = max(s_mj^2 - c n_j^2, 0) ,   gap = sum_j x_refitted,j ,
+    // it misleads if
+    //     gap > A_GAP sum_j n_j^2   and   sum_j (x_after,j - x_refitted,j) > WIDER gap .
     bool misleads(const HeldOut &held, const HeldOutFigures &refitted,
                   const HeldOutFigures &after) const
     {
@@ -163,6 +201,10 @@ struct Gain {
         std::fill(std::begin(out.declined), std::end(out.declined), 0.0);
         verdict.add_data_causes();
     }
+    // All of it in order: predictions; whether the extension is offered, and if not what is left of
+    // it; the verdict, where likelihood saw a rest that does not matter in free runs; figures;
+    // confirmation. An extension is taken back before the verdict is looked at, since both depend
+    // on what is still claimed.
     enum mk_status measure(mk_error *err)
     {
         HeldOutFigures before, refitted, after;
@@ -194,7 +236,11 @@ struct Gain {
         confirm(held, after);
         return compare_with_training(held, err);
     }
-    // Whether the extension is to be offered, by what it predicts of held-out data.
+    // Whether the extension is to be offered, by what it predicts of held-out data. Beside the two
+    // reasons above it must have
+    //     total_after <= most total_refitted ,
+    // most = 1 for a formula without a name, 1 - LEAST_GAIN_OF_PART for causes beside which a rest
+    // stays, and no bound for causes that explain the data to learn from.
     bool earns_its_place(const HeldOut &held, const HeldOutFigures &refitted,
                          const HeldOutFigures &after) const
     {
@@ -235,7 +281,8 @@ struct Gain {
             before.total() > policy::PREDICTS_NOTHING * refitted.total())
             out.verdict = MK_VERDICT_PARAMETERS;
     }
-    // closed = 1 - (after - floor) / (refitted - floor), of squared errors summed over joints.
+    // closed = 1 - (after - floor) / (refitted - floor), of squared errors summed over joints. 1:
+    // at the noise; 0: no better than refitted; below 0: worse. 0 as well where there is no gap.
     void keep_figures(const HeldOut &held, const HeldOutFigures &before,
                       const HeldOutFigures &refitted, const HeldOutFigures &after)
     {
@@ -250,7 +297,10 @@ struct Gain {
         const double room = refitted.total() - floor;
         out.closed = room > 0.0 ? 1.0 - (after.total() - floor) / room : 0.0;
     }
-    // How well the data are predicted that the models were fitted to, where held-out data are not.
+    // How well the data are predicted that the models were fitted to, where held-out data are not:
+    // if both are missed alike the model is at fault, if only the held-out data are, these show
+    // something that the others do not. s sd(training) / sd(held out) puts both in one unit. A
+    // model that runs away on the training data leaves 0 there, and is no error.
     enum mk_status compare_with_training(const HeldOut &held, mk_error *err)
     {
         bool far = false;
