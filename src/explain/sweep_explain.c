@@ -1,6 +1,19 @@
 /* Sweeps of explain: from which size on is an effect named, on which rig? Every run makes up logs
  * of a rig that has the effect and whose parameters are off, and gives them to explain with the
- * model that has neither. */
+ * model that has neither (docs/sweep.md).
+ *
+ * A run with seed s is
+ *     rig     p_i = given_i (1 + r_i) ,  r_i uniform within the spread of masses or of friction ,
+ *             and the effect, its first parameter the size of the case ;
+ *     logs    n to learn from and one held out, each by the virtual rig under a multisine of its
+ *             own phases, in whole counts of its encoders ;
+ *     answer  what mk_explain() makes of them with the given model ,
+ * and its outcome says whether the hidden effect was named. All draws follow from s, the same at
+ * every point of the sweep: sizes are compared on the same rigs and commands.
+ *
+ * The rigs are simulated by the models that explain searches with, so that a sweep measures whether
+ * effects can be told apart in such data, not whether the models are right.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,9 +27,14 @@
 #include "mechkit/rig.h"
 #include "mechkit/signal.h"
 
+/* CLEAN: the case of a rig in which nothing is hidden. */
 #define LOGS_MAX 8
 #define CLEAN "none"
 
+/* In the order of sweep_explain.outcome. RIGHT: the effect is the first cause, or nothing is hidden
+ * and nothing said; TIED: it is another of the causes, or a rival that the data do not tell apart;
+ * WRONG: something else is named; MISSED: no effect is claimed; UNKNOWN: the verdict; FAILED:
+ * explain could not follow the data, or found too little in them. */
 enum { RIGHT, TIED, WRONG, MISSED, UNKNOWN, FAILED };
 
 static const struct sweep_key keys[] = {
@@ -46,6 +64,7 @@ static const struct mk_effect_info *effect_of(const char *name, int *joint)
     return mk_effect_by_name(copy);
 }
 
+/* Every [rig] kind has to be a plant's name. */
 static enum mk_status check_rigs(const struct sweep *s, struct mk_error *err)
 {
     int at = sweep_find(s, "rig.kind");
@@ -87,6 +106,7 @@ static enum mk_status check_effect(const struct sweep *s, const struct sweep_axi
     return MK_OK;
 }
 
+/* An axis "case.NAME" of words or numbers with room for SWEEP_VALUES; sweep_free() frees it. */
 static enum mk_status new_axis(struct sweep *s, const char *name, bool words,
                                struct sweep_axis **out, struct mk_error *err)
 {
@@ -101,7 +121,10 @@ static enum mk_status new_axis(struct sweep *s, const char *name, bool words,
     return a->word || a->value ? MK_OK : mk_error_set(err, MK_ERR_NOMEM, "no memory for a sweep");
 }
 
-/* The keys of [effects] become one axis: a case each, with its size. */
+/* The keys of [effects] become one axis: a case each, with its size. The two axes turn together
+ * (with_last), so that an effect meets its own sizes only:
+ *     viscous@2 = 1, 2 ;  backlash@1 = 3     ->     (viscous@2, 1), (viscous@2, 2), (backlash@1, 3)
+ * . The axes of the section go, and the others move up. */
 static enum mk_status gather_cases(struct sweep *s, struct mk_error *err)
 {
     struct sweep_axis *effect, *size;
@@ -145,12 +168,15 @@ static enum mk_status prepare(struct sweep *s, struct mk_error *err)
 
 /* --- a case --------------------------------------------------------------------------------- */
 
+/* How a log is made: length s, samples/s, amplitude of the command in command units, jitter of the
+ * readings in counts, and the seed of jitter and phases. `rig` is borrowed. */
 struct recording {
     const struct mk_model *rig;
     double seconds, rate_hz, amplitude, noise;
     uint64_t seed;
 };
 
+/* What a log of a real rig says in its metadata. */
 static enum mk_status describe(struct mk_log *log, const struct recording *r)
 {
     char text[64];
@@ -161,6 +187,10 @@ static enum mk_status describe(struct mk_log *log, const struct recording *r)
     return st == MK_OK ? mk_log_set_meta(log, "sample_rate_hz", text) : st;
 }
 
+/* Rows k = 0, 1, ... at t_k = k T, T the period. A row is read before its command acts, and that is
+ * held to the next row:
+ *     q_j = rest_j + count_j (size of a count) ,   u_k = clip(signal(t_k), u_max) .
+ * Counters are zeroed where the rig hangs. */
 static enum mk_status fill(struct mk_log *log, size_t rows, const struct recording *r,
                            struct mk_rig *rig, const struct mk_signal *signal, struct mk_error *err)
 {
@@ -185,7 +215,9 @@ static enum mk_status fill(struct mk_log *log, size_t rows, const struct recordi
     return st;
 }
 
-/* What the virtual rig's encoders say under a multisine. */
+/* What the virtual rig's encoders say under a multisine of 12 harmonics of 0.37 Hz, up to 4.4 Hz:
+ * slow enough for a full swing and fast enough for inertia to count. Its phases follow from the
+ * seed. *out is the caller's, also after a failure (NULL if it was not made). */
 static enum mk_status make_log(const struct recording *r, struct mk_log **out, struct mk_error *err)
 {
     char text[80];
@@ -211,7 +243,8 @@ static enum mk_status make_log(const struct recording *r, struct mk_log **out, s
     return st;
 }
 
-/* The rig: parameters off, the effect in. */
+/* The rig: parameters off (trial_rig, without delay and with encoders zeroed right), the effect in.
+ * Its first parameter has the size of the case, all others their defaults. */
 static enum mk_status make_rig(const struct sweep *s, size_t index, struct mk_model *out,
                                struct mk_error *err)
 {
@@ -230,12 +263,15 @@ static enum mk_status make_rig(const struct sweep *s, size_t index, struct mk_mo
 
 /* --- what explain says ---------------------------------------------------------------------- */
 
+/* The right effect at the wrong joint is not it. */
 static bool is_it(const struct mk_effect_info *said, int said_joint,
                   const struct mk_effect_info *hidden, int joint)
 {
     return said == hidden && said_joint == joint;
 }
 
+/* Outcome of an explanation; `hidden` NULL: nothing was. The order of the questions matters: only
+ * of a verdict `effect` the causes count. */
 static int judge(const struct mk_explanation *e, const struct mk_effect_info *hidden, int joint)
 {
     if (!hidden)
@@ -256,6 +292,9 @@ static int judge(const struct mk_explanation *e, const struct mk_effect_info *hi
     return WRONG;
 }
 
+/* Columns said, value, confidence, closed: the causes joined by +, as "viscous@2+coulomb@1", or the
+ * verdict where no effect is claimed; the first parameter of the first cause and its confidence,
+ * both empty without one; the share of the gap that the extension closes on the held-out log. */
 static void describe_answer(const struct mk_explanation *e, char text[SWEEP_LINE])
 {
     bool claims = e->verdict == MK_VERDICT_EFFECT;
@@ -274,6 +313,9 @@ static void describe_answer(const struct mk_explanation *e, char text[SWEEP_LINE
     sweep_put(text, 3, e->closed);
 }
 
+/* Gives the logs to explain, the last one held out, with the given model: neither the parameters of
+ * the rig nor the effect. One thread, since the runs of a sweep go side by side. An explanation is
+ * too large for a thread's stack. */
 static enum mk_status ask(const struct sweep *s, size_t index, struct mk_log *const *logs,
                           size_t count, int *outcome, char text[SWEEP_LINE], struct mk_error *err)
 {
@@ -302,6 +344,8 @@ static enum mk_status ask(const struct sweep *s, size_t index, struct mk_log *co
     return st;
 }
 
+/* One run of the sweep, which owns its logs. Seeds of the logs are drawn one after another from the
+ * run's, so that the first ones are the same whatever their number. */
 static enum mk_status run(const struct sweep *s, size_t index, int *outcome, char text[SWEEP_LINE],
                           struct mk_error *err)
 {

@@ -10,6 +10,11 @@
 // the last two multiplied PRODUCT at least. An error of the model is a part of what acts, and comes
 // again wherever the rig does the same again; a hand does neither.
 //
+// For each equation of the plant, and averages over each of WIDTHS blocks: the stretches of largest
+// size are taken one after another (Sizes::take), those before the largest drop in their peaks
+// belong together (EquationSearch::largest), and all of these are foreign or none is
+// (EquationSearch::foreign). What is found in several equations or widths is united at the end.
+//
 // Five things look like a touch and are none: what takes up much of the motion or of a log, what
 // pushes back from the end of the travel each time, what is small against busy times, what changes
 // its sign within a few blocks, and what the given model predicts as it is.
@@ -67,6 +72,8 @@ struct Stretch {
 class Sizes
 {
   public:
+    // A block has the largest size of the averages that it is in: one that lasts for `width` blocks
+    // shows in all of them. 0 where nothing is known, and everywhere if the usual size is 0.
     Sizes(const ResidualTorques &r, const ResidualTorques::Equation &e, size_t width)
         : all(r), equation(e), size(r.blocks(), 0.0)
     {
@@ -87,7 +94,10 @@ class Sizes
         left = size;
     }
     double at(size_t block) const { return size[block]; }
-    // The largest that is left, with what belongs to it; it is no longer left then.
+    // The largest that is left, with what belongs to it; it is no longer left then. From its peak
+    // it reaches to either side over blocks above FLANK standard deviations, and over gaps between
+    // those of up to GAP seconds, within its log. Its flanks are those of all sizes, also of what
+    // another stretch has taken. Where nothing is left the peak is 0.
     Stretch take()
     {
         const size_t gap = std::max<size_t>(1, (size_t)(GAP / all.block_s));
@@ -123,7 +133,13 @@ class Sizes
     }
 };
 
-// What a stretch is made of where it is near its peak.
+// What a stretch is made of where it is near its peak: over the blocks k of it with a size above
+// CORE times the peak,
+//     share   = sum |r_k| / sum a_k ,   2 at most, where nothing in the model balances r (a_k is
+//               half of what acts, sign aside) ,
+//     one_way = |sum r_k| / sum |r_k| ,
+//     angle   = sum q_k |r_k| / sum |r_k| ,   q_k the joint's mean reading ,
+// torques in the model's units. All 0 where no block has a torque.
 struct Core {
     double share = 0.0;   // of what acts
     double one_way = 0.0; // 1: all in one direction
@@ -164,6 +180,7 @@ std::vector<char> moving_blocks(const mk_model &model, const ResidualTorques &r)
     return moves;
 }
 
+// What is foreign in one equation. Borrows everything.
 class EquationSearch
 {
   public:
@@ -171,6 +188,7 @@ class EquationSearch
         : all(r), moves(moving), number(e), equation(r.equation[e]), narrow(r, equation, 1)
     {
     }
+    // Adds what is found to `out`; the same touch may come once for each width.
     void find(std::vector<Contact> &out) const
     {
         for (size_t width : WIDTHS) {
@@ -198,6 +216,9 @@ class EquationSearch
 
     // Sizes of separate stretches, largest first, p_1 >= p_2 >= ...: those before the place where
     // p_i / max(p_(i+1), FLANK) is largest, which is the excess. Twice the number of logs at most.
+    // So several touches do not hide each other, as they would if each were held against the next:
+    // a hand that lifts the pendulum at the start of every log makes as many peaks as logs. FLANK
+    // keeps a drop among sizes that are nothing from counting.
     Found largest(size_t width) const
     {
         Found f = {Sizes(all, equation, width), {}, 0.0};
@@ -234,6 +255,9 @@ class EquationSearch
     {
         return (size_t)std::count(all.log.begin(), all.log.end(), all.log[s.first]);
     }
+    // Whether the stretches of `f` are foreign, all or none. Each has to be, by its core; together
+    // they have to take up less than MOST_DATA of the blocks in which something moves, and must not
+    // all be stops. `least_product` and `least_one_way` stand for PRODUCT and ONE_WAY.
     bool foreign(const Found &f, double least_product, double least_one_way) const
     {
         size_t moving = 0, stops = 0;
@@ -283,7 +307,8 @@ class EquationSearch
     }
 };
 
-// Those that overlap are one, as the larger says it.
+// Those that overlap, or are within GAP of each other, are one: from the first beginning to the
+// last end, with joint, torque and excess of the one with the larger excess.
 void unite(std::vector<Contact> &all)
 {
     std::sort(all.begin(), all.end(), [](const Contact &a, const Contact &b) {
@@ -329,7 +354,11 @@ double off_a_line(const mk_model &model, const mk_record &r, size_t first, size_
 // windows of WINDOW_S, free runs from the best start states leave less than NEXT_TO_NOTHING
 // (squared), or less than a count a reading. Then nothing that is foreign acts there, however much
 // a smoother makes of it. A stretch that is shorter than a window is looked at in one that begins
-// with it.
+// with it. With S_w the squared error of the free run over window w and L_w that of the straight
+// line through its readings, counts^2, and n readings in all:
+//     sum_w S_w < max(NEXT_TO_NOTHING sum_w L_w , A_COUNT n) .
+// Both fits have two free values a joint, so that the ratio asks what the model's accelerations
+// add. False where no window can be looked at.
 bool is_predicted(const mk_model &model, const mk_record &record, const Contact &c)
 {
     constexpr double WINDOW_S = 0.2, NEXT_TO_NOTHING = 0.04, A_COUNT = 1.0;
@@ -374,6 +403,7 @@ bool is_predicted(const mk_model &model, const mk_record &record, const Contact 
 
 } // namespace
 
+// The costly question comes last, of what is left: is_predicted() runs the model.
 std::vector<Contact> find_contacts(const mk_model &model, const std::vector<mk_record> &records)
 {
     const ResidualTorques all = residual_torques(model, records);
