@@ -40,7 +40,7 @@ Log record(const mk_model &m, double seconds, int motors = 1)
     double *second = motors > 1 ? mk_log_add_column(made, "u2") : nullptr;
     for (size_t k = 0; k < rows; k++) {
         t[k] = (double)k / RATE;
-        u[k] = 3.0 * std::sin(5.0 * t[k]) + 2.0 * std::sin(13.0 * t[k]);
+        u[k] = m.u_max * (0.3 * std::sin(5.0 * t[k]) + 0.2 * std::sin(13.0 * t[k]));
         if (second)
             second[k] = std::sin(4.0 * t[k]) + 0.5 * std::sin(11.0 * t[k]);
     }

@@ -236,6 +236,54 @@ START_TEST(a_run_goes_on_with_the_commands_that_are_on_their_way)
 }
 END_TEST
 
+/* With a delay that has become shorter, or has gone, a command would overtake the one before it and
+ * time would run backwards. */
+START_TEST(a_delay_that_becomes_shorter_lets_no_command_overtake_another)
+{
+    for (int gone = 0; gone < 2; gone++) {
+        struct mk_model m = bare_wheel();
+        struct mk_error err = MK_ERROR_INIT;
+        double applied[2];
+        ck_assert_int_eq(mk_model_add_effect(&m, "input-delay", 0, &err), MK_OK);
+        m.effect[0].value[0] = 0.010;
+        struct mk_sim *sim = make(&m, MK_SOLVER_DEFAULT, 1e-10);
+        start(sim, &m, (double[2]){0, 0}, (double[2]){0, 0});
+        advance(sim, 0.002, 4.0); /* in force from 10 ms on */
+        m.effect[0].value[0] = gone ? 0.0 : 0.001;
+        ck_assert_int_eq(mk_sim_set_values(sim, &m, &err), MK_OK);
+        for (int k = 1; k < 20; k++) {
+            const double before = mk_sim_time(sim);
+            advance(sim, (k + 1) * 0.002, 1.0);
+            ck_assert_double_gt(mk_sim_time(sim), before);
+        }
+        /* 1.0 was given at 2 ms and waits for the 4.0. */
+        ck_assert_double_eq_tol(mk_sim_state(sim)[1], 0.030 * 1.0 / 0.5, 1e-9);
+        mk_sim_applied(sim, applied);
+        ck_assert_double_eq(applied[0], 1.0);
+        mk_sim_destroy(sim);
+    }
+}
+END_TEST
+
+START_TEST(a_reading_that_becomes_late_is_read_late)
+{
+    struct mk_model m = bare_wheel();
+    struct mk_error err = MK_ERROR_INIT;
+    double y[2];
+    ck_assert_int_eq(mk_model_add_effect(&m, "sensor-delay", 0, &err), MK_OK);
+    m.effect[0].value[0] = 0.0;
+    struct mk_sim *sim = make(&m, MK_SOLVER_DEFAULT, 1e-10);
+    m.effect[0].value[0] = 0.004;
+    ck_assert_int_eq(mk_sim_set_values(sim, &m, &err), MK_OK);
+    start(sim, &m, (double[2]){0, 0}, (double[2]){2.0, 0}); /* without a force the speed stays */
+    for (int k = 0; k < 10; k++)
+        advance(sim, (k + 1) * 0.002, 0.0);
+    mk_sim_measure(sim, y);
+    ck_assert_double_eq_tol(y[0], 2.0 * (0.020 - 0.004), 1e-9);
+    mk_sim_destroy(sim);
+}
+END_TEST
+
 /* --- events ------------------------------------------------------------------------------ */
 
 START_TEST(a_body_rattles_in_its_gap_with_the_period_of_the_closed_form)
@@ -307,6 +355,8 @@ Suite *suite_sim(void)
     tcase_add_test(t, an_input_delay_shifts_every_edge);
     tcase_add_test(t, an_input_delay_is_exact_between_samples_for_both_motors);
     tcase_add_test(t, a_run_goes_on_with_the_commands_that_are_on_their_way);
+    tcase_add_test(t, a_delay_that_becomes_shorter_lets_no_command_overtake_another);
+    tcase_add_test(t, a_reading_that_becomes_late_is_read_late);
     tcase_add_test(t, a_body_rattles_in_its_gap_with_the_period_of_the_closed_form);
     tcase_add_test(t, nonsense_is_refused);
     suite_add_tcase(s, t);

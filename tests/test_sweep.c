@@ -15,6 +15,7 @@
 
 #include "experiment/basin.h"
 #include "experiment/sweep_journal.h"
+#include "explain/sweep_explain.h"
 #include "support/files.h"
 #include "support/program.h"
 
@@ -539,6 +540,34 @@ START_TEST(a_picture_is_drawn)
 }
 END_TEST
 
+/* Causes beside a rest without a name are named all the same. */
+START_TEST(a_cause_beside_a_rest_is_judged_as_one_without)
+{
+    struct mk_explanation *e = calloc(1, sizeof *e);
+    ck_assert_ptr_nonnull(e);
+    const struct mk_effect_info *coulomb = mk_effect_by_name("coulomb"),
+                                *viscous = mk_effect_by_name("viscous");
+    e->cause_count = 2;
+    e->cause[0].effect = coulomb, e->cause[0].joint = 2;
+    e->cause[1].effect = viscous, e->cause[1].joint = 1;
+    const enum mk_verdict named[] = {MK_VERDICT_EFFECT, MK_VERDICT_PARTIAL};
+    for (int i = 0; i < 2; i++) {
+        e->verdict = named[i];
+        ck_assert_int_eq(sweep_judge(e, NULL, 0), SWEEP_WRONG);
+        ck_assert_int_eq(sweep_judge(e, coulomb, 2), SWEEP_RIGHT);
+        ck_assert_int_eq(sweep_judge(e, viscous, 1), SWEEP_TIED);
+        ck_assert_int_eq(sweep_judge(e, coulomb, 1), SWEEP_WRONG);
+    }
+    e->verdict = MK_VERDICT_UNKNOWN;
+    ck_assert_int_eq(sweep_judge(e, NULL, 0), SWEEP_WRONG);
+    ck_assert_int_eq(sweep_judge(e, coulomb, 2), SWEEP_UNKNOWN);
+    e->verdict = MK_VERDICT_PARAMETERS;
+    ck_assert_int_eq(sweep_judge(e, NULL, 0), SWEEP_RIGHT);
+    ck_assert_int_eq(sweep_judge(e, coulomb, 2), SWEEP_MISSED);
+    free(e);
+}
+END_TEST
+
 Suite *suite_sweep(void)
 {
     Suite *s = suite_create("sweep");
@@ -551,6 +580,7 @@ Suite *suite_sweep(void)
     t = tcase_create("journals and specs");
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "one-thread"); /* whose runs are those of the sweeps above */
+    tcase_add_test(t, a_cause_beside_a_rest_is_judged_as_one_without);
     tcase_add_test(t, a_full_disk_keeps_what_was_done);
     tcase_add_test(t, two_processes_do_not_write_one_journal);
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);

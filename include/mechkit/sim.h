@@ -58,7 +58,8 @@ MK_NODISCARD enum mk_status mk_sim_reset(struct mk_sim *sim, double t, const dou
                                          const double *u_past);
 
 /* From now on with other values of the same plant and effects (mk_sim_create's checks hold for them
- * too); commands that are on their way keep their times. Allocates nothing. MK_ERR_INVALID for
+ * too); commands that are on their way keep their times, and later ones come after
+ * them. Allocates nothing. MK_ERR_INVALID for
  * another structure, MK_ERR_RANGE. */
 MK_NODISCARD enum mk_status mk_sim_set_values(struct mk_sim *sim, const struct mk_model *model,
                                               struct mk_error *err);

@@ -14,6 +14,8 @@
  * The rigs are simulated by the models that explain searches with, so that a sweep measures whether
  * effects can be told apart in such data, not whether the models are right.
  */
+#include "explain/sweep_explain.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +24,6 @@
 #include "base/random.h"
 #include "experiment/robustness.h"
 #include "experiment/sweep.h"
-#include "mechkit/explain.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
 #include "mechkit/signal.h"
@@ -30,12 +31,6 @@
 /* CLEAN: the case of a rig in which nothing is hidden. */
 #define LOGS_MAX 8
 #define CLEAN "none"
-
-/* In the order of sweep_explain.outcome. RIGHT: the effect is the first cause, or nothing is hidden
- * and nothing said; TIED: it is another of the causes, or a rival that the data do not tell apart;
- * WRONG: something else is named; MISSED: no effect is claimed; UNKNOWN: the verdict; FAILED:
- * explain could not follow the data, or found too little in them. */
-enum { RIGHT, TIED, WRONG, MISSED, UNKNOWN, FAILED };
 
 static const struct sweep_key keys[] = {
     {"rig", "kind", SWEEP_WORDS, 0, 0},
@@ -270,26 +265,30 @@ static bool is_it(const struct mk_effect_info *said, int said_joint,
     return said == hidden && said_joint == joint;
 }
 
-/* Outcome of an explanation; `hidden` NULL: nothing was. The order of the questions matters: only
- * of a verdict `effect` the causes count. */
-static int judge(const struct mk_explanation *e, const struct mk_effect_info *hidden, int joint)
+/* Causes are named where there is no rest beside them, and where there is one. */
+static bool names_causes(const struct mk_explanation *e)
+{
+    return e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_PARTIAL;
+}
+
+/* The order of the questions matters: only where causes are named do they count. */
+enum sweep_outcome sweep_judge(const struct mk_explanation *e, const struct mk_effect_info *hidden,
+                               int joint)
 {
     if (!hidden)
-        return e->verdict == MK_VERDICT_EFFECT || e->verdict == MK_VERDICT_UNKNOWN ? WRONG : RIGHT;
-    if (e->verdict == MK_VERDICT_UNKNOWN)
-        return UNKNOWN;
-    if (e->verdict != MK_VERDICT_EFFECT)
-        return MISSED;
+        return names_causes(e) || e->verdict == MK_VERDICT_UNKNOWN ? SWEEP_WRONG : SWEEP_RIGHT;
+    if (!names_causes(e))
+        return e->verdict == MK_VERDICT_UNKNOWN ? SWEEP_UNKNOWN : SWEEP_MISSED;
     if (is_it(e->cause[0].effect, e->cause[0].joint, hidden, joint))
-        return RIGHT;
+        return SWEEP_RIGHT;
     for (int i = 1; i < e->cause_count; i++)
         if (is_it(e->cause[i].effect, e->cause[i].joint, hidden, joint))
-            return TIED;
+            return SWEEP_TIED;
     for (int i = 0; i < e->rival_count; i++)
         if (!e->rival[i].distinguishable &&
             is_it(e->rival[i].effect, e->rival[i].joint, hidden, joint))
-            return TIED;
-    return WRONG;
+            return SWEEP_TIED;
+    return SWEEP_WRONG;
 }
 
 /* Columns said, value, confidence, closed: the causes joined by +, as "viscous@2+coulomb@1", or the
@@ -297,7 +296,7 @@ static int judge(const struct mk_explanation *e, const struct mk_effect_info *hi
  * both empty without one; the share of the gap that the extension closes on the held-out log. */
 static void describe_answer(const struct mk_explanation *e, char text[SWEEP_LINE])
 {
-    bool claims = e->verdict == MK_VERDICT_EFFECT;
+    const bool claims = names_causes(e);
     if (!claims)
         snprintf(text, SWEEP_LINE, "%s", mk_verdict_name(e->verdict));
     for (int i = 0; claims && i < e->cause_count; i++) {
@@ -333,10 +332,10 @@ static enum mk_status ask(const struct sweep *s, size_t index, struct mk_log *co
     const struct mk_effect_info *hidden =
         effect_of(sweep_word(s, index, "case.effect", ""), &joint);
     if (st == MK_OK) {
-        *outcome = judge(e, hidden, joint);
+        *outcome = (int)sweep_judge(e, hidden, joint);
         describe_answer(e, text);
     } else if (st == MK_ERR_NUMERIC || st == MK_ERR_RANGE) { /* an answer too */
-        *outcome = FAILED;
+        *outcome = SWEEP_FAILED;
         snprintf(text, SWEEP_LINE, "%s,,,", mk_strerror(st));
         st = MK_OK;
     }

@@ -108,11 +108,12 @@ enum mk_solver mk_solver_by_name(const char *name)
     return MK_SOLVER_COUNT;
 }
 
-// How old each joint's reading is; whether any is. The delays of all its effects add up; joint 0
-// stands for all joints. Adds to ages that are 0 before.
-static bool find_ages(mk_sim *sim)
+// How old each joint's reading is. The delays of all its effects add up; joint 0 stands for all
+// joints.
+static void find_ages(mk_sim *sim)
 {
     const mk_model &m = sim->system.model;
+    sim->age[0] = sim->age[1] = 0.0;
     for (int e = 0; e < m.effect_count; e++) {
         if (!(mk_effect(m.effect[e].index)->stages & MK_STAGE_SENSOR_DELAY))
             continue;
@@ -120,7 +121,15 @@ static bool find_ages(mk_sim *sim)
             if (m.effect[e].joint == 0 || m.effect[e].joint == j + 1)
                 sim->age[j] += m.effect[e].value[0];
     }
-    return sim->age[0] > 0.0 || sim->age[1] > 0.0;
+}
+
+// Whether a reading may be late, now or with other values (mk_sim_set_values).
+static bool may_read_late(const mk_model &m)
+{
+    bool may = false;
+    for (int e = 0; e < m.effect_count; e++)
+        may |= (mk_effect(m.effect[e].index)->stages & MK_STAGE_SENSOR_DELAY) != 0;
+    return may;
 }
 
 // The present state becomes the newest of the ring, and the oldest is lost where it is full. Called
@@ -164,7 +173,8 @@ enum mk_status mk_sim_create(const mk_model *model, const mk_sim_config *config,
     s.rtol = config && config->rtol > 0.0 ? config->rtol : model->rtol;
     s.atol = config && config->atol > 0.0 ? config->atol : model->atol;
     sim->delay = mk_model_command_delay(model);
-    bool late = find_ages(sim);
+    find_ages(sim);
+    const bool late = may_read_late(sim->system.model);
     sim->past = late ? new (std::nothrow) Past[HISTORY] : nullptr;
     sim->integrator = row->create(s, err);
     if (!sim->integrator || (late && !sim->past)) {
@@ -202,7 +212,6 @@ enum mk_status mk_sim_set_values(mk_sim *sim, const mk_model *model, mk_error *e
     sim->system.model = *model;
     sim->system.compiled = mk::compile<double>(*model);
     sim->delay = mk_model_command_delay(model);
-    sim->age[0] = sim->age[1] = 0.0;
     find_ages(sim);
     sim->fresh = true;
     return MK_OK;
@@ -277,10 +286,11 @@ static enum mk_status run_to(mk_sim *sim, double t_end, mk_error *err)
 }
 
 // A command given at time t: in force at once without a delay, else an edge at t + d. MK_ERR_RANGE
-// where the ring is full. Edges come in the order of time as long as d stays what it is.
+// where the ring is full. Edges are in the order of time: where d has become shorter
+// (mk_sim_set_values) a command waits for those that were given before it.
 static enum mk_status issue(mk_sim *sim, double t, const double *u, mk_error *err)
 {
-    if (sim->delay <= 0.0) {
+    if (sim->delay <= 0.0 && sim->count == 0) {
         put_in_force(sim, u);
         return MK_OK;
     }
@@ -289,8 +299,9 @@ static enum mk_status issue(mk_sim *sim, double t, const double *u, mk_error *er
     if (sim->count == EDGES)
         return mk_error_set(err, MK_ERR_RANGE, "more than %d commands wait in the input delay",
                             EDGES);
+    const double last = sim->count ? sim->edge[(sim->first + sim->count - 1) % EDGES].t : t;
     Edge &e = sim->edge[(sim->first + sim->count++) % EDGES];
-    e.t = t + sim->delay;
+    e.t = std::fmax(t + sim->delay, last);
     memcpy(e.u, u, sizeof e.u);
     memcpy(sim->issued, u, sizeof sim->issued);
     return MK_OK;
