@@ -356,6 +356,21 @@ static_assert(sizeof drive / sizeof drive[0] == MK_PLANT_COUNT, "a plant without
 
 } // namespace
 
+// With the other sign of the command values that are far off can predict better, by chance. No
+// pendulum could move like that.
+START_TEST(values_that_are_far_off_do_not_turn_a_command)
+{
+    const unsigned seeds[] = {9, 12, 23};
+    const mk_model truth = rig(MK_PLANT_PENDULUM);
+    Run run;
+    run.amplitude = drive[truth.plant], run.seed = seeds[_i];
+    const Log log = record(truth, run);
+    Fit off;
+    off.of(scattered(truth, 30.0, 100u + seeds[_i]), log);
+    ck_assert_msg(off.status == MK_OK, "%s", off.err.message);
+}
+END_TEST
+
 START_TEST(a_fit_ends_at_the_same_values_wherever_it_starts)
 {
     const int kind = _i % MK_PLANT_COUNT, round = _i / MK_PLANT_COUNT;
@@ -508,6 +523,7 @@ Suite *suite_ratios(void)
     tcase_set_timeout(c, 120);
     tcase_add_loop_test(c, a_fit_ends_at_the_same_values_wherever_it_starts, MK_PLANT_COUNT,
                         MK_PLANT_COUNT + 1);
+    tcase_add_loop_test(c, values_that_are_far_off_do_not_turn_a_command, 0, 3);
     tcase_add_test(c, what_was_given_stays_where_other_values_are_open);
     tcase_add_test(c, a_model_file_may_leave_values_open);
     tcase_add_test(c, the_program_fits_what_is_open_and_says_where_it_cannot);

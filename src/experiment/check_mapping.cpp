@@ -120,6 +120,7 @@ class Mapping
     void turn_commands();
     bool ask_textbook();
     bool ask_commands();
+    bool textbook_keeps_the_sign() const;
     void ask_model();
     void say(bool certain, const std::string &what, const std::string &change);
 };
@@ -203,11 +204,26 @@ void Mapping::turn_commands()
     }
 }
 
-// True if the other sign of a command leaves clearly less.
+// Whether no rig of the kind can move as the log says with the other sign of the commands, while
+// one can as it is. Then it is the values of the model that are wrong: they may be off by orders of
+// magnitude, which is what a log is identified for.
+bool Mapping::textbook_keeps_the_sign() const
+{
+    mk_import_finding findings[MK_IMPORT_FINDINGS];
+    mk_import_map turned = itself;
+    for (const char *name : other_sign)
+        flip(turned, name);
+    return mk_import_check(table.get(), c.log.path, &itself, findings) == 0 &&
+           mk_import_check(table.get(), c.log.path, &turned, findings) > 0;
+}
+
+// True if the other sign of a command leaves clearly less, or would if the model were right.
 bool Mapping::ask_commands()
 {
     if (!(others_leave < std::fmin(OTHER_SIGN * now, LIKELY)))
         return false;
+    if (textbook_keeps_the_sign())
+        return true;
     std::string names, change;
     for (const char *name : other_sign) {
         names += (names.empty() ? "" : " and ") + std::string(name);
