@@ -179,6 +179,23 @@ START_TEST(without_a_setup_it_says_how_to_begin)
 }
 END_TEST
 
+/* On the smallest screen the list of setups has no room for all of them. */
+START_TEST(the_chosen_setup_is_in_sight_on_the_smallest_screen)
+{
+    news();
+    press("s");
+    for (int i = 0; mk_ctrl_setup(i); i++) {
+        char line[40];
+        snprintf(line, sizeof line, "> %d  %s", i + 1, mk_ctrl_setup(i)->name);
+        ck_assert_msg(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, line), "%s", line);
+        ck_assert(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, "Enter takes it"));
+        ck_assert(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, "E-STOP"));
+        ck_assert(drawn(TUI_MIN_ROWS, TUI_MIN_COLS, "\u2518 ")); /* the frame is whole */
+        press("j");
+    }
+}
+END_TEST
+
 START_TEST(limits_of_a_joint_that_slides_are_shown_in_metres)
 {
     struct mk_error err = MK_ERROR_INIT;
@@ -760,6 +777,7 @@ Suite *suite_tui(void)
     tcase_add_checked_fixture(t, begin, end);
     tcase_set_timeout(t, 60);
     tcase_add_test(t, without_a_setup_it_says_how_to_begin);
+    tcase_add_test(t, the_chosen_setup_is_in_sight_on_the_smallest_screen);
     tcase_add_test(t, limits_of_a_joint_that_slides_are_shown_in_metres);
     tcase_add_test(t, before_a_start_the_check_list_says_what_is_well);
     tcase_add_test(t, a_folder_that_takes_no_logs_is_seen_before_the_start);

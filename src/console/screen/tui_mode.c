@@ -33,21 +33,31 @@ static void rigs_of(const struct mk_ctrl_ops *ops, char *buf, size_t size)
         snprintf(buf, size, "any rig; say which with --model or :model FILE");
 }
 
+/* Where not all setups have room the list scrolls, the chosen one in sight; n is how many are
+ * shown. */
 static void draw_setup(struct tui *t, struct tui_rect area)
 {
+    const int count = tui_setup_count(),
+              around = 8; /* its frame, the one around that, what stands below */
     struct canvas *c = &t->canvas;
-    int n = tui_setup_count(),
-        room = area.rows >= n + 10 ? 3 : 0; /* for the whole of a long line */
-    struct tui_rect r = {area.row + 1, 2, n + 6 + room, c->cols - 4};
+    int room = area.rows >= count + around + 3 ? 3 : 0; /* for the whole of a long line */
+    int n = area.rows - around < count ? area.rows - around : count;
+    int first = t->chosen < n ? 0 : t->chosen - n + 1;
+    struct tui_rect r = {area.row + 1, 2, n + around - 2 + room, c->cols - 4};
     canvas_fill(c, r, ' ', STYLE_NORMAL);
     struct tui_rect in = canvas_frame(c, r, "choose a setup");
-    for (int i = 0; i < n; i++) {
+    for (int i = first; i < first + n; i++) {
         const struct mk_ctrl_ops *ops = mk_ctrl_setup(i);
+        const int row = in.row + i - first;
         enum tui_style style = i == t->chosen ? STYLE_SELECTED : STYLE_NORMAL;
-        canvas_fill(c, (struct tui_rect){in.row + i, in.col, 1, in.cols}, ' ', style);
-        canvas_print(c, in.row + i, in.col + 1, in.cols - 1, style, "%c %d  %-16s %s",
+        canvas_fill(c, (struct tui_rect){row, in.col, 1, in.cols}, ' ', style);
+        canvas_print(c, row, in.col + 1, in.cols - 1, style, "%c %d  %-16s %s",
                      i == t->chosen ? '>' : ' ', i + 1, ops->name, ops->help);
     }
+    if (first > 0)
+        canvas_print(c, in.row, in.col + in.cols - 2, 1, STYLE_KEY, "^");
+    if (first + n < count)
+        canvas_print(c, in.row + n - 1, in.col + in.cols - 2, 1, STYLE_KEY, "v");
     char rigs[120];
     const struct mk_ctrl_ops *chosen = mk_ctrl_setup(t->chosen);
     if (room > 0)
