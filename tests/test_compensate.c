@@ -16,6 +16,7 @@
 #include "ctrl/roa.h"
 #include "experiment/robustness.h"
 #include "explain/control_gain.h"
+#include "model/plant_facts.h"
 #include "support/closed.h"
 
 static void add(struct mk_model *m, const char *name, int joint, const double *value)
@@ -65,7 +66,7 @@ static const struct cancelled {
     {"cable-hysteresis", true, {1.5, 0.2}},
     {"cogging", true, {0.4, 6.0, 0.3}},
     {"imbalance", true, {0.5, 0.4}},
-    {"reflected-inertia", true, {0.01}},
+    {"reflected-inertia", true, {0.3}},
     {"deadband", false, {0.7}},
     {"torque-scale", false, {0.25}},
     {"gain-asymmetry", false, {0.2}},
@@ -99,11 +100,17 @@ static void random_state(struct mk_random *random, int joints, double *x)
     }
 }
 
+/* The values are in N m of a motor of 10 N m, which the rig is given; an inertia is a share of the
+ * joint's own. */
 static struct mk_model with_cancelled(enum mk_plant_kind plant, size_t which)
 {
     const struct cancelled *c = &cancelled[which];
-    return textbook_with(plant, c->name, c->at_joint ? mk_plant(plant)->motor_joint + 1 : 0,
-                         c->value);
+    const int motor = mk_plant(plant)->motor_joint;
+    struct mk_model m = textbook_with(plant, c->name, c->at_joint ? motor + 1 : 0, c->value);
+    if (strcmp(c->name, "reflected-inertia") == 0)
+        m.effect[0].value[0] *= mk_plant_body_inertia(&m, motor);
+    m.u_max = 10.0;
+    return m;
 }
 
 /* One random state and wish; false when the motor is too weak for it. */

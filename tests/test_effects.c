@@ -386,12 +386,15 @@ START_TEST(the_table_of_effects_is_consistent)
         ck_assert_ptr_eq(mk_effect_by_name(e->name), e);
         ck_assert_int_eq((e->stages & MK_STAGE_STATE) != 0, e->state_count > 0);
         ck_assert_int_eq((e->stages & MK_STAGE_EVENT) != 0, e->event_count > 0);
+        ck_assert(!e->holds_still || mk_effect_parameter_index(e, "level") >= 0);
         for (int k = 0; k < e->parameter_count; k++) {
             ck_assert_double_le(e->parameter[k].min, e->parameter[k].initial);
             ck_assert_double_ge(e->parameter[k].max, e->parameter[k].initial);
             ck_assert_int_eq(mk_effect_parameter_index(e, e->parameter[k].name), k);
         }
     }
+    ck_assert(mk_effect_by_name("coulomb")->holds_still);
+    ck_assert(!mk_effect_by_name("torque-offset")->holds_still); /* has a level too */
     ck_assert_ptr_null(mk_effect_by_name("no-such-effect"));
     ck_assert_ptr_null(mk_effect(-1));
 }

@@ -175,11 +175,12 @@ struct mk_effect_info {
     int event_count;
     int parameter_count;
     struct mk_parameter_info parameter[MK_MAX_EFFECT_PARAMETERS];
-    /* A command can cancel it at once, wherever it acts on the motor joint. */
+    /* invertible: a command can cancel it at once, wherever it acts on the motor joint.
+     * holds_still: dry friction, that can hold a joint where it is, by its parameter `level`. */
 #ifdef __cplusplus
-    bool invertible = false;
+    bool invertible = false, holds_still = false;
 #else
-    bool invertible;
+    bool invertible, holds_still;
 #endif
 };
 

@@ -45,6 +45,7 @@ struct Coulomb {
         0,
         2,
         {{"level", "N m", "Coulomb friction F", 0.0, INF, 0.01}, SHARPNESS},
+        true,
         true};
     static constexpr mk_effect_words words = {
         "dry friction", "Seals, brushes, preloaded bearings or gears.",
@@ -71,6 +72,7 @@ struct Stribeck {
         {{"level", "N m", "excess friction at rest Fs", 0.0, INF, 0.1},
          {"velocity", "rad/s", "Stribeck speed vs", 1e-6, INF, 1.0},
          SHARPNESS},
+        true,
         true};
     static constexpr mk_effect_words words = {
         "Stribeck friction",
@@ -177,6 +179,7 @@ struct Stiction {
         {{"stiffness", "N m/rad", "bristle stiffness sigma0", 1e-9, INF, 5.0},
          {"damping", "N m s/rad", "bristle damping sigma1", 0.0, INF, 0.05},
          {"level", "N m", "friction when sliding g", 1e-9, INF, 0.05}},
+        true,
         true};
     static constexpr mk_effect_words words = {
         "stiction with presliding", "Contacts that give like bristles before they slide.",

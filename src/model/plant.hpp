@@ -14,7 +14,12 @@
 // joint (backlash).
 //
 // A plant states
-//     info                   its row: mechkit/model.h says what each field means
+//     info                   its row: mechkit/model.h says what each field means. The first
+//                            parameter is an inertia (a mass, of a joint that slides) that the
+//                            torques can be counted in: it holds the scale where no command acts,
+//                            and a base that rocks is pushed by the motor's torque over it. The
+//                            rest is where the potential is lowest, and flat just where a joint is
+//                            level or a wheel.
 //     joints                 1 or 2, known when the kernels are compiled
 //     law, potential         the equations of motion
 //     bearing_load           the force that the bearing of the passive joint takes along the link

@@ -296,15 +296,12 @@ static double held_off(const mk_model &m, int joint)
     // Inverse dynamics at rest give the torque that holds the rig there, G_j(q). K is in N m/rad,
     // or N/m of a joint that slides.
     const double stiffness = (a[joint] - b[joint]) / (2.0 * SIDE);
-    // F: Coulomb friction of the plant's motor joint, its last parameter, and the levels of dry
+    // F: Coulomb friction of the plant's motor joint, and the levels of dry
     // friction among the effects.
-    double friction = joint == plant->motor_joint ? m.parameter[plant->parameter_count - 1] : 0.0;
+    double friction = joint == plant->motor_joint ? m.parameter[plant->mass_count + 1] : 0.0;
     for (int e = 0; e < m.effect_count; e++) {
         const mk_effect_info *info = mk_effect(m.effect[e].index);
-        const bool dry = std::strcmp(info->name, "coulomb") == 0 ||
-                         std::strcmp(info->name, "stribeck") == 0 ||
-                         std::strcmp(info->name, "stiction") == 0;
-        if (dry && m.effect[e].joint == joint + 1)
+        if (info->holds_still && m.effect[e].joint == joint + 1)
             friction += m.effect[e].value[mk_effect_parameter_index(info, "level")];
     }
     return stiffness > 1e-9 ? friction / stiffness : std::nan("");
