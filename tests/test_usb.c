@@ -3,6 +3,7 @@
 #include "suites.h"
 
 #include <string.h>
+#include <unistd.h>
 
 #include "driver/usb.h"
 #include "emu/bench.h"
@@ -171,6 +172,17 @@ START_TEST(a_kernel_driver_on_the_interface_is_put_aside)
 }
 END_TEST
 
+START_TEST(a_device_that_is_not_configured_has_no_endpoints_and_is_no_board)
+{
+    emu_usb_configure(&bench.usb, false);
+    ck_assert_int_eq(try_open(NULL), MK_ERR_NOTSUP);
+    ck_assert_ptr_nonnull(strstr(err.message, "no bulk endpoints both ways"));
+    ck_assert_ptr_null(board);
+    emu_usb_configure(&bench.usb, true);
+    must_open(NULL);
+}
+END_TEST
+
 START_TEST(a_model_beyond_the_boards_limit_is_refused)
 {
     model.u_max = 11.0;
@@ -217,6 +229,27 @@ START_TEST(an_unplugged_board_is_gone_and_one_that_is_plugged_in_again_works)
 }
 END_TEST
 
+/* libusb tells of it between two transfers, on a thread of its own. */
+START_TEST(another_board_that_is_unplugged_harms_nobody)
+{
+    struct mk_emulated other;
+    struct emu_usb port;
+    ck_assert_int_eq(mk_emulated_init(&other, &config, "emulated", "MK-0002", &err), MK_OK);
+    emu_usb_init(&port, 2, "MK-0002", emu_board_of(&other));
+    emu_usb_plug(&port);
+    must_open("MK-0001");
+    ck_assert_int_eq(trade(5.0), MK_OK);
+    emu_usb_unplug(&port);
+    for (int k = 0; k < 40; k++) {
+        usleep(5000);
+        ck_assert_int_eq(trade(5.0), MK_OK);
+    }
+    ck_assert_double_eq(bench.board.u, 5.0);
+    emu_usb_free(&port);
+    mk_emulated_free(&other);
+}
+END_TEST
+
 START_TEST(a_board_that_restarts_is_gone_until_it_is_opened_again)
 {
     must_open(NULL);
@@ -227,6 +260,27 @@ START_TEST(a_board_that_restarts_is_gone_until_it_is_opened_again)
     mk_board_close(board);
     must_open(NULL);
     ck_assert_int_eq(trade(5.0), MK_OK);
+}
+END_TEST
+
+/* --- reads that fail -----------------------------------------------------------------------------
+ */
+
+/* More often than there are reads under way: each is put again. */
+START_TEST(a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard)
+{
+    static const enum emu_fault kinds[] = {EMU_FAULT_ERROR_IN, EMU_FAULT_OVERFLOW,
+                                           EMU_FAULT_STALL_IN};
+    const unsigned times = 2 * MK_USB_READS;
+    must_open(NULL);
+    for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {
+        emu_line_arm(bench.line, kinds[k], 0, times);
+        for (unsigned i = 0; i < times; i++)
+            ck_assert_int_eq(trade(1.0), MK_ERR_PROTO);
+        ck_assert_uint_eq(bench.line->injected, times);
+        ck_assert_int_eq(trade(2.0), MK_OK);
+        ck_assert_double_eq(bench.board.u, 2.0);
+    }
 }
 END_TEST
 
@@ -301,10 +355,13 @@ Suite *suite_usb(void)
     tcase_add_test(t, without_permission_the_message_names_the_udev_rule);
     tcase_add_test(t, a_board_in_use_elsewhere_is_busy);
     tcase_add_test(t, a_kernel_driver_on_the_interface_is_put_aside);
+    tcase_add_test(t, a_device_that_is_not_configured_has_no_endpoints_and_is_no_board);
     tcase_add_test(t, a_model_beyond_the_boards_limit_is_refused);
     tcase_add_test(t, every_libusb_error_has_a_meaning);
     tcase_add_test(t, an_unplugged_board_is_gone_and_one_that_is_plugged_in_again_works);
+    tcase_add_test(t, another_board_that_is_unplugged_harms_nobody);
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
+    tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
     tcase_add_test(t, more_than_the_buffer_holds_is_counted_and_dropped);

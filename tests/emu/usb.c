@@ -336,6 +336,12 @@ void emu_usb_bind_driver(struct emu_usb *u, bool bound)
     u->driver_bound = bound;
 }
 
+/* An attribute of what is not configured is empty. */
+void emu_usb_configure(struct emu_usb *u, bool configured)
+{
+    u->file[3].size = configured ? strlen(u->text[3]) : 0;
+}
+
 void emu_usb_unplug(struct emu_usb *u)
 {
     pthread_mutex_lock(&u->lock);

@@ -64,6 +64,8 @@ void emu_usb_unplug(struct emu_usb *u);
 void emu_usb_deny(struct emu_usb *u, bool denied);
 void emu_usb_take(struct emu_usb *u, bool taken);
 void emu_usb_bind_driver(struct emu_usb *u, bool bound);
+/* The kernel has no configuration in force: the device is there and none of its endpoints is. */
+void emu_usb_configure(struct emu_usb *u, bool configured);
 
 /* A descriptor as a request asks for it: its type (1 device, 2 configuration, 3 string; ALL: the
  * first two, as sysfs shows them) and index. Returns its size, or a negative errno. */

@@ -399,6 +399,13 @@ void emu_usb_take(struct emu_usb *u, bool taken)
     }
 }
 
+void emu_usb_configure(struct emu_usb *u, bool configured)
+{
+    char path[80];
+    sysfs_path(port_of(u), "/bConfigurationValue", path, sizeof path);
+    ck_assert(put(path, configured ? "1" : "-1"));
+}
+
 /* The serial converters' driver takes any device with bulk endpoints that it is told to. */
 void emu_usb_bind_driver(struct emu_usb *u, bool bound)
 {
