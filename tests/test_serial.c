@@ -3,7 +3,9 @@
  * board behind them (support/remote.h). */
 #include "suites.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
+#include <glob.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -211,6 +213,44 @@ START_TEST(ports_are_listed_with_the_name_of_what_is_plugged_in)
 }
 END_TEST
 
+/* Stands before libc's: the folder in whose place /dev is; NULL: in none. */
+static const char *dev_is;
+
+__attribute__((visibility("default"))) int glob(const char *pattern, int flags,
+                                                int (*fails)(const char *, int), glob_t *found)
+{
+    int (*next)(const char *, int, int (*)(const char *, int), glob_t *) =
+        (__typeof__(next))dlsym(RTLD_NEXT, "glob");
+    char there[256];
+    if (!dev_is || strncmp(pattern, "/dev/tty", 8) != 0)
+        return next(pattern, flags, fails, found);
+    snprintf(there, sizeof there, "%s%s", dev_is, pattern + 4);
+    return next(there, flags, fails, found);
+}
+
+START_TEST(the_only_port_is_taken_unnamed_and_of_two_one_has_to_be_named)
+{
+    struct mk_serial s;
+    struct emu_board none = {0};
+    char dev[256];
+    emu_stream_init(&remote.bench.stream, EMU_PTY, none);
+    mkdir(scratch("ports"), 0755);
+    snprintf(dev, sizeof dev, "%s", scratch("ports"));
+    ck_assert_int_eq(symlink(remote.bench.stream.device, scratch("ports/ttyUSB7")), 0);
+    dev_is = dev;
+    ck_assert_msg(mk_serial_open(&s, NULL, &remote.err) == MK_OK, "%s", remote.err.message);
+    mk_serial_close(&s);
+    scratch_text("ports/ttyACM0", "");
+    ck_assert_int_eq(mk_serial_open(&s, NULL, &remote.err), MK_ERR_USAGE);
+    remote_says("2 serial ports");
+    remote_says("ports/ttyACM0 and ");
+    remote_says("ports/ttyUSB7 among them");
+    ck_assert_int_eq(s.fd, -1);
+    dev_is = NULL;
+    emu_stream_free(&remote.bench.stream);
+}
+END_TEST
+
 Suite *suite_serial(void)
 {
     Suite *s = suite_create("serial");
@@ -227,6 +267,7 @@ Suite *suite_serial(void)
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);
     tcase_add_test(t, a_port_that_is_in_use_is_told_and_left_alone);
     tcase_add_test(t, ports_are_listed_with_the_name_of_what_is_plugged_in);
+    tcase_add_test(t, the_only_port_is_taken_unnamed_and_of_two_one_has_to_be_named);
     suite_add_tcase(s, t);
     return s;
 }
