@@ -260,6 +260,26 @@ START_TEST(a_link_that_goes_round_and_round_is_a_fault)
 }
 END_TEST
 
+/* Ten turns; what is no number is out of it, and a wheel turns as far as it likes. */
+START_TEST(the_end_of_the_travel_is_out_of_it_either_way)
+{
+    static const struct {
+        float link, wheel;
+        bool out;
+    } rows[] = {{62.9f, 0.0f, false}, {-62.9f, 0.0f, false},  {63.0f, 0.0f, true},
+                {-63.0f, 0.0f, true}, {1e6f, 0.0f, true},     {-1e6f, 0.0f, true},
+                {NAN, 0.0f, true},    {INFINITY, 0.0f, true}, {0.0f, 1e6f, false},
+                {0.0f, -1e6f, false}, {0.0f, NAN, false},     {63.0f, 63.0f, true}};
+    static struct mk_standalone s;
+    ck_assert(mk_standalone_setup(&s, MK_CONTROLLER_REACTION_WHEEL, 2000, 1));
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        s.angle[0] = rows[i].link;
+        s.angle[1] = rows[i].wheel;
+        ck_assert_msg(mk_standalone_out_of_travel(&s) == rows[i].out, "row %zu", i);
+    }
+}
+END_TEST
+
 START_TEST(only_what_is_there_can_be_chosen)
 {
     int gains;
@@ -330,6 +350,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, while_the_board_controls_commands_of_the_host_do_not_act);
     tcase_add_test(t, a_guarded_run_ends_when_the_guard_falls_silent);
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
+    tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);
     TCase *commands = tcase_create("commands");
