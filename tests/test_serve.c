@@ -7,6 +7,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,7 @@
 
 #include "driver/serve.h"
 #include "driver/tcp.h"
+#include "emu/node.h"
 #include "mechkit/log.h"
 #include "support/files.h"
 #include "support/program.h"
@@ -455,6 +457,85 @@ START_TEST(a_simulation_that_fails_ends_its_client_and_serves_the_next)
 }
 END_TEST
 
+/* --- on a thread of these tests ----------------------------------------------------------------
+ */
+
+static struct {
+    struct mk_server *server;
+    pthread_t thread;
+    volatile int stop;
+    atomic_uint waits; /* that it has begun */
+} own;
+
+static void *serve_here(void *user)
+{
+    (void)user;
+    return mk_serve_run(own.server, NULL) == MK_OK ? NULL : &own;
+}
+
+static struct emu_wish count_wait(void *ctx)
+{
+    (void)ctx;
+    atomic_fetch_add(&own.waits, 1);
+    return (struct emu_wish){.fd = -1, .limit_ms = -1};
+}
+
+static void begin_serving(const struct mk_model *model, const char *where)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    const struct mk_serve_config config = {.model = model, .listen = where, .stop = &own.stop};
+    own.stop = 0;
+    ck_assert_int_eq(mk_serve_open(&config, &own.server, &err), MK_OK);
+    emu_pump(count_wait, NULL);
+    ck_assert_int_eq(pthread_create(&own.thread, NULL, serve_here, NULL), 0);
+}
+
+static void end_serving(void)
+{
+    void *result;
+    __atomic_store_n(&own.stop, 1, __ATOMIC_RELAXED);
+    pthread_join(own.thread, &result);
+    ck_assert_ptr_null(result);
+    emu_pump(NULL, NULL);
+    mk_serve_close(own.server);
+}
+
+/* A look whether a terminal has been opened is due every 20 ms, nothing else is. */
+static void it_sleeps(void)
+{
+    double begun = wall_s();
+    unsigned before = atomic_load(&own.waits);
+    usleep(200000);
+    double passed = wall_s() - begun;
+    ck_assert_double_le((double)(atomic_load(&own.waits) - before), passed / 0.020 + 10.0);
+}
+
+/* No client, one that has stepped the clock and lets it stand, and none again. */
+START_TEST(a_server_that_has_nothing_to_do_sleeps)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_model model;
+    struct mk_clock clock;
+    struct mk_board *b = NULL;
+    struct mk_board_sample s;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    mk_clock_init_simulated(&clock);
+    begin_serving(&model, lines[_i]);
+    it_sleeps();
+    const struct mk_board_config way = {
+        .model = &model, .clock = &clock, .device = mk_serve_device(own.server)};
+    enum mk_status st =
+        mk_board_open(mk_board_backend_by_name(mk_serve_board(own.server)), &way, &b, &err);
+    ck_assert_msg(st == MK_OK, "%s", err.message);
+    ck_assert_int_eq(mk_board_exchange(b, 1.0, &s), MK_OK);
+    ck_assert_double_eq(s.u_applied, 1.0);
+    it_sleeps();
+    mk_board_close(b);
+    it_sleeps();
+    end_serving();
+}
+END_TEST
+
 /* --- clients that are none ------------------------------------------------------------------- */
 
 START_TEST(noise_and_clients_that_come_and_go_do_no_harm)
@@ -500,6 +581,7 @@ Suite *suite_serve(void)
                         2 * LINES);
     tcase_add_test(t, a_model_with_other_counts_a_turn_is_refused);
     tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
+    tcase_add_loop_test(t, a_server_that_has_nothing_to_do_sleeps, 0, LINES);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);
     return s;
