@@ -121,8 +121,8 @@ def build(jobs):
 CACHE = ["CC=ccache cc", "CXX=ccache c++"] if shutil.which("ccache") else []
 
 
-def first_to_fail(path):
-    for suite in suites_of(path):
+def first_to_fail(suites):
+    for suite in suites:
         if run(["tools/run-tests.sh", "build/release/mechkit-tests", "release"], 240, CK_RUN_SUITE=suite,
                CK_DEFAULT_TIMEOUT="20"):
             return suite
@@ -138,10 +138,9 @@ def prepare(jobs, files):
         subprocess.run(["cp", "-a", objects, os.path.join(TREE, "build") + "/"], check=True)
     if build(jobs):
         sys.exit("mutate: the tree does not build as it is")
-    for path in files:
-        suite = first_to_fail(path)
-        if suite:
-            sys.exit(f"mutate: {suite} fails without any change")
+    suite = first_to_fail(dict.fromkeys(suite for path in files for suite in suites_of(path)))
+    if suite:
+        sys.exit(f"mutate: {suite} fails without any change")
 
 
 def judge(path, mutant, jobs):
@@ -155,7 +154,7 @@ def judge(path, mutant, jobs):
     try:
         with open(where, "w", encoding="utf-8") as f:
             f.write("\n".join(lines))
-        return "no" if build(jobs) else first_to_fail(path)
+        return "no" if build(jobs) else first_to_fail(suites_of(path))
     finally:
         with open(where, "w", encoding="utf-8") as f:
             f.write(original)
@@ -180,7 +179,7 @@ def main():
         for path, (number, line, changed) in chosen:
             print(f"{path}:{number}: {line.strip()}  ->  {changed.strip()}")
         return 0
-    prepare(options.jobs, sorted({path for path, _ in chosen}, key=suites_of))
+    prepare(options.jobs, sorted({path for path, _ in chosen}))
     noticed, survivors = 0, []
     for path, mutant in chosen:
         suite = judge(path, mutant, options.jobs)
