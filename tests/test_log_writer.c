@@ -3,6 +3,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -314,6 +315,63 @@ START_TEST(a_file_is_on_the_disk_before_it_gets_its_name)
 }
 END_TEST
 
+/* As many as this process has open. */
+static int open_files(void)
+{
+    DIR *all = opendir("/proc/self/fd");
+    int n = 0;
+    while (all && readdir(all))
+        n++;
+    if (all)
+        closedir(all);
+    return n;
+}
+
+/* Whoever finds it later has to know whose it was, and what it was to become. */
+START_TEST(a_temporary_file_is_beside_its_target_and_names_its_maker)
+{
+    struct mk_out_file file;
+    char path[300], wanted[340];
+    snprintf(path, sizeof path, "%s", scratch("named.txt"));
+    snprintf(wanted, sizeof wanted, "%s.%ld-0.tmp", path, (long)getpid());
+    ck_assert_int_eq(mk_out_file_open(&file, path, NULL), MK_OK);
+    ck_assert_str_eq(file.temporary, wanted);
+    ck_assert_int_eq(access(wanted, F_OK), 0);
+    mk_out_file_abandon(&file);
+    ck_assert_int_ne(access(wanted, F_OK), 0);
+}
+END_TEST
+
+/* The first file that it opens has the descriptor 0 then. */
+START_TEST(a_program_without_standard_input_writes_its_files)
+{
+    int kept = dup(STDIN_FILENO);
+    const int before = open_files();
+    struct mk_error err = MK_ERROR_INIT;
+    struct mk_log *log;
+    struct mk_out_file file;
+    const double row[] = {0.0, 1.0, 2.0};
+    close(STDIN_FILENO);
+    struct mk_log_writer *w = open_writer(scratch("without.csv"));
+    ck_assert_int_eq(mk_log_writer_row(w, row), MK_OK);
+    ck_assert_int_eq(mk_log_writer_close(w, &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_save(scratch("without.txt"), "all of it", 9, &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_open(&file, scratch("abandoned.txt"), &err), MK_OK);
+    ck_assert_int_eq(file.fd, STDIN_FILENO);
+    mk_out_file_abandon(&file);
+    ck_assert_int_eq(fcntl(STDIN_FILENO, F_GETFD), -1);
+    ck_assert_int_eq(mk_copy_new(scratch("without.csv"), scratch("copied.csv")), 0);
+    ck_assert_msg(mk_log_read(scratch("copied.csv"), &log, &err) == MK_OK, "%s", err.message);
+    mk_log_free(log);
+    dup2(kept, STDIN_FILENO);
+    ck_assert_int_eq(open_files(), before);
+    close(kept);
+    char *text = slurp_file(scratch("without.txt"));
+    ck_assert_str_eq(text, "all of it");
+    free(text);
+}
+END_TEST
+
 /* A copy that is cut short is none: the original is removed after it. */
 START_TEST(a_copy_is_whole_or_is_not_there)
 {
@@ -380,18 +438,6 @@ START_TEST(a_file_that_does_not_get_its_name_is_told_and_leaves_nothing)
 }
 END_TEST
 
-/* As many as this process has open. */
-static int open_files(void)
-{
-    DIR *all = opendir("/proc/self/fd");
-    int n = 0;
-    while (all && readdir(all))
-        n++;
-    if (all)
-        closedir(all);
-    return n;
-}
-
 START_TEST(what_cannot_be_begun_leaves_no_file_open)
 {
     static const char *const columns[] = {"t", "q1"};
@@ -431,6 +477,8 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, notes_longer_than_the_buffer_stay_one_line);
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_file_is_on_the_disk_before_it_gets_its_name);
+    tcase_add_test(t, a_temporary_file_is_beside_its_target_and_names_its_maker);
+    tcase_add_test(t, a_program_without_standard_input_writes_its_files);
     tcase_add_test(t, a_copy_is_whole_or_is_not_there);
     tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);
     tcase_add_test(t, a_temporary_file_never_takes_one_that_is_there);
