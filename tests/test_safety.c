@@ -213,6 +213,32 @@ START_TEST(a_motor_wired_backwards_runs_away)
 }
 END_TEST
 
+START_TEST(a_joint_that_runs_away_is_named_wherever_it_started)
+{
+    static const struct {
+        enum mk_plant_kind plant;
+        double q[MK_MAX_JOINTS];
+        int joint;
+    } rows[] = {{MK_PLANT_INERTIA_WHEEL, {5.0}, 1},
+                {MK_PLANT_INERTIA_WHEEL, {-5.0}, 1},
+                {MK_PLANT_PENDUBOT, {-M_PI_2, 0.0}, 1},
+                {MK_PLANT_ACROBOT, {-M_PI_2, 0.5}, 2}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        double q[] = {rows[i].q[0], rows[i].q[1]}, v[MK_MAX_JOINTS] = {0};
+        const int motor = rows[i].joint - 1;
+        use_plant(rows[i].plant);
+        for (int k = 0; k < 50 && !safety.fault; k++) {
+            double t = k * DT;
+            v[motor] = -100.0 * t;
+            q[motor] = rows[i].q[motor] - 50.0 * t * t;
+            mk_safety_check(&safety, t, DT, q, v, 5.0);
+        }
+        ck_assert_int_eq(safety.fault, MK_FAULT_RUNAWAY);
+        ck_assert_int_eq(safety.fault_joint, rows[i].joint);
+    }
+}
+END_TEST
+
 START_TEST(motion_against_the_command_after_a_good_start_is_no_runaway)
 {
     use_plant(MK_PLANT_PENDUBOT);
@@ -416,6 +442,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_silent_encoder_is_found_at_the_time_that_the_limit_says);
     tcase_add_test(t, a_silent_encoder_under_a_weak_command_is_a_resting_link);
     tcase_add_test(t, a_motor_wired_backwards_runs_away);
+    tcase_add_test(t, a_joint_that_runs_away_is_named_wherever_it_started);
     tcase_add_test(t, motion_against_the_command_after_a_good_start_is_no_runaway);
     tcase_add_test(t, a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway);
     tcase_add_test(t, a_wheel_that_already_spins_may_be_braked);
