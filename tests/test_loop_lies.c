@@ -4,6 +4,9 @@
  * virtual board stands the liar. */
 #include "suites.h"
 
+#include <math.h>
+
+#include "ctrl/board_watch.h"
 #include "mechkit/loop.h"
 #include "support/bench.h"
 
@@ -165,6 +168,24 @@ START_TEST(a_command_whose_sample_was_lost_may_act_later)
 }
 END_TEST
 
+/* Commands travel in millionths, and each way may round one. */
+START_TEST(a_command_is_obeyed_to_two_millionths_and_anything_between_it_and_none_is_less)
+{
+    static const struct {
+        double sent, applied;
+        bool obeys;
+    } rows[] = {{1.0, 1.0, true},    {1.0, 1.0 + 2e-6, true},    {1.0, 1.0 + 3e-6, false},
+                {1.0, 0.5, true},    {1.0, 0.0, true},           {1.0, -2e-6, true},
+                {1.0, -3e-6, false}, {-1.0, -1.0, true},         {-1.0, -1.0 - 2e-6, true},
+                {-1.0, -0.5, true},  {-1.0, -1.0 - 3e-6, false}, {-1.0, 2e-6, true},
+                {-1.0, 3e-6, false}, {0.0, 2e-6, true},          {0.0, -2e-6, true},
+                {0.0, 3e-6, false},  {0.0, -3e-6, false},        {0.0, NAN, false}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+        ck_assert_msg(mk_board_watch_obeys(rows[i].sent, rows[i].applied) == rows[i].obeys,
+                      "%g of %g", rows[i].applied, rows[i].sent);
+}
+END_TEST
+
 /* --- what it reads --------------------------------------------------------------------------- */
 
 START_TEST(readings_that_repeat_an_exchange_are_stale)
@@ -197,6 +218,29 @@ START_TEST(a_board_that_loses_four_of_five_exchanges_is_stopped)
 }
 END_TEST
 
+/* Every third sample goes by while the host does something else. */
+static enum mk_status belated_host(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    if (belated.exchanges++ % 3 == 2)
+        (void)bench.own->exchange(board, u, out);
+    return bench.own->exchange(board, u, out);
+}
+
+START_TEST(samples_that_a_host_has_missed_are_no_lies_of_the_board)
+{
+    bench.config.stream = true;
+    bench_build(NULL);
+    belated.exchanges = 0;
+    bench_override_board()->exchange = belated_host;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.5), MK_OK);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_NONE);
+    ck_assert_uint_ge(bench_look().overruns, 50);
+    bench_halt();
+    bench_restore_board();
+}
+END_TEST
+
 START_TEST(a_streaming_board_whose_clock_stands_still_does_not_hold_the_host)
 {
     bench.config.stream = true;
@@ -224,6 +268,9 @@ Suite *suite_loop_lies(void)
     tcase_add_test(t, a_board_that_drives_and_denies_it_is_found_by_slow_samples_too);
     tcase_add_test(t, a_board_that_gives_less_than_it_is_told_goes_on);
     tcase_add_test(t, a_command_whose_sample_was_lost_may_act_later);
+    tcase_add_test(t,
+                   a_command_is_obeyed_to_two_millionths_and_anything_between_it_and_none_is_less);
+    tcase_add_test(t, samples_that_a_host_has_missed_are_no_lies_of_the_board);
     tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);
     tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);
     tcase_add_test(t, a_board_whose_clock_races_is_stale);

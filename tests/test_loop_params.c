@@ -126,6 +126,36 @@ START_TEST(parameters_and_signal_changed_at_once_are_both_taken)
 }
 END_TEST
 
+static int told_of_change;
+
+static void law_changed(struct mk_ctrl *ctrl)
+{
+    told_of_change++;
+    ck_assert_double_eq(ctrl->value[BIAS], 10.0 * told_of_change); /* the new ones are there */
+}
+
+/* A law that has made something of its parameters has to make it anew. */
+START_TEST(a_law_is_told_of_new_parameters_before_a_run_and_in_it)
+{
+    bench_build(NULL);
+    const struct mk_ctrl_ops *own = bench.ctrl.ops;
+    struct mk_ctrl_ops told = *own;
+    told.changed = law_changed;
+    told_of_change = 0;
+    bench.ctrl.ops = &told;
+    bench_set_law(10, 0, 1e18);
+    ck_assert_int_eq(told_of_change, 1);
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(told_of_change, 1);
+    bench_set_law(20, 0, 1e18);
+    bench_wait_for(0.1);
+    ck_assert_int_eq(told_of_change, 2);
+    bench_halt();
+    bench.ctrl.ops = own;
+}
+END_TEST
+
 START_TEST(parameters_out_of_range_change_nothing)
 {
     const double bad[PARAM_COUNT] = {1e10, 1, 1e18};
@@ -205,6 +235,7 @@ Suite *suite_loop_params(void)
     tcase_add_test(t, another_signal_takes_effect_in_one_sample_and_is_logged);
     tcase_add_test(t, every_change_of_parameters_is_noted_at_its_time_however_many_there_are);
     tcase_add_test(t, parameters_and_signal_changed_at_once_are_both_taken);
+    tcase_add_test(t, a_law_is_told_of_new_parameters_before_a_run_and_in_it);
     tcase_add_test(t, parameters_out_of_range_change_nothing);
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);
     tcase_add_loop_test(t, a_reader_gets_the_newest_snapshot_and_it_stays_while_it_is_read, 0, 2);

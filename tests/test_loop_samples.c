@@ -41,6 +41,38 @@ START_TEST(a_lost_exchange_leaves_a_row_without_readings_of_either_joint)
 }
 END_TEST
 
+static int exchanges;
+
+/* The answer of tick 20 is lost, and before the one of tick 40 the board has an exchange that
+ * nobody knows of. The watch before the start takes 100. */
+static enum mk_status exchange_with_a_stranger(struct mk_board *board, double u,
+                                               struct mk_board_sample *out)
+{
+    const int k = exchanges++ - 100;
+    if (k == 40)
+        (void)bench.own->exchange(board, u, out);
+    enum mk_status st = bench.own->exchange(board, u, out);
+    return k == 20 ? MK_ERR_TIMEOUT : st;
+}
+
+START_TEST(an_exchange_that_nobody_knows_of_is_a_gap_and_a_lost_one_is_not)
+{
+    bench_build(NULL);
+    exchanges = 0;
+    bench_override_board()->exchange = exchange_with_a_stranger;
+    struct mk_log *log = bench_log_of_run(0.2);
+    const double *flags = mk_log_get(log, "flags");
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_int_eq((int)flags[k], k == 20 ? MK_FLAG_LOST : k == 40 ? MK_FLAG_GAP : 0);
+    struct mk_loop_stats stats;
+    mk_loop_get_stats(bench.loop, &stats);
+    ck_assert_uint_eq(stats.lost, 1);
+    ck_assert_uint_eq(stats.gaps, 1);
+    mk_log_free(log);
+    bench_restore_board();
+}
+END_TEST
+
 START_TEST(a_late_answer_skips_samples_and_says_so)
 {
     bench_build("at 20 delay 5ms; at 40 delay 1200us; at 60 drop");
@@ -303,6 +335,7 @@ Suite *suite_loop_samples(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_lost_exchange_leaves_a_marked_empty_row);
     tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
+    tcase_add_test(t, an_exchange_that_nobody_knows_of_is_a_gap_and_a_lost_one_is_not);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
