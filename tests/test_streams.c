@@ -122,6 +122,26 @@ START_TEST(what_was_said_before_the_end_is_still_heard)
 }
 END_TEST
 
+/* However late the host is with it, and however often it asks. */
+START_TEST(a_peer_that_has_gone_is_gone_past_every_deadline)
+{
+    int fd[2];
+    struct mk_byte_stream s;
+    const uint8_t *bytes;
+    size_t n;
+    for (int first = 0; first < 2; first++) {
+        make_pair(fd, &s);
+        close(fd[1]);
+        for (int k = first; k < first + 4; k++) {
+            enum mk_status st = k % 2 ? mk_byte_stream_link.send(&s, (const uint8_t *)"x", 1, 0)
+                                      : mk_byte_stream_link.receive(&s, &bytes, &n, 0);
+            ck_assert_int_eq(st, MK_ERR_NODEV);
+        }
+        close(fd[0]);
+    }
+}
+END_TEST
+
 START_TEST(silence_is_over_at_its_deadline)
 {
     int fd[2];
@@ -179,6 +199,7 @@ Suite *suite_streams(void)
     tcase_add_test(t, a_peer_that_does_not_read_holds_nobody_up);
     tcase_add_test(t, a_request_that_goes_out_in_pieces_arrives_whole);
     tcase_add_test(t, what_was_said_before_the_end_is_still_heard);
+    tcase_add_test(t, a_peer_that_has_gone_is_gone_past_every_deadline);
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
     tcase_add_loop_test(
