@@ -507,6 +507,21 @@ START_TEST(display_lights_and_switches_are_at_hand)
 }
 END_TEST
 
+/* A board's memory is not told: neither switches that are not there nor what is kept for later. */
+START_TEST(what_a_state_has_no_value_for_is_0)
+{
+    hal.switches = NULL;
+    memset(device.info.product, 'x', MK_HELLO_TEXT);
+    memset(device.info.firmware, 'x', MK_HELLO_TEXT);
+    memset(device.info.serial, 'x', MK_HELLO_TEXT);
+    must(MK_MSG_HELLO, NULL, 0); /* its answer is longer, and was made where this one is */
+    struct mk_frame f = ask(MK_MSG_STATE, NULL, 0);
+    ck_assert_uint_eq(f.length, MK_STATE_SIZE);
+    ck_assert_uint_eq(f.payload[MK_STATE_SWITCHES], 0);
+    ck_assert_uint_eq(f.payload[MK_STATE_SIZE - 1], 0);
+}
+END_TEST
+
 START_TEST(a_board_without_a_panel_says_so)
 {
     hal.lcd = NULL;
@@ -786,6 +801,7 @@ Suite *suite_device(void)
     tcase_add_test(t, a_greeting_forgets_the_broken_frames_of_an_earlier_host);
     tcase_add_test(t, no_bytes_whatever_upset_the_board);
     tcase_add_test(t, display_lights_and_switches_are_at_hand);
+    tcase_add_test(t, what_a_state_has_no_value_for_is_0);
     tcase_add_test(t, a_board_without_a_panel_says_so);
     tcase_add_test(t, streamed_samples_come_by_the_boards_clock_and_carry_the_answers);
     tcase_add_test(t, a_host_that_falls_silent_stops_the_stream_and_the_motor);
