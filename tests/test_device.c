@@ -642,6 +642,37 @@ START_TEST(an_answer_to_a_sample_that_never_was_is_refused)
 }
 END_TEST
 
+/* --- samples that are late ---------------------------------------------------------------------
+ */
+
+/* Whole periods, to the nanosecond: the sample of that moment is the late one. */
+START_TEST(of_samples_that_a_busy_board_was_late_for_one_is_taken)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 0);
+    number(MK_MSG_STREAM, 1000);
+    pass(0);
+    for (uint64_t late = 1; late < 4; late++) {
+        pass(late * MS);
+        ck_assert_uint_eq(mk_device_next_event(&device), hw.now_ns + MS);
+        hw.sent_size = 0;
+        pass(0);
+        ck_assert_uint_eq(hw.sent_size, 0);
+        command(device.stream_sample - 1, 0);
+    }
+    number(MK_MSG_STREAM, 0);
+    ck_assert(mk_standalone_setup(&device.standalone, MK_CONTROLLER_PI_SPEED, 2000, 1));
+    must(MK_MSG_START, NULL, 0);
+    pass(0);
+    for (uint32_t late = 1; late < 4; late++) {
+        pass(2 * late * MS);
+        ck_assert_uint_eq(mk_device_next_event(&device), hw.now_ns + 2 * MS);
+        pass(0);
+        ck_assert_uint_eq(device.standalone.recorded, 1 + late);
+    }
+}
+END_TEST
+
 /* --- a clock that the host steps ----------------------------------------------------------------
  */
 
@@ -808,6 +839,7 @@ Suite *suite_device(void)
     tcase_add_test(t,
                    an_answer_that_waits_for_its_sample_is_guarded_though_nobody_set_the_watchdog);
     tcase_add_test(t, a_stream_that_begins_anew_drops_the_answer_that_waits);
+    tcase_add_test(t, of_samples_that_a_busy_board_was_late_for_one_is_taken);
     tcase_add_test(t, an_answer_to_a_sample_that_never_was_is_refused);
     tcase_add_test(t, a_real_board_refuses_to_be_stepped);
     tcase_add_test(t, a_simulated_board_says_so_and_goes_by_steps);
