@@ -176,6 +176,7 @@ START_TEST(mistakes_are_named_with_line_and_column)
         {"at 5 drop 3 times", MK_ERR_PARSE, 1, 13, "usage: drop"},
         {"at 5 stuck 1 for 0", MK_ERR_RANGE, 1, 18, "starts at 1"},
         {"at 5 drop 0", MK_ERR_RANGE, 1, 11, "starts at 1"},
+        {"at 5 drop 0 times", MK_ERR_RANGE, 1, 11, "not '0'"},
         {"at 1 mute;\nat 5 mute 0", MK_ERR_RANGE, 2, 11, "starts at 1"},
         {"at 5 drop 1000000000001", MK_ERR_RANGE, 1, 11, "ends at 1000000000000"},
         {"at 5 drop 18446744073709551615", MK_ERR_RANGE, 1, 11, "ends at 1000000000000"},
