@@ -111,11 +111,13 @@ START_TEST(the_decoder_finds_its_way_after_garbage)
         size_t n = below(60);
         for (size_t i = 0; i < n; i++)
             stream[i] = below(3) ? random_byte() : (uint8_t) "MK\x01"[below(3)];
+        const uint32_t skipped = decoder.skipped + (uint32_t)n;
         n += mk_frame_encode(&m.frame, stream + n);
         const uint8_t *p = stream;
         struct mk_frame f;
         ck_assert(mk_decoder_next(&decoder, &p, &n, &f));
         ck_assert_same(&f, &m.frame);
+        ck_assert_uint_eq(decoder.skipped, skipped);
         ck_assert(!mk_decoder_next(&decoder, &p, &n, &f));
     }
 }

@@ -68,10 +68,11 @@ START_TEST(the_port_is_held_alone_and_given_back)
     for (int k = 0; k < 2; k++) {
         ck_assert_int_eq(try_open("/dev/parport0"), MK_OK);
         ck_assert(bench.pp.excl && bench.pp.claimed);
+        bench.pp.released_in = -1;
         mk_board_close(board);
         board = NULL;
         ck_assert(!bench.pp.excl && !bench.pp.claimed);
-        ck_assert_int_eq(bench.pp.mode, IEEE1284_MODE_COMPAT);
+        ck_assert_int_eq(bench.pp.released_in, IEEE1284_MODE_COMPAT);
     }
 }
 END_TEST
@@ -123,6 +124,23 @@ START_TEST(ports_are_listed)
 }
 END_TEST
 
+/* Even past the deadline there is one look, at a board that has nothing to say and takes nothing.
+ */
+START_TEST(silence_at_the_port_is_over_at_its_deadline)
+{
+    static const char *const benches[] = {"parport", "parport-byte", "parport-nibble"};
+    const uint8_t *bytes, byte = 0;
+    size_t n;
+    struct mk_parport port;
+    emu_bench_init(&bench, benches[_i], &config);
+    ck_assert_int_eq(mk_parport_open(&port, NULL, &err), MK_OK);
+    ck_assert_int_eq(mk_parport_link.receive(&port, &bytes, &n, 0), MK_ERR_TIMEOUT);
+    bench.pp.blocked_until_ns = INT64_MAX;
+    ck_assert_int_eq(mk_parport_link.send(&port, &byte, 1, 0), MK_ERR_TIMEOUT);
+    mk_parport_close(&port);
+}
+END_TEST
+
 /* Nobody says so on a parallel port: requests stay unanswered. */
 START_TEST(a_board_that_is_switched_off_loses_samples_and_comes_back)
 {
@@ -167,6 +185,7 @@ Suite *suite_parport(void)
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);
     tcase_add_test(t, ports_are_listed);
+    tcase_add_loop_test(t, silence_at_the_port_is_over_at_its_deadline, 0, 3);
     tcase_add_loop_test(t, a_board_that_is_switched_off_loses_samples_and_comes_back, 0, 2);
     suite_add_tcase(s, t);
     return s;

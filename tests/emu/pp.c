@@ -84,6 +84,7 @@ static int pp_ioctl(void *ctx, unsigned long request, void *arg)
     switch (request) {
     case PPRELEASE:
         p->claimed = false;
+        p->released_in = p->mode;
         return 0;
     case PPNEGOT:
         return negotiate(p, *(int *)arg);
@@ -172,6 +173,7 @@ void emu_pp_init(struct emu_pp *p, int number, unsigned board_modes, struct emu_
     p->board_modes = board_modes;
     p->port_modes = PARPORT_MODE_PCSPP | PARPORT_MODE_TRISTATE | PARPORT_MODE_EPP;
     p->mode = IEEE1284_MODE_COMPAT;
+    p->released_in = -1;
     snprintf(p->path, sizeof p->path, "/dev/parport%d", number);
     p->node = (struct emu_node){.path = p->path, .ops = &ops, .ctx = p};
     emu_node_add(&p->node);
