@@ -174,6 +174,9 @@ START_TEST(a_port_that_is_in_use_is_told_and_left_alone)
     ck_assert_int_eq(remote_try_open("serial", remote.bench.device), MK_ERR_BUSY);
     remote_says("another program uses");
     remote.board = first;
+    struct mk_serial second = {.fd = 0};
+    ck_assert_int_eq(mk_serial_open(&second, remote.bench.device, &remote.err), MK_ERR_BUSY);
+    ck_assert_int_eq(second.fd, -1); /* nothing to be closed */
     ck_assert_int_eq(mk_board_exchange(remote.board, 1.0, &sample), MK_OK);
     ck_assert_double_eq(sample.u_applied, 1.0);
 }

@@ -15,6 +15,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "driver/resolve.h"
 #include "driver/tcp.h"
 #include "support/remote.h"
 #include "support/wall.h"
@@ -92,6 +93,20 @@ START_TEST(a_resolver_that_does_not_answer_is_given_up_in_time)
     ck_assert_int_eq(mk_tcp_connect(device_, &fd, &remote.err), MK_OK);
     close(fd);
     close(listening);
+}
+END_TEST
+
+START_TEST(what_is_longer_than_any_name_or_port_is_not_asked_for)
+{
+    struct addrinfo *list = NULL;
+    char name[300] = "";
+    memset(name, 'a', 256);
+    ck_assert_int_eq(mk_resolve(name, "7000", 0, INT64_MAX, &list), EAI_MEMORY);
+    memset(name, 'a', sizeof name - 1);
+    ck_assert_int_eq(mk_resolve(name, "7000", 0, INT64_MAX, &list), EAI_MEMORY);
+    ck_assert_int_eq(mk_resolve("localhost", "00007000", 0, INT64_MAX, &list), EAI_MEMORY);
+    ck_assert_int_eq(mk_resolve("localhost", "0000000000007000", 0, INT64_MAX, &list), EAI_MEMORY);
+    ck_assert_ptr_null(list);
 }
 END_TEST
 
@@ -252,6 +267,7 @@ Suite *suite_tcp(void)
     tcase_add_test(t, addresses_are_host_and_port);
     tcase_add_test(t, what_is_no_address_is_told_with_what_would_be_one);
     tcase_add_test(t, a_resolver_that_does_not_answer_is_given_up_in_time);
+    tcase_add_test(t, what_is_longer_than_any_name_or_port_is_not_asked_for);
     tcase_add_test(t, connections_go_to_names_and_to_both_kinds_of_addresses);
     tcase_add_test(t, where_nobody_listens_is_told);
     tcase_add_test(t, a_connection_that_does_not_come_about_is_given_up_in_time);
