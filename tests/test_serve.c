@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -465,7 +466,18 @@ static struct {
     pthread_t thread;
     volatile int stop;
     atomic_uint waits; /* that it has begun */
+    atomic_bool left;  /* a client has */
+    char said[256];    /* of it */
 } own;
+
+static void note_who_left(void *user, const char *line)
+{
+    (void)user;
+    if (!strstr(line, "left after"))
+        return;
+    snprintf(own.said, sizeof own.said, "%s", line);
+    atomic_store(&own.left, true);
+}
 
 static void *serve_here(void *user)
 {
@@ -483,21 +495,23 @@ static struct emu_wish count_wait(void *ctx)
 static void begin_serving(const struct mk_model *model, const char *where)
 {
     struct mk_error err = MK_ERROR_INIT;
-    const struct mk_serve_config config = {.model = model, .listen = where, .stop = &own.stop};
+    const struct mk_serve_config config = {
+        .model = model, .listen = where, .stop = &own.stop, .say = note_who_left};
     own.stop = 0;
+    atomic_store(&own.left, false);
     ck_assert_int_eq(mk_serve_open(&config, &own.server, &err), MK_OK);
     emu_pump(count_wait, NULL);
     ck_assert_int_eq(pthread_create(&own.thread, NULL, serve_here, NULL), 0);
 }
 
-static void end_serving(void)
+/* It is still there to be looked at, until it is closed. */
+static void stop_serving(void)
 {
     void *result;
     __atomic_store_n(&own.stop, 1, __ATOMIC_RELAXED);
     pthread_join(own.thread, &result);
     ck_assert_ptr_null(result);
     emu_pump(NULL, NULL);
-    mk_serve_close(own.server);
 }
 
 /* A look whether a terminal has been opened is due every 20 ms, nothing else is. */
@@ -532,7 +546,57 @@ START_TEST(a_server_that_has_nothing_to_do_sleeps)
     it_sleeps();
     mk_board_close(b);
     it_sleeps();
-    end_serving();
+    stop_serving();
+    mk_serve_close(own.server);
+}
+END_TEST
+
+/* Sends a request and waits for its answer. */
+static void request(int fd, enum mk_message type, uint32_t value, size_t n)
+{
+    static uint32_t sequence;
+    static struct mk_decoder d;
+    uint8_t payload[4], bytes[MK_FRAME_MAX];
+    mk_put32(payload, value);
+    const struct mk_frame f = {MK_FRAME_VERSION, (uint8_t)type, (uint16_t)n, ++sequence, payload};
+    struct mk_frame answer = {0};
+    size_t size = mk_frame_encode(&f, bytes);
+    ck_assert_int_eq(write(fd, bytes, size), (ssize_t)size);
+    mk_decoder_reset(&d);
+    for (const double end = wall_s() + 20.0; answer.type == 0;) {
+        struct pollfd p = {.fd = fd, .events = POLLIN};
+        ck_assert_double_lt(wall_s(), end);
+        ssize_t k = poll(&p, 1, 1000) == 1 ? read(fd, bytes, sizeof bytes) : 0;
+        const uint8_t *at = bytes;
+        size_t left = k > 0 ? (size_t)k : 0;
+        (void)mk_decoder_next(&d, &at, &left, &answer);
+    }
+    ck_assert_uint_eq(answer.type, type | MK_MSG_ANSWER);
+}
+
+/* Without a word, and without a watchdog that would see to it. */
+START_TEST(a_client_that_hangs_up_while_it_drives_leaves_the_motor_off)
+{
+    struct mk_model model;
+    struct mk_error err = MK_ERROR_INIT;
+    int fd;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    begin_serving(&model, lines[_i]);
+    if (strcmp(mk_serve_board(own.server), "tcp") == 0)
+        ck_assert_int_eq(mk_tcp_connect(mk_serve_device(own.server), &fd, &err), MK_OK);
+    else
+        fd = open(mk_serve_device(own.server), O_RDWR | O_NOCTTY | O_NONBLOCK);
+    request(fd, MK_MSG_HELLO, 0, 0);
+    request(fd, MK_MSG_WATCHDOG, 0, 4);
+    request(fd, MK_MSG_EXCHANGE, 2 * MK_WIRE_MICRO, 4);
+    close(fd);
+    for (const double end = wall_s() + 20.0; !atomic_load(&own.left) && wall_s() < end;)
+        usleep(1000);
+    stop_serving();
+    ck_assert_msg(strstr(own.said, "left after 1 exchanges: command 0, was 2") != NULL, "%s",
+                  own.said);
+    ck_assert_double_eq(mk_serve_emulated(own.server)->u, 0.0);
+    mk_serve_close(own.server);
 }
 END_TEST
 
@@ -582,6 +646,7 @@ Suite *suite_serve(void)
     tcase_add_test(t, a_model_with_other_counts_a_turn_is_refused);
     tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
     tcase_add_loop_test(t, a_server_that_has_nothing_to_do_sleeps, 0, LINES);
+    tcase_add_loop_test(t, a_client_that_hangs_up_while_it_drives_leaves_the_motor_off, 0, LINES);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);
     return s;
