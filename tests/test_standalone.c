@@ -280,6 +280,44 @@ START_TEST(the_end_of_the_travel_is_out_of_it_either_way)
 }
 END_TEST
 
+/* At rest so far from upright, in the phase before: a link that balances may go further than where
+ * it is taken over. */
+START_TEST(a_board_balances_from_its_box_on_until_the_link_has_fallen)
+{
+    enum { SWING = MK_STANDALONE_SWINGUP, HOLD = MK_STANDALONE_BALANCE };
+    static const struct {
+        enum mk_controller law;
+        uint32_t before;
+        float off[MK_WIRE_JOINTS];
+        uint32_t after;
+    } rows[] = {{MK_CONTROLLER_REACTION_WHEEL, MK_STANDALONE_IDLE, {0.02f}, HOLD},
+                {MK_CONTROLLER_REACTION_WHEEL, SWING, {-0.02f}, HOLD},
+                {MK_CONTROLLER_REACTION_WHEEL, SWING, {0.1f}, SWING},
+                {MK_CONTROLLER_REACTION_WHEEL, HOLD, {0.1f}, HOLD},
+                {MK_CONTROLLER_REACTION_WHEEL, HOLD, {-0.79f}, HOLD},
+                {MK_CONTROLLER_REACTION_WHEEL, HOLD, {0.81f}, SWING},
+                {MK_CONTROLLER_REACTION_WHEEL, HOLD, {3.1f}, SWING},
+                {MK_CONTROLLER_FURUTA, MK_STANDALONE_IDLE, {0.0f, 0.05f}, HOLD},
+                {MK_CONTROLLER_FURUTA, SWING, {0.0f, 0.5f}, SWING},
+                {MK_CONTROLLER_FURUTA, SWING, {1.1f, 0.0f}, SWING},
+                {MK_CONTROLLER_FURUTA, HOLD, {0.0f, -0.5f}, HOLD},
+                {MK_CONTROLLER_FURUTA, HOLD, {2.4f, 0.0f}, HOLD},
+                {MK_CONTROLLER_FURUTA, HOLD, {2.6f, 0.0f}, SWING},
+                {MK_CONTROLLER_FURUTA, HOLD, {0.0f, 1.3f}, SWING}};
+    static struct mk_standalone s;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        const int link = rows[i].law == MK_CONTROLLER_FURUTA; /* that stands upright */
+        float q[MK_WIRE_JOINTS] = {rows[i].off[0], rows[i].off[1]};
+        q[link] += (float)M_PI;
+        ck_assert(mk_standalone_setup(&s, rows[i].law, 2000, 1));
+        mk_standalone_start(&s, 0);
+        s.phase = rows[i].before;
+        (void)mk_standalone_step(&s, q);
+        ck_assert_msg(s.phase == rows[i].after, "row %zu: phase %u", i, s.phase);
+    }
+}
+END_TEST
+
 START_TEST(only_what_is_there_can_be_chosen)
 {
     int gains;
@@ -351,6 +389,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_guarded_run_ends_when_the_guard_falls_silent);
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
     tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
+    tcase_add_test(t, a_board_balances_from_its_box_on_until_the_link_has_fallen);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);
     TCase *commands = tcase_create("commands");
