@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "driver/usb.h"
+#include "driver/usb_priv.h"
 #include "emu/bench.h"
 #include "mechkit/loop.h"
 
@@ -284,6 +284,20 @@ START_TEST(a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard)
 }
 END_TEST
 
+/* Their memory goes with them, and nobody waits for what will not come. */
+START_TEST(all_transfers_are_given_back_before_a_board_is_closed)
+{
+    static struct mk_usb usb;
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    for (int i = 0; i < MK_USB_READS; i++)
+        ck_assert(usb.read[i].under_way);
+    ck_assert(mk_usb_stop_transfers(&usb));
+    for (int i = 0; i < MK_USB_READS; i++)
+        ck_assert(!usb.read[i].under_way);
+    mk_usb_close(&usb);
+}
+END_TEST
+
 /* --- streaming -----------------------------------------------------------------------------------
  */
 
@@ -362,6 +376,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, another_board_that_is_unplugged_harms_nobody);
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
+    tcase_add_test(t, all_transfers_are_given_back_before_a_board_is_closed);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
     tcase_add_test(t, more_than_the_buffer_holds_is_counted_and_dropped);
