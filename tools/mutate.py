@@ -39,7 +39,7 @@ SUITES = [
     (r"src/driver/step_clock\.c", "clock frame device board standalone bus_faults"),
     (r"src/driver/device\.c", "device standalone frame bus_faults"),
     (r"src/driver/serve\.c", "serve streams tcp serial stream_troubles bus_faults"),
-    (r"src/driver/wire\.c", "frame device board bus_runs standalone streams stream_troubles bus_faults"),
+    (r"src/driver/wire\.c", "frame device usb board bus_runs standalone streams stream_troubles bus_faults"),
     (r"src/driver/", "frame device board usb bus_faults"),
 ]
 
