@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
@@ -342,6 +343,33 @@ START_TEST(a_temporary_file_is_beside_its_target_and_names_its_maker)
 }
 END_TEST
 
+/* A process elsewhere, whose number says nothing here, holds its file; and what is no file at all
+ * nobody has begun to write. */
+START_TEST(what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it)
+{
+    char path[300], left[340], held[340], pipe_[340];
+    pid_t dead = fork();
+    if (dead == 0)
+        _exit(0);
+    ck_assert_int_eq(waitpid(dead, NULL, 0), dead);
+    snprintf(path, sizeof path, "%s", scratch("cleaned.txt"));
+    snprintf(left, sizeof left, "%s.%ld-0.tmp", path, (long)dead);
+    snprintf(held, sizeof held, "%s.%ld-1.tmp", path, (long)dead);
+    snprintf(pipe_, sizeof pipe_, "%s.%ld-2.tmp", path, (long)dead);
+    close(open(left, O_WRONLY | O_CREAT, 0600));
+    int fd = open(held, O_WRONLY | O_CREAT, 0600);
+    ck_assert_int_eq(flock(fd, LOCK_EX | LOCK_NB), 0);
+    ck_assert_int_eq(mkfifo(pipe_, 0600), 0);
+    mk_out_file_clean(path);
+    ck_assert_int_ne(access(left, F_OK), 0);
+    ck_assert_int_eq(access(held, F_OK), 0);
+    ck_assert_int_eq(access(pipe_, F_OK), 0);
+    close(fd);
+    unlink(held);
+    unlink(pipe_);
+}
+END_TEST
+
 /* The first file that it opens has the descriptor 0 then. */
 START_TEST(a_program_without_standard_input_writes_its_files)
 {
@@ -478,6 +506,7 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_file_is_on_the_disk_before_it_gets_its_name);
     tcase_add_test(t, a_temporary_file_is_beside_its_target_and_names_its_maker);
+    tcase_add_test(t, what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it);
     tcase_add_test(t, a_program_without_standard_input_writes_its_files);
     tcase_add_test(t, a_copy_is_whole_or_is_not_there);
     tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);

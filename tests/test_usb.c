@@ -137,6 +137,26 @@ START_TEST(a_board_that_claims_what_no_encoder_has_is_refused)
 }
 END_TEST
 
+START_TEST(counters_have_8_to_32_bits)
+{
+    static const uint8_t wrong[] = {0, 7, 33, 255}, right[] = {8, 24, 32};
+    for (size_t i = 0; i < sizeof wrong; i++) {
+        bench.board.device.info.counter_bits = wrong[i];
+        ck_assert_int_eq(try_open(NULL), MK_ERR_PROTO);
+        ck_assert_ptr_nonnull(strstr(err.message, "the board claims counters of"));
+    }
+    for (size_t i = 0; i < sizeof right; i++) {
+        struct mk_board_identity id;
+        bench.board.device.info.counter_bits = right[i];
+        must_open(NULL);
+        ck_assert_int_eq(board->ops->identify(board, &id, &err), MK_OK);
+        ck_assert_int_eq(id.counter_bits, right[i]);
+        mk_board_close(board);
+        board = NULL;
+    }
+}
+END_TEST
+
 /* --- who may ------------------------------------------------------------------------------------
  */
 
@@ -365,6 +385,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_board_is_found_by_serial_number_among_several);
     tcase_add_test(t, control_characters_in_a_serial_number_are_shown);
     tcase_add_test(t, a_board_that_claims_what_no_encoder_has_is_refused);
+    tcase_add_test(t, counters_have_8_to_32_bits);
     tcase_add_test(t, a_board_that_is_not_there_is_not_found);
     tcase_add_test(t, without_permission_the_message_names_the_udev_rule);
     tcase_add_test(t, a_board_in_use_elsewhere_is_busy);
