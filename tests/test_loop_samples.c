@@ -93,6 +93,10 @@ START_TEST(a_late_answer_skips_samples_and_says_so)
     /* The script counts exchanges, so a tick that is skipped moves what follows. */
     ck_assert_int_eq((int)flags[60], MK_FLAG_LOST);
     ck_assert_double_eq(tick[60], 61);
+    const struct mk_loop_snapshot shown = bench_look();
+    ck_assert_uint_eq(shown.late, 1);
+    ck_assert_uint_eq(shown.overruns, 1);
+    ck_assert_uint_eq(shown.lost, 1);
     mk_log_free(log);
 }
 END_TEST
