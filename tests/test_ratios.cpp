@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "ident/scale.hpp"
+#include "mechkit/data_check.h"
 #include "mechkit/explain.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
@@ -365,9 +366,13 @@ START_TEST(values_that_are_far_off_do_not_turn_a_command)
     Run run;
     run.amplitude = drive[truth.plant], run.seed = seeds[_i];
     const Log log = record(truth, run);
-    Fit off;
-    off.of(scattered(truth, 30.0, 100u + seeds[_i]), log);
-    ck_assert_msg(off.status == MK_OK, "%s", off.err.message);
+    const mk_model given = scattered(truth, 30.0, 100u + seeds[_i]);
+    const mk_log *one = log.get();
+    auto check = std::make_unique<mk_data_check>();
+    ck_assert_int_eq(mk_data_check_logs(&given, &one, 1, MK_DATA_IDENTIFY, check.get(), nullptr),
+                     MK_OK);
+    const mk_data_finding *fatal = mk_data_check_fatal(check.get());
+    ck_assert_msg(!fatal, "%s", fatal ? fatal->what : "");
 }
 END_TEST
 
