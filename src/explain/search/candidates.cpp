@@ -174,10 +174,9 @@ Starts cable_hysteresis(const Setting &s)
 Starts cogging(const Setting &s)
 {
     Starts all;
-    if (s.model->no_motor) // without magnets there is no detent
-        return all;
     // Where the joint turns in a plane that does not move itself, once a revolution is an
-    // imbalance. A bearing or gear of a joint without a motor has teeth, not one.
+    // imbalance. A bearing or gear of a joint without a motor has teeth, not one. A motor has
+    // magnets, powered or not: that nothing drives the rig says nothing of them.
     const int first = s.upright_plane() || !s.motor() ? 2 : 1;
     for (int n = first; n <= 48; n++)
         // Of high numbers the even ones.
