@@ -286,12 +286,14 @@ START_TEST(one_law_has_one_name_at_every_joint)
 END_TEST
 
 // Values of the first two parameters of an effect are as in the catalogue's row.
-static int detents_offered(const mk_model &rig, int joint, double least_cycles, double most_cycles)
+static int detents_offered(const mk_model &rig, int joint, double least_cycles, double most_cycles,
+                           bool two_motors = false)
 {
     mk::DataRange range = {};
     for (int j = 0; j < MK_MAX_JOINTS; j++)
         range.q_min[j] = -2.0, range.q_max[j] = 2.0, range.v_max[j] = 10.0;
     range.u_max = 1.0, range.seconds = 10.0, range.torque = 0.5;
+    range.two_motors = two_motors;
     int count = 0;
     for (const mk::Candidate &c : mk::candidates(rig, range))
         count += std::strcmp(c.effect->name, "cogging") == 0 && c.joint == joint &&
@@ -310,7 +312,8 @@ START_TEST(a_detent_is_looked_for_where_a_motor_or_a_gear_can_be)
                      &rig); // joint 2 is free, in a plane that turns with joint 1
     ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 0);
     ck_assert_int_gt(detents_offered(rig, 2, 2.0, 48.0), 20);
-    mk_model_default(MK_PLANT_ACROBOT, &rig); // joint 2 is driven
+    ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0, true), 1); // with its torque recorded
+    mk_model_default(MK_PLANT_ACROBOT, &rig);                     // joint 2 is driven
     ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 1);
     rig.no_motor = true; // as in a free swing, with the motor unpowered
     ck_assert_int_eq(detents_offered(rig, 2, 1.0, 1.0), 1);

@@ -49,6 +49,8 @@ struct Setting {
     // Of a motion of 1 rad, in the joint's unit.
     double size() const { return j >= 0 ? mk_model_joint_scale(model, j) : 1.0; }
     bool motor() const { return j == plant->motor_joint; }
+    // There is a motor at it, whether or not the plant's command is its own.
+    bool has_motor() const { return motor() || (j == 1 && range->two_motors); }
     // T and V. A joint that hardly moves has a tenth of L per second, so that sizes over a speed
     // stay finite.
     double torque() const { return range->torque; }
@@ -177,7 +179,7 @@ Starts cogging(const Setting &s)
     // Where the joint turns in a plane that does not move itself, once a revolution is an
     // imbalance. A bearing or gear of a joint without a motor has teeth, not one. A motor has
     // magnets, powered or not: that nothing drives the rig says nothing of them.
-    const int first = s.upright_plane() || !s.motor() ? 2 : 1;
+    const int first = s.upright_plane() || !s.has_motor() ? 2 : 1;
     for (int n = first; n <= 48; n++)
         // Of high numbers the even ones.
         if (n <= 16 || n % 2 == 0)
@@ -440,6 +442,8 @@ DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &l
             sum += u * u;
             count += 1.0;
         }
+        for (double u : log->u[1])
+            r.two_motors = r.two_motors || (std::isfinite(u) && u != 0.0);
     }
     // Root mean square of the command.
     r.torque = count > 0.0 ? std::sqrt(sum / count) : 0.0;

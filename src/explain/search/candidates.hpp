@@ -14,9 +14,10 @@ namespace mk
 // Ranges that the data cover; starting values are taken relative to them.
 struct DataRange {
     double q_min[MK_MAX_JOINTS], q_max[MK_MAX_JOINTS], v_max[MK_MAX_JOINTS];
-    double u_max;   // largest command
-    double seconds; // of the longest log
-    double torque;  // of the rig: rms of the command, or what gravity asks for
+    double u_max;    // largest command
+    double seconds;  // of the longest log
+    double torque;   // of the rig: rms of the command, or what gravity asks for
+    bool two_motors; // a torque on joint 2 was recorded as well
 };
 DataRange data_range(const mk_model &model, const std::vector<const FitLog *> &logs);
 
