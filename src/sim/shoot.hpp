@@ -1,8 +1,10 @@
 // Shooting: integrates a model over a stretch of a log from a given state and compares it with the
-// readings, with exact derivatives of everything with respect to the start state and to parameters.
-// This is what fits are made of. Fixed steps (fourth-order Runge-Kutta between the edges of the
-// command): a fit calls this thousands of times over data whose sampling already resolves the
-// motion; tests hold it against the error-controlled solvers.
+// readings, with derivatives of everything with respect to the start state and to parameters, of
+// the numbers that are computed, or close to them (sim/shoot_columns.hpp). This is what fits are
+// made of. Fixed steps
+// (fourth-order Runge-Kutta between the edges of the command): a fit calls this thousands of times
+// over data whose sampling already resolves the motion; tests hold it against the error-controlled
+// solvers.
 #ifndef MECHKIT_SIM_SHOOT_HPP
 #define MECHKIT_SIM_SHOOT_HPP
 
@@ -42,6 +44,9 @@ struct ShootTask {
     int free_count;    // parameters to differentiate by: numbers as in mechkit/ident.h
     const int *free;
     const double *scale; // derivatives are per scale[i] of the parameter
+
+    bool exact; // derivatives are those of the numbers that are computed; else of second order in
+                // the step, for half the time
 
     // Results. Columns: start state (ns), then the free parameters.
     int columns;         // in: ns + free_count, or 0 for no derivatives

@@ -9,12 +9,14 @@
 // is the classical Runge-Kutta method of fourth order with fixed steps between the edges of the
 // command.
 //
-// Derivatives are those of the numbers that the method computes, not of the exact solution
-// (internal differentiation, H. G. Bock 1981): they belong to the residuals exactly, at any step
-// length. f is differentiated by what it sees, state and parameters (forward mode,
-// model/sparse_dual.hpp); what the state itself depends on is carried along as columns X = dx/dc:
+// f is differentiated by what it sees, state and parameters (forward mode, model/sparse_dual.hpp);
+// what the state itself depends on is carried along as columns X = dx/dc,
 //     df/dc = (df/dx) X + df/dp dp/dc                                 (chain) ,
-//     dX/dt = df/dc , X(0) = (1 0)   by the same Runge-Kutta stages as x.
+//     dX/dt = df/dc , X(0) = (1 0) .
+// A task asks for one of two kinds. Exact ones are those of the numbers that the method computes,
+// not of the exact solution (internal differentiation, H. G. Bock 1981): X takes the same
+// Runge-Kutta stages as x, and belongs to the residuals exactly, at any step length. Close ones
+// differentiate f once a step (sim/shoot_columns.hpp), which takes half the time.
 //
 // Where f is not smooth the instant tau of the change depends on the columns too, and a trajectory
 // that changes its slope there from f_before to f_after gains
@@ -32,8 +34,9 @@
 // Every interval has a lane of its own: it goes at its own pace, with its own steps, and when it
 // arrives the next one takes its place. What comes out does not depend on who travels beside it.
 //
-// sim/shoot_lanes.hpp has the lanes, shoot_switches.hpp the steps that end at a switch,
-// shoot_readings.hpp what is compared on the way, and shoot_normal.hpp its normal equations.
+// sim/shoot_lanes.hpp has the lanes, shoot_columns.hpp the derivatives of a step,
+// shoot_switches.hpp the steps that end at a switch, shoot_readings.hpp what is compared on the
+// way, and shoot_normal.hpp its normal equations.
 #include "model/rhs.hpp"
 #include "sim/shoot.hpp"
 #include "sim/shoot_lanes.hpp"
@@ -69,6 +72,8 @@ class Shooter
             x.d[i] = Base(0.0);
         for (int i = 0; i < columns; i++)
             passed.d[i] = Base(0.0);
+        for (int i = 0; i < ns * ns; i++)
+            linear.unity[i] = Base(i % (ns + 1) == 0 ? 1.0 : 0.0);
         u[0] = u[1] = now = start = Base(0.0);
     }
     // Free parameters that this run differentiates by.
@@ -86,7 +91,7 @@ class Shooter
             board(i);
         while (busy > 0) {
             if (!slopes_known)
-                derivative(now, x, f0);
+                slopes_at(now, x, f0);
             slopes_known = true;
             if (edges_move)
                 follow_edges();
@@ -119,6 +124,7 @@ class Shooter
     Point y, f1;            // the same at the end of a step
     Point stage, stage_sum; // the slopes of a stage, and their sum
     Point between, older;
+    Linear linear; // of a step, for close derivatives
     Base u[MK_MAX_INPUTS], now;
     Base start;                     // of each lane's rows in their log, s
     Scalar seen[MK_MAX_STATES];     // the state as laws see it
@@ -422,10 +428,25 @@ class Shooter
         }
         for (int i = 0; i < W; i++)
             lane[i].edge = false;
-        derivative(now, x, f0);
+        if (exact())
+            derivative(now, x, f0);
     }
 
     // --- steps ---
+
+    // Whether derivatives are those of the Runge-Kutta stages.
+    bool exact() const
+    {
+        return MK_DERIVATIVES && k.exact;
+    }
+    // f at a state; with df/dc where that goes through the stages.
+    void slopes_at(const Base &t, const Point &at, Point &f)
+    {
+        if (exact())
+            derivative(t, at, f);
+        else
+            bare_slopes(t, at.v, f.v);
+    }
 
     // f and df/dc at a state.
     void derivative(const Base &t, const Point &at, Point &f)
@@ -454,12 +475,12 @@ class Shooter
             seen[i] = v[i];
 #endif
     }
-    // row = sum_i by[i] from[i], over all columns. N is how many terms there are where the compiler
-    // shall unroll them; 0: n of them.
+    // row = sum_i by[i] from[i], over `count` columns. N is how many terms there are where the
+    // compiler shall unroll them; 0: n of them.
     template <int N>
-    void weigh(int n, const Base *by, const Base *const *from, Base *row) const
+    static void weigh(int n, const Base *by, const Base *const *from, int count, Base *row)
     {
-        for (int d = 0; d < columns; d++) {
+        for (int d = 0; d < count; d++) {
             Base sum = Base(0.0);
             for (int i = 0; i < (N ? N : n); i++)
                 sum += by[i] * from[i][d];
@@ -479,42 +500,52 @@ class Shooter
     void chain_rows(const Scalar &number, RowOf &&row_of, Base *row) const
     {
 #if MK_DERIVATIVES
-        // The n states that the number depends on: their rows X_s (`from`) and d number/dx_s
-        // (`by`).
-        int n = 0;
-        const Base *from[MK_MAX_STATES];
-        Base by[MK_MAX_STATES];
-        Scalar::each(number.mask & ((1u << ns) - 1u), [&](int s) {
-            from[n] = row_of(s);
-            by[n++] = number.d[s];
-        });
-        switch (n) {
-        case 1:
-            weigh<1>(n, by, from, row);
-            break;
-        case 2:
-            weigh<2>(n, by, from, row);
-            break;
-        case 3:
-            weigh<3>(n, by, from, row);
-            break;
-        case 4:
-            weigh<4>(n, by, from, row);
-            break;
-        case 5:
-            weigh<5>(n, by, from, row);
-            break;
-        case 6:
-            weigh<6>(n, by, from, row);
-            break;
-        default:
-            weigh<0>(n, by, from, row);
-        }
+        weigh_states(number, row_of, columns, row);
         // What depends on a parameter directly, beside what the state carries of it.
-        Scalar::each(number.mask & ~((1u << ns) - 1u), [&](int d) { row[d] += number.d[d]; });
+        Scalar::each(number.mask & ~states_mask(), [&](int d) { row[d] += number.d[d]; });
 #else
         (void)number, (void)row_of, (void)row;
 #endif
+    }
+    // Bits of the states among the columns.
+    uint32_t states_mask() const
+    {
+        return (1u << ns) - 1u;
+    }
+#if MK_DERIVATIVES
+    // sum_s (d number/dx_s) row_of(s), over `count` columns.
+    template <class RowOf>
+    void weigh_states(const Scalar &number, RowOf &&row_of, int count, Base *row) const
+    {
+        // The n states that the number depends on: their rows (`from`) and d number/dx_s (`by`).
+        int n = 0;
+        const Base *from[MK_MAX_STATES];
+        Base by[MK_MAX_STATES];
+        Scalar::each(number.mask & states_mask(), [&](int s) {
+            from[n] = row_of(s);
+            by[n++] = number.d[s];
+        });
+        weigh_all(n, by, from, count, row);
+    }
+#endif
+    static void weigh_all(int n, const Base *by, const Base *const *from, int count, Base *row)
+    {
+        switch (n) {
+        case 1:
+            return weigh<1>(n, by, from, count, row);
+        case 2:
+            return weigh<2>(n, by, from, count, row);
+        case 3:
+            return weigh<3>(n, by, from, count, row);
+        case 4:
+            return weigh<4>(n, by, from, count, row);
+        case 5:
+            return weigh<5>(n, by, from, count, row);
+        case 6:
+            return weigh<6>(n, by, from, count, row);
+        default:
+            return weigh<0>(n, by, from, count, row);
+        }
     }
     // Where each lane's step shall end.
     // A lane that is within a step that a switch has cut (switched > 0) keeps its target: the rest
@@ -628,54 +659,46 @@ class Shooter
     // The classical Runge-Kutta method from x to y, with k1 = f0 known:
     //     k2 = f(t + h/2, x + h/2 k1) ,  k3 = f(t + h/2, x + h/2 k2) ,  k4 = f(t + h, x + h k3) ,
     //     y  = x + h/6 (k1 + 2 k2 + 2 k3 + k4) .
-    // The columns take the same steps with dk/dc in the place of k. stage_sum is k1 + 2 k2 + 2 k3.
     void runge_kutta(const Base &h)
     {
-        Base half = 0.5 * h, sixth = (1.0 / 6.0) * h, mid = now + half;
-        first_stage(half);
-        derivative(mid, y, stage);
-        next_stage(half);
-        derivative(mid, y, stage);
-        next_stage(h);
-        derivative(now + h, y, stage);
-        for (int i = 0; i < ns; i++)
-            y.v[i] = x.v[i] + sixth * (stage_sum.v[i] + stage.v[i]);
-        for (int i = 0; i < ns * columns; i++)
-            y.d[i] = x.d[i] + sixth * (stage_sum.d[i] + stage.d[i]);
+        if (exact())
+            exact_runge_kutta(h);
+        else
+            close_runge_kutta(h);
     }
-    // y = x + h k1, and the sum of slopes begins.
-    void first_stage(const Base &h)
-    {
-        for (int i = 0; i < ns; i++)
-            stage_sum.v[i] = f0.v[i], y.v[i] = x.v[i] + h * f0.v[i];
-        for (int i = 0; i < ns * columns; i++)
-            stage_sum.d[i] = f0.d[i], y.d[i] = x.d[i] + h * f0.d[i];
-    }
-    // y = x + h k, k the slope of the stage before.
-    void next_stage(const Base &h)
-    {
-        for (int i = 0; i < ns; i++)
-            stage_sum.v[i] += 2.0 * stage.v[i], y.v[i] = x.v[i] + h * stage.v[i];
-        for (int i = 0; i < ns * columns; i++)
-            stage_sum.d[i] += 2.0 * stage.d[i], y.d[i] = x.d[i] + h * stage.d[i];
-    }
-    // The same without derivatives, to look ahead.
+    // Without derivatives, to look ahead.
     void bare_runge_kutta(const Base &h, Base *to) const
     {
-        Base half = 0.5 * h, mid = now + half;
-        Base a[MK_MAX_STATES], b[MK_MAX_STATES], e[MK_MAX_STATES];
+        stages(h, to, [this](const Base &t, const Base *at, Base *f) { bare_slopes(t, at, f); });
+    }
+    // `third` evaluates f in the third stage, whose state is that of the middle to third order.
+    template <class Third>
+    void stages(const Base &h, Base *to, Third &&third) const
+    {
+        const Base half = 0.5 * h, mid = now + half;
+        Base k2[MK_MAX_STATES], k3[MK_MAX_STATES], k4[MK_MAX_STATES];
         for (int i = 0; i < ns; i++)
             to[i] = x.v[i] + half * f0.v[i];
-        bare_slopes(mid, to, a);
+        bare_slopes(mid, to, k2);
         for (int i = 0; i < ns; i++)
-            to[i] = x.v[i] + half * a[i];
-        bare_slopes(mid, to, b);
+            to[i] = x.v[i] + half * k2[i];
+        third(mid, to, k3);
         for (int i = 0; i < ns; i++)
-            to[i] = x.v[i] + h * b[i];
-        bare_slopes(now + h, to, e);
+            to[i] = x.v[i] + h * k3[i];
+        bare_slopes(now + h, to, k4);
         for (int i = 0; i < ns; i++)
-            to[i] = x.v[i] + (1.0 / 6.0) * h * (f0.v[i] + 2.0 * (a[i] + b[i]) + e[i]);
+            to[i] = x.v[i] + (1.0 / 6.0) * h * (f0.v[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
     }
+    // sim/shoot_columns.hpp
+    void exact_runge_kutta(const Base &h);
+    void first_stage(const Base &h);
+    void next_stage(const Base &h);
+    void close_runge_kutta(const Base &h);
+    void linearise(const Base &t, const Base *at, Base *f);
+    void move_columns(const Base &h);
+    void brackets(const Base &h, const Base *V, int count, Base *out) const;
+    void slope_row(int i, const Point &at, Point &out) const;
+
     // Of the lanes in `who`; NULL: of all that are in use.
     void count_steps(const bool *who)
     {
@@ -715,9 +738,12 @@ class Shooter
         // computes it anyway.
         slopes_known = readings_before(end);
         if (slopes_known) {
-            derivative(end, y, f1);
+            slopes_at(end, y, f1);
             take_readings(end);
-            move(f1, f0);
+            for (int i = 0; i < ns; i++)
+                f0.v[i] = f1.v[i];
+            for (int i = 0; i < ns * columns && exact(); i++)
+                f0.d[i] = f1.d[i];
         }
         move(y, x);
         // A trajectory has run away where a state is beyond 1e6 or not a number.
@@ -778,6 +804,7 @@ class Shooter
 } // namespace MK_KERNEL_NS
 } // namespace mk
 
+#include "sim/shoot_columns.hpp"
 #include "sim/shoot_normal.hpp"
 #include "sim/shoot_readings.hpp"
 #include "sim/shoot_switches.hpp"

@@ -73,6 +73,12 @@ struct Row {
     Base d[MOST_COLUMNS + 1];
 };
 
+// What close derivatives know of a step (sim/shoot_columns.hpp).
+struct Linear {
+    Scalar f[MK_MAX_STATES];                   // f in its middle, with A and B
+    Base unity[MK_MAX_STATES * MK_MAX_STATES]; // ns x ns
+};
+
 // A time that never comes, s.
 constexpr double NONE = 1e300;
 // How far past a switch a step ends, s, so that the next one starts under the new law.

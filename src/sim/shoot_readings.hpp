@@ -77,6 +77,8 @@ inline void Shooter<Law>::compare_before(int j, const Readings &r)
         return;
     }
     Base rate[MK_MAX_STATES];
+    if (!exact())
+        derivative(now, x, f0);
     for (int i = 0; i < ns; i++) {
         const bool angle = i < c.joints;
         const int a = c.joints + i; // of the acceleration that goes with an angle
@@ -121,7 +123,8 @@ inline void Shooter<Law>::compare(int j, const Readings &r, const Point &at, con
 //     h01 = s^2 (3 - 2 s) ,        h11 = -h s^2 (1 - s) ,
 // and g00 .. g11 are their derivatives by t, for the slope of the state (g01 = -g00). Its error
 // is of fourth order, as that of the method. A reading depends on few of the states: no others
-// have their derivatives interpolated. An idle lane has h = 0; 1 is put in its place.
+// have their derivatives interpolated. An idle lane has h = 0; 1 is put in
+// its place.
 template <class Law>
 inline void Shooter<Law>::compare_within(int j, const Readings &r, const Base &end)
 {
@@ -136,6 +139,10 @@ inline void Shooter<Law>::compare_within(int j, const Readings &r, const Base &e
         rate[i] = g00 * x.v[i] + g10 * f0.v[i] - g00 * y.v[i] + g11 * f1.v[i];
     }
     compare_rows(j, r, between.v, rate, [&](int i) {
+        if (!exact()) {
+            slope_row(i, x, f0);
+            slope_row(i, y, f1);
+        }
         for (int d = i * columns; d < (i + 1) * columns; d++)
             between.d[d] = h00 * x.d[d] + h10 * f0.d[d] + h01 * y.d[d] + h11 * f1.d[d];
         return between.d + i * columns;

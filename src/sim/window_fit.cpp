@@ -9,11 +9,11 @@
 //     H = Js'Js + K ,   g = Js'r + K (z0 - z) ,   S(x + d) ~ S - 2 g'd + d'H d .
 // S has no factor 1/2.
 //
-// The method is Levenberg and Marquardt's (D. Marquardt 1963) with exact derivatives, on longer and
-// longer beginnings of the window: over a short one the trajectory is nearly linear in its start
-// state, and its optimum is where the next one starts (a progressive horizon). Several windows of
-// one model go side by side through the kernel; each is a state machine (Progress) that proposes
-// the next trajectory and takes what came of it.
+// The method is Levenberg and Marquardt's (D. Marquardt 1963), on longer and longer beginnings of
+// the window: over a short one the trajectory is nearly linear in its start state, and its optimum
+// is where the next one starts (a progressive horizon). Several windows of one model go side by
+// side through the kernel; each is a state machine (Progress) that proposes the next trajectory and
+// takes what came of it.
 //
 // linearise() then eliminates the start state, so that what is left is a quadratic in the
 // parameters.
@@ -223,8 +223,8 @@ void WindowFit::end_horizon(Progress &p) const
 }
 
 // Levenberg and Marquardt: the next trial is x + d with (H + lambda diag H) d = g. 1e-9 keeps
-// angles and speeds that no reading sees where they are. Ends the horizon where damping or steps
-// are used up.
+// angles and speeds that no reading sees where they are. Ends the horizon where the step promises
+// next to nothing, and where damping or steps are used up.
 void WindowFit::propose(Progress &p) const
 {
     const long joints = mk_model_joints(f.model);
@@ -232,12 +232,23 @@ void WindowFit::propose(Progress &p) const
         MatrixXd damped = p.now.H;
         damped.diagonal() *= 1.0 + p.damping;
         damped.diagonal().head(2 * joints).array() += 1e-9;
-        p.trial = p.at + dense::solve_symmetric(damped, p.now.g);
+        const VectorXd d = dense::solve_symmetric(damped, p.now.g);
+        // What the quadratic promises of the step: 2 g'd - d'H d.
+        const double decrease = 2.0 * p.now.g.dot(d) - d.dot(p.now.H * d);
+        if (decrease <= settled_below(p))
+            break;
+        p.trial = p.at + d;
         if (p.trial.allFinite())
             return;
         p.damping *= HARDER;
     }
     end_horizon(p);
+}
+
+// The decrease of S that is not worth a step.
+double WindowFit::settled_below(const Progress &p)
+{
+    return (p.whole ? p.settled : SETTLED_ROUGHLY) * p.now.squares;
 }
 
 // What the trajectory from p.trial says. The first one of a horizon is its start; later ones are
@@ -265,8 +276,7 @@ void WindowFit::take(const ShootTask &task, Progress &p) const
         propose(p);
         return;
     }
-    const double settled = p.whole ? p.settled : SETTLED_ROUGHLY;
-    const bool done = p.now.squares - there.squares <= settled * p.now.squares;
+    const bool done = p.now.squares - there.squares <= settled_below(p);
     p.at = p.trial;
     p.now = std::move(there);
     p.damping = std::max(EASIER * p.damping, LEAST_DAMPING);

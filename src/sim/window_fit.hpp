@@ -153,6 +153,7 @@ class WindowFit
     void begin_horizon(Progress &p) const;
     void end_horizon(Progress &p) const;
     void propose(Progress &p) const;
+    static double settled_below(const Progress &p);
     void take(const ShootTask &task, Progress &p) const;
     void add_known(const Progress &p, WindowNormal &out) const;
     ShootTask task_over(const Eigen::VectorXd &x, size_t last, int columns);
