@@ -666,11 +666,11 @@ static struct mk_explanation offered(enum mk_plant_kind plant, const char *effec
     return e;
 }
 
-START_TEST(the_gain_in_control_is_measured_the_same_each_time)
+START_TEST(the_gain_in_control_is_the_same_each_time_and_with_any_number_of_threads)
 {
     struct mk_explanation e = offered(MK_PLANT_FURUTA, "coulomb", 0.3), again = e;
-    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
-    ck_assert_int_eq(control_gain_measure(&again, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&e, 1, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&again, 3, NULL), MK_OK);
     ck_assert_int_eq(e.control_count, 1);
     ck_assert_str_eq(e.control[0].setup, "furuta");
     ck_assert_mem_eq(&e.control[0].refit, &again.control[0].refit, sizeof e.control[0].refit);
@@ -764,7 +764,7 @@ END_TEST
 START_TEST(speed_control_gains_too)
 {
     struct mk_explanation e = offered(MK_PLANT_INERTIA_WHEEL, "coulomb", 0.4);
-    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&e, 1, NULL), MK_OK);
     ck_assert_int_eq(e.control_count, 1);
     ck_assert_str_eq(e.control[0].setup, "pi-speed");
     ck_assert_double_lt(e.control[0].extended.error, 0.9 * e.control[0].refit.error);
@@ -776,10 +776,10 @@ START_TEST(nothing_is_measured_where_there_is_nothing_to_offer_or_to_control)
 {
     struct mk_explanation e = offered(MK_PLANT_FURUTA, "coulomb", 0.3);
     e.offered = false;
-    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&e, 1, NULL), MK_OK);
     ck_assert_int_eq(e.control_count, 0);
     e = offered(MK_PLANT_PENDULUM, "coulomb", 0.01);
-    ck_assert_int_eq(control_gain_measure(&e, NULL), MK_OK);
+    ck_assert_int_eq(control_gain_measure(&e, 1, NULL), MK_OK);
     ck_assert_int_eq(e.control_count, 0);
 }
 END_TEST
@@ -822,7 +822,7 @@ Suite *suite_compensate(void)
     tcase_add_loop_test(t, a_step_remembers_nothing_after_a_reset, 1, (int)SETUP_COUNT);
     tcase_add_loop_test(t, who_knows_the_effect_balances_better, 0, IMPROVED_COUNT);
     tcase_add_loop_test(t, who_believes_the_true_model_catches_no_later, 0, PULLED_COUNT);
-    tcase_add_test(t, the_gain_in_control_is_measured_the_same_each_time);
+    tcase_add_test(t, the_gain_in_control_is_the_same_each_time_and_with_any_number_of_threads);
     tcase_add_test(t, a_model_that_controls_worse_is_not_recommended_to_controllers);
     tcase_add_test(t, the_page_does_not_recommend_such_a_model_either);
     tcase_add_test(t, speed_control_gains_too);

@@ -100,7 +100,7 @@ enum mk_status basin_run(const struct mk_ctrl_ops *setup, const struct mk_model 
     if (st == MK_OK)
         st = mk_ctrl_create(setup, nominal, b.in.dt, NULL, &b.ctrl, err);
     if (st == MK_OK)
-        st = trial_change(spread, b.ctrl, err);
+        st = trial_make_changes(spread, b.ctrl, err);
     if (st == MK_OK)
         st = mk_sim_create(&rig, NULL, &b.sim, err);
     if (st == MK_OK)

@@ -114,8 +114,8 @@ enum mk_status trial_rig(const struct mk_model *nominal, const struct trial_spre
     return st == MK_OK ? mk_model_check(out, err) : st;
 }
 
-enum mk_status trial_change(const struct trial_spread *spread, struct mk_ctrl *ctrl,
-                            struct mk_error *err)
+enum mk_status trial_make_changes(const struct trial_spread *spread, struct mk_ctrl *ctrl,
+                                  struct mk_error *err)
 {
     for (int i = 0; i < spread->change_count; i++) {
         const struct trial_change *c = &spread->change[i];
@@ -326,7 +326,7 @@ enum mk_status trial_run(const struct mk_ctrl_ops *setup, const struct mk_model 
     if (st == MK_OK && spread->swingup)
         st = mk_ctrl_load_swingup(ctrl, spread->swingup, err);
     if (st == MK_OK)
-        st = trial_change(spread, ctrl, err);
+        st = trial_make_changes(spread, ctrl, err);
     if (st == MK_OK)
         st = trial_run_on(ctrl, &setting, out, err);
     mk_ctrl_destroy(ctrl);

@@ -10,6 +10,10 @@
 #include "mechkit/ctrl.h"
 #include "mechkit/model.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* A parameter of the setup that is not what the setup gives it. */
 struct trial_change {
     int index;
@@ -60,8 +64,8 @@ struct trial_setting {
 };
 
 /* Puts the changes into a controller. MK_ERR_RANGE names the parameter. */
-MK_NODISCARD enum mk_status trial_change(const struct trial_spread *spread, struct mk_ctrl *ctrl,
-                                         struct mk_error *err);
+MK_NODISCARD enum mk_status trial_make_changes(const struct trial_spread *spread,
+                                               struct mk_ctrl *ctrl, struct mk_error *err);
 
 /* The upright link's angle from the upward vertical. */
 double trial_tilt(enum mk_plant_kind plant, const double *q);
@@ -87,5 +91,9 @@ MK_NODISCARD enum mk_status trial_run_on(struct mk_ctrl *ctrl, const struct tria
  * and starts where it hangs. MK_ERR_NUMERIC when it hangs nowhere near. */
 MK_NODISCARD enum mk_status trial_hang(const struct mk_model *model, struct mk_model *rig,
                                        double *start_rad, struct mk_error *err);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -12,7 +12,8 @@ extern "C" {
 /* Fills in e->control, where an extension is offered. A setup that cannot be tried (no gains can be
  * designed, the rig does not hang still) is left out; the same explanation gives the same figures.
  */
-MK_NODISCARD enum mk_status control_gain_measure(struct mk_explanation *e, struct mk_error *err);
+MK_NODISCARD enum mk_status control_gain_measure(struct mk_explanation *e, int threads,
+                                                 struct mk_error *err);
 
 #ifdef __cplusplus
 }

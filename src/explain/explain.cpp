@@ -889,7 +889,7 @@ try {
     if (o.control) {
         mk::StageClock clock(*result);
         clock.enter("trials in control");
-        st = control_gain_measure(result.get(), err);
+        st = control_gain_measure(result.get(), o.threads, err);
         clock.stop();
         if (st != MK_OK)
             return st;
