@@ -514,12 +514,14 @@ ShootTask task_of(const mk_start_finder &f, const double *x, size_t from, double
 
 // What all runs of a window share: from x at its first row to `end`, `last` so that a reading at
 // `end` counts. Results go to the fit's buffers, which the next task of this fit overwrites.
-// `columns` is ns + the number of parameters, ns, or 0; jac_end is there but not used.
+// `columns` is ns + the number of parameters, ns, or 0; jac_end is there but not used. A start
+// state alone is found with close derivatives; what a window says of parameters takes exact ones.
 ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
 {
     ShootTask task = task_of(f, x.data(), from, end);
     task.last = true;
     task.columns = columns;
+    task.exact = columns > ns;
     task.free_count = std::max(columns - ns, 0);
     task.free = task.free_count ? free->data() : nullptr;
     task.scale = task.free_count ? unit->data() : nullptr;
