@@ -318,6 +318,48 @@ START_TEST(the_slope_of_the_cost_counts_in_what_effects_remember)
 }
 END_TEST
 
+// From a start state that stays, dS/dp = -2 J'r to the accuracy of differences. Derivatives that
+// are only close are off by 3e-4, as much as parameters that make up for each other differ.
+START_TEST(what_a_window_says_of_parameters_is_the_slope_of_its_squares)
+{
+    constexpr double STEP = 1e-5, LONGEST_STEP = 5e-3;
+    constexpr size_t FROM = 50, ROWS = 120;
+    const Runs given({});
+    mk_model m = given.model;
+    mk_record log;
+    ck_assert_int_eq(mk_record_from_log(given.folds[0][0], &m, &log, nullptr), MK_OK);
+    const std::vector<int> free = {0, 1, 2};
+    const std::vector<double> unit(free.size(), 1.0);
+    const auto finder_of = [&](const mk_model &model) {
+        std::unique_ptr<mk_start_finder> finder = mk::basic_finder(log, model);
+        finder->step = LONGEST_STEP;
+        return finder;
+    };
+    const std::unique_ptr<mk_start_finder> finder = finder_of(m);
+    std::vector<mk::WindowFit> fits;
+    fits.emplace_back(*finder, FROM, FROM + ROWS);
+    fits[0].differentiate_by(free, unit);
+    const std::vector<Eigen::VectorXd> x = {Eigen::Vector2d(1.0, 2.0)};
+    std::vector<mk::WindowNormal> said;
+    ck_assert(mk::WindowFit::normals_at(fits, x, said)[0]);
+    for (size_t i = 0; i < free.size(); i++) {
+        double squares[2];
+        for (const int side : {0, 1}) {
+            mk_model moved = m;
+            const double value = mk_model_parameter(&m, free[i]);
+            mk_model_set_parameter(&moved, free[i], value * (side ? 1.0 + STEP : 1.0 - STEP));
+            const std::unique_ptr<mk_start_finder> there = finder_of(moved);
+            squares[side] = mk::WindowFit(*there, FROM, FROM + ROWS).cost(x[0]);
+        }
+        const double difference =
+            (squares[1] - squares[0]) / (2.0 * STEP * mk_model_parameter(&m, free[i]));
+        const double slope = -2.0 * said[0].g(2 + (long)i);
+        ck_assert_msg(std::fabs(slope / difference - 1.0) < 1e-5, "parameter %d: %.9g, not %.9g",
+                      free[i], slope, difference);
+    }
+}
+END_TEST
+
 // 1 kHz, joint 1 read in every row and joint 2 in every fifth, rows 10 to 12 left out, one command
 // missing.
 START_TEST(a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_joint)
@@ -399,6 +441,7 @@ extern "C" Suite *suite_free_runs(void)
     tcase_add_test(t, a_thinned_record_keeps_the_commands_integral_and_a_reading_of_every_joint);
     tcase_add_test(t, a_log_without_readings_says_nothing_of_what_effects_remember);
     tcase_add_test(t, the_slope_of_the_cost_counts_in_what_effects_remember);
+    tcase_add_test(t, what_a_window_says_of_parameters_is_the_slope_of_its_squares);
     suite_add_tcase(s, t);
     return s;
 }
