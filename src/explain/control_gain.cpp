@@ -18,8 +18,8 @@ namespace
 {
 
 constexpr int RUNS = 5;
-constexpr int HOPELESS =
-    2; // runs, the first ones, that fail: so do the others, and each takes long
+// First runs that fail: so do the others then, and each takes long.
+constexpr int HOPELESS = 2;
 constexpr double RATE_HZ = 500.0;
 constexpr double CATCH_S = 6.0;
 constexpr double HOLD_S = 4.0;

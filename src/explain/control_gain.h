@@ -10,8 +10,8 @@ extern "C" {
 #endif
 
 /* Fills in e->control, where an extension is offered. A setup that cannot be tried (no gains can be
- * designed, the rig does not hang still) is left out; the same explanation gives the same figures.
- */
+ * designed, the rig does not hang still) is left out; the same explanation gives the same figures,
+ * with any number of threads. */
 MK_NODISCARD enum mk_status control_gain_measure(struct mk_explanation *e, int threads,
                                                  struct mk_error *err);
 

@@ -101,7 +101,6 @@ ShootTask Fit::task_of(const FitPoint &point, const Job &job, int columns)
     task.last = s.last;
     task.x = point.nodes[l].x.data() + (long)i * ns;
     task.columns = columns;
-    task.exact = true;
     task.x_end = s.x_end.data();
     task.jac_end = s.jac_end.data();
     task.row_capacity = capacity;

@@ -105,7 +105,6 @@ class Forecast
         task.model = &model;
         task.data = &data;
         task.step = options.step;
-        task.exact = true;
         task.free_count = (int)np;
         task.free = free.data();
         task.scale = scale.data();

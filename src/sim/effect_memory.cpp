@@ -135,6 +135,7 @@ void Chain::run()
         ShootTask task = task_of(f, from, way.row[k], f.t[way.row[k + 1]]);
         task.first_row = task.end_row = 1; // no readings
         task.columns = (int)columns;
+        task.close = true; // a round leaves more than these derivatives are off by
         task.free_count = (int)free.size();
         task.free = free.data();
         task.scale = unit.data();

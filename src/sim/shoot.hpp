@@ -45,8 +45,8 @@ struct ShootTask {
     const int *free;
     const double *scale; // derivatives are per scale[i] of the parameter
 
-    bool exact; // derivatives are those of the numbers that are computed; else of second order in
-                // the step, for half the time
+    bool close; // derivatives need not be those of the numbers that are computed, but of second
+                // order in the step, for half the time
 
     // Results. Columns: start state (ns), then the free parameters.
     int columns;         // in: ns + free_count, or 0 for no derivatives

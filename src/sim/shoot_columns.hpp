@@ -10,9 +10,10 @@
 //     X <- X + h phi(hA) (A X + B) ,
 //     phi(Z) = (exp(Z) - 1) / Z ~ 1 + Z/2 + Z^2/6 + Z^3/24 ,
 // which of exp(hA) leaves the terms that the Runge-Kutta method has of it. For motion of frequency
-// w they are off by (hw)^2/24 of X: 7e-5 at 10 rad/s and steps of 4 ms. A start state is
-// found as well with them. Parameters are not: near a kink, or where they make up for each other,
-// close derivatives are not the slope of the cost, and make data tell more of them than they do.
+// w they are off by (hw)^2/24 of X: 7e-5 at 10 rad/s and steps of 4 ms. A start state,
+// and what effects remember up to there, is found as well with them. Parameters are not: near a
+// kink, or where they make up for each other, close derivatives are not the slope of the cost, and
+// make data tell more of them than they do.
 #ifndef MECHKIT_SIM_SHOOT_COLUMNS_HPP
 #define MECHKIT_SIM_SHOOT_COLUMNS_HPP
 

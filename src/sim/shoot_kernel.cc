@@ -437,7 +437,7 @@ class Shooter
     // Whether derivatives are those of the Runge-Kutta stages.
     bool exact() const
     {
-        return MK_DERIVATIVES && k.exact;
+        return MK_DERIVATIVES && !k.close;
     }
     // f at a state; with df/dc where that goes through the stages.
     void slopes_at(const Base &t, const Point &at, Point &f)
@@ -740,10 +740,7 @@ class Shooter
         if (slopes_known) {
             slopes_at(end, y, f1);
             take_readings(end);
-            for (int i = 0; i < ns; i++)
-                f0.v[i] = f1.v[i];
-            for (int i = 0; i < ns * columns && exact(); i++)
-                f0.d[i] = f1.d[i];
+            move(f1, f0);
         }
         move(y, x);
         // A trajectory has run away where a state is beyond 1e6 or not a number.

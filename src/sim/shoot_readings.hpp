@@ -123,8 +123,7 @@ inline void Shooter<Law>::compare(int j, const Readings &r, const Point &at, con
 //     h01 = s^2 (3 - 2 s) ,        h11 = -h s^2 (1 - s) ,
 // and g00 .. g11 are their derivatives by t, for the slope of the state (g01 = -g00). Its error
 // is of fourth order, as that of the method. A reading depends on few of the states: no others
-// have their derivatives interpolated. An idle lane has h = 0; 1 is put in
-// its place.
+// have their derivatives interpolated. An idle lane has h = 0; 1 is put in its place.
 template <class Law>
 inline void Shooter<Law>::compare_within(int j, const Readings &r, const Base &end)
 {

@@ -99,7 +99,7 @@ inline void Shooter<Law>::instants(const Base &end, const int *which, const Base
         Base rate = Base(0.0);
         Row row;
 #if MK_DERIVATIVES
-        Scalar::each(g[e].mask & (states_mask()), [&](int s) { rate += g[e].d[s] * slopes[s]; });
+        Scalar::each(g[e].mask & states_mask(), [&](int s) { rate += g[e].d[s] * slopes[s]; });
 #else
         (void)slopes;
 #endif

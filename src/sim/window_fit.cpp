@@ -521,7 +521,7 @@ ShootTask WindowFit::task_from(const VectorXd &x, double end, int columns)
     ShootTask task = task_of(f, x.data(), from, end);
     task.last = true;
     task.columns = columns;
-    task.exact = columns > ns;
+    task.close = columns == ns;
     task.free_count = std::max(columns - ns, 0);
     task.free = task.free_count ? free->data() : nullptr;
     task.scale = task.free_count ? unit->data() : nullptr;

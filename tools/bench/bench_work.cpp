@@ -90,7 +90,6 @@ bool derivatives(size_t rows, double step, double *jac)
     k.last = true;
     k.x = x;
     k.step = step;
-    k.exact = true;
     k.free_count = 7;
     k.free = number;
     k.scale = scale;

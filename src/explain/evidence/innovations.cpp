@@ -144,7 +144,6 @@ class Filter
         task.end = log.t[k + 1];
         task.x = x.data();
         task.step = STEP;
-        task.exact = true;
         task.columns = ns;
         task.x_end = x_end.data();
         task.jac_end = F.data();

@@ -110,7 +110,6 @@ bool forecast(const Hypothesis &h, const Trial &trial, bool derivatives, Forecas
     task.last = true;
     task.x = x.data();
     task.step = 2.5e-3;
-    task.exact = true;
     task.free_count = (int)free.size();
     task.free = free.data();
     task.scale = scale.data();
