@@ -740,7 +740,10 @@ class Shooter
         if (slopes_known) {
             slopes_at(end, y, f1);
             take_readings(end);
-            move(f1, f0);
+            if (exact())
+                move(f1, f0);
+            for (int i = 0; i < ns; i++)
+                f0.v[i] = f1.v[i];
         }
         move(y, x);
         // A trajectory has run away where a state is beyond 1e6 or not a number.
