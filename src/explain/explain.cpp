@@ -46,6 +46,7 @@
 #include "explain/evidence/detection.hpp"
 #include "explain/evidence/gain.hpp"
 #include "explain/evidence/innovations.hpp"
+#include "explain/given_logs.hpp"
 #include "explain/policy.hpp"
 #include "explain/report/next_experiment.hpp"
 #include "explain/report/residual_torque.hpp"
@@ -63,19 +64,6 @@ namespace mk
 
 namespace
 {
-
-using LogList = std::vector<const mk_log *>;
-
-// Whether no command acts in any of the logs, so that they leave the scale of the model open. Logs
-// that cannot be read are told of later.
-bool nothing_drives(const mk_model &model, const std::vector<const mk_log *> &logs)
-{
-    std::vector<mk_record> records(logs.size());
-    for (size_t i = 0; i < logs.size(); i++)
-        if (mk_record_from_log(logs[i], &model, &records[i], nullptr) != MK_OK)
-            return model.no_motor;
-    return scale_is_free(model, records);
-}
 
 // A model less its effects from `first` up to before `last`.
 mk_model without_effects(mk_model m, int first, int last)
@@ -799,41 +787,6 @@ class Explainer
         return true;
     }
 };
-
-// Logs as a caller gives them.
-struct LogSpan {
-    const mk_log *const *logs;
-    size_t count;
-};
-
-// Those that are not left out.
-LogList used_logs(const mk_model &model, const LogSpan &given, enum mk_data_use use)
-{
-    LogList used;
-    for (size_t i = 0; i < given.count; i++)
-        if (mk_data_check_uses(&model, given.logs[i], use))
-            used.push_back(given.logs[i]);
-    return used;
-}
-
-// All that is doubted of the logs, asked for where the caller did not.
-enum mk_status check_data(const mk_model &model, const LogSpan &logs, const LogSpan &holdouts,
-                          const mk_explain_options &options, mk_data_check &check, mk_error *err)
-{
-    enum mk_status st = MK_OK;
-    if (options.data_check)
-        check = *options.data_check;
-    else
-        st = mk_data_check_logs(&model, logs.logs, logs.count, MK_DATA_EXPLAIN, &check, err);
-    if (st == MK_OK && !options.data_check)
-        st = mk_data_check_logs(&model, holdouts.logs, holdouts.count, MK_DATA_HOLD_OUT, &check,
-                                err);
-    const mk_data_finding *fatal = mk_data_check_fatal(&check);
-    if (st == MK_OK && fatal && !options.force)
-        return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,
-                           fatal->remedy);
-    return st;
-}
 
 } // namespace
 
