@@ -141,6 +141,20 @@ START_TEST(one_fold_of_four_has_no_veto_where_the_likelihood_leaves_no_doubt)
 }
 END_TEST
 
+START_TEST(where_the_likelihood_leaves_no_doubt_folds_in_which_nothing_shows_have_no_vote)
+{
+    // One window of six in two folds of four: too few for windows to be sure.
+    mk::HeldOutFigures with = figures({1.0, 1.0, 1.0, 1.0}, 0.0), less = with;
+    for (size_t fold : {0, 1})
+        with.part[0][fold * WINDOWS] = with.window[fold * WINDOWS] = 0.01, with.square[0] -= 0.99;
+    const mk::Carried c = mk::carry_over::compare(with, less, less, NO_FLOOR, 1);
+    ck_assert_int_eq(c.better, 2);
+    ck_assert_int_eq(c.worse, 0);
+    ck_assert(!mk::carry_over::enough(c, 1, LIKELY));
+    ck_assert(mk::carry_over::enough(c, 1, WITHOUT_DOUBT));
+}
+END_TEST
+
 START_TEST(what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts)
 {
     const mk::Carried c = compared({0.5, 0.6, 0.55, 0.5}, {1.0, 1.0, 1.0, 1.0});
@@ -217,6 +231,8 @@ extern "C" Suite *suite_carry_over(void)
     tcase_add_test(t, a_part_of_a_small_rest_is_a_finding_near_the_noise_alone);
     tcase_add_test(t, the_more_models_were_asked_the_surer_one_must_be);
     tcase_add_test(t, one_fold_of_four_has_no_veto_where_the_likelihood_leaves_no_doubt);
+    tcase_add_test(t,
+                   where_the_likelihood_leaves_no_doubt_folds_in_which_nothing_shows_have_no_vote);
     tcase_add_test(t, what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts);
     tcase_add_test(t, nothing_is_to_be_closed_where_the_refitted_model_is_at_the_noise);
     tcase_add_test(t, better_in_all_logs_or_by_two_standard_errors_is_surely_better);

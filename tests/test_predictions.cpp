@@ -32,9 +32,9 @@ Effects with_zero(Effects effects, size_t log)
     return effects;
 }
 
-truth::OwnedLog record(const Effects &effects, uint64_t seed)
+truth::OwnedLog record(const Effects &effects, uint64_t seed, const char *input = nullptr)
 {
-    return truth::usual_log(MK_PLANT_PENDULUM, effects, seed);
+    return truth::usual_log(MK_PLANT_PENDULUM, effects, seed, input);
 }
 
 // Logs to learn from, with all that a search over them needs.
@@ -82,9 +82,9 @@ struct Learning {
             return a.cause.effect->name == std::string(effect);
         });
     }
-    void claim(const std::vector<truth::Effect> &effects)
+    void claim(const std::vector<truth::Effect> &effects, const char *input = nullptr)
     {
-        const truth::OwnedLog one = record(effects, 71), other = record(effects, 72);
+        const truth::OwnedLog one = record(effects, 71, input), other = record(effects, 72, input);
         const std::vector<const mk_log *> held = {one.get(), other.get()};
         found->claim(mk::HeldOut(held, WINDOW, false, 2));
     }
@@ -127,6 +127,44 @@ START_TEST(what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim)
     learning.claim({});
     ck_assert(!learning.names("cogging"));
     ck_assert(learning.suspects("cogging"));
+}
+END_TEST
+
+START_TEST(held_out_data_in_which_a_limit_is_not_met_have_no_say_against_it)
+{
+    const Effects limit = {{"saturation", 0, {{"limit", 4.0}}}};
+    Learning learning(limit);
+    ck_assert(learning.names("saturation"));
+    learning.claim(limit, "free");
+    ck_assert(learning.names("saturation"));
+}
+END_TEST
+
+START_TEST(a_law_of_friction_gives_way_to_the_one_that_is_likelier_beside_what_was_found_later)
+{
+    // As if Stribeck friction had been found before anybody knew of the cogging.
+    const Learning learning({COGGING, {"quadratic-drag", 1, {{"coefficient", 2e-3}}}});
+    const std::vector<mk::Candidate> coggings =
+        learning.search->starts(learning.model, "cogging", 1);
+    const auto cogging = std::find_if(coggings.begin(), coggings.end(), [](const mk::Candidate &c) {
+        return c.value[mk_effect_parameter_index(c.effect, "cycles")] == COGGING.value.at("cycles");
+    });
+    ck_assert(cogging != coggings.end());
+    const mk::Candidate wrong = learning.search->starts(learning.model, "stribeck", 1).front();
+    mk_model with, both;
+    ck_assert(mk::with_candidate(learning.model, wrong, with));
+    ck_assert(mk::with_candidate(with, *cogging, both));
+    mk::PredictionSearch begun(*learning.search, *learning.runs, learning.model);
+    ck_assert(begun.take(both, both.effect, {{wrong}, {*cogging}}, 1));
+    begun.decide();
+    const auto named = [&](const char *effect) {
+        return std::any_of(begun.causes.begin(), begun.causes.end(), [&](const mk::Carrier &c) {
+            return c.cause.effect->name == std::string(effect);
+        });
+    };
+    ck_assert(named("cogging"));
+    ck_assert(named("quadratic-drag"));
+    ck_assert(!named("stribeck"));
 }
 END_TEST
 
@@ -181,26 +219,33 @@ START_TEST(a_search_that_is_stopped_finds_nothing)
 }
 END_TEST
 
-// What a fit of the logs says of the size of a cogging, over its value.
-static double error_of_cogging(const Effects &effects)
+// What a fit of the logs says of the size of an effect, over its value.
+static double error_of(const char *effect, const Effects &effects)
 {
     const Learning learning(effects);
-    const mk::Candidate cogging = learning.search->starts(learning.model, "cogging", 1).front();
+    const mk::Candidate start = learning.search->starts(learning.model, effect, 1).front();
     mk_model with;
-    ck_assert(mk::with_candidate(learning.model, cogging, with));
+    ck_assert(mk::with_candidate(learning.model, start, with));
     mk::RunFit fit;
     fit.point = learning.runs->start(with);
     ck_assert(learning.runs->converge(fit.point, mk::fitted_parameters(with), 2, fit.quadratic));
     mk::Hypothesis said;
     said.point.model = fit.point.model;
     learning.found->judge(fit, said);
-    return mk::Search::relative_error(said, 0, cogging.size);
+    return mk::Search::relative_error(said, 0, start.size);
 }
 
 START_TEST(the_size_of_what_is_not_there_is_open)
 {
-    ck_assert_double_lt(error_of_cogging({COGGING}), 0.1);
-    ck_assert_double_gt(error_of_cogging({}), 1.0);
+    ck_assert_double_lt(error_of("cogging", {COGGING}), 0.1);
+    ck_assert_double_gt(error_of("cogging", {}), 1.0);
+}
+END_TEST
+
+START_TEST(an_imbalance_is_there_for_sure_though_gravity_can_be_any_part_of_it)
+{
+    const truth::Effect imbalance = {"imbalance", 1, {{"moment", 0.2}, {"phase", 1.2}}};
+    ck_assert_double_lt(error_of("imbalance", {imbalance}), 0.1);
 }
 END_TEST
 
@@ -285,6 +330,10 @@ Suite *suite_predictions(void)
     tcase_set_timeout(t, 120);
     tcase_add_test(t, what_held_out_data_confirm_is_claimed);
     tcase_add_test(t, what_held_out_data_do_not_confirm_is_a_suspect_and_no_claim);
+    tcase_add_test(t, held_out_data_in_which_a_limit_is_not_met_have_no_say_against_it);
+    tcase_add_test(
+        t, a_law_of_friction_gives_way_to_the_one_that_is_likelier_beside_what_was_found_later);
+    tcase_add_test(t, an_imbalance_is_there_for_sure_though_gravity_can_be_any_part_of_it);
     tcase_add_test(t, where_the_model_predicts_to_its_noise_nothing_is_chosen);
     tcase_add_test(t, zeros_that_differ_are_missed_beside_causes_that_were_found_first);
     tcase_add_test(t, zeros_that_are_the_same_are_not);

@@ -472,7 +472,8 @@ OwnedLog as_log(const Log &made, const Rig &rig, const Recording &how)
     return owned;
 }
 
-OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, uint64_t seed)
+OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, uint64_t seed,
+                   const char *input)
 {
     Rig rig;
     Recording how;
@@ -483,7 +484,7 @@ OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, 
     rig.effects = effects;
     how.rate = 250.0;
     how.seconds = 4.0;
-    how.input = seed % 2 ? "multisine" : "chirp";
+    how.input = input ? input : seed % 2 ? "multisine" : "chirp";
     how.seed = seed;
     return as_log(record(rig, how), rig, how);
 }

@@ -47,8 +47,9 @@ Case make_case(const Wish &wish);
 
 OwnedLog as_log(const Log &made, const Rig &rig, const Recording &how);
 // 4 s at 250 Hz of a rig with the usual parameters and these effects: a multisine where the seed is
-// odd, else a chirp.
-OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, uint64_t seed);
+// odd, else a chirp, unless another input is named.
+OwnedLog usual_log(enum mk_plant_kind kind, const std::vector<Effect> &effects, uint64_t seed,
+                   const char *input = nullptr);
 // Names of effects that can hide in a rig (catalogue entries only).
 std::vector<std::string> hideable(const std::string &rig);
 extern const std::vector<std::string> rig_kinds;

@@ -9,7 +9,8 @@
 // The road: screen() asks all candidates cheaply; add_one() fits the most promising in full, and of
 // those whose carried figures are enough takes the one of least L; exchange() tries in the place of
 // each cause what came next when it was found; decide() leaves out each cause with all others
-// fitted again, and drops the weakest that is not missed; claim() asks data that chose nothing.
+// fitted again, drops the weakest that is not missed, and has other laws of friction in the place
+// of each that stays; claim() asks data that chose nothing.
 #include "explain/search/prediction_search.hpp"
 
 #include <algorithm>
@@ -385,7 +386,7 @@ static std::vector<Asked> to_be_fitted(const std::vector<Asked> &promising,
 // What might carry over, the most promising first: by the mean log ratio of windows (what is better
 // in most of them), and by the share of the gap (what takes away most of the error, be it in a
 // few), in turn.
-std::vector<Asked> PredictionSearch::screen()
+std::vector<Asked> PredictionSearch::screen(const std::function<bool(const Candidate &)> &wanted)
 {
     // Over a window frequencies are told apart less finely than over a log.
     constexpr int SKIPPED = 3;
@@ -399,7 +400,7 @@ std::vector<Asked> PredictionSearch::screen()
         possible.insert(possible.end(), own.begin(), own.end());
     }
     for (const Candidate &c : possible) {
-        if (is_library(c.effect) || is_backlash(c.effect) ||
+        if (is_library(c.effect) || is_backlash(c.effect) || !wanted(c) ||
             (c.effect->state_count > 0 && c.linear && ++resonances % SKIPPED != 0))
             continue;
         if (c.linear)
@@ -462,7 +463,7 @@ std::vector<RunFit> PredictionSearch::fit_in_full(const std::vector<Asked> &aske
 // which one rather than another.
 bool PredictionSearch::add_one()
 {
-    std::vector<RunFit> full_fits = fit_in_full(screen());
+    std::vector<RunFit> full_fits = fit_in_full(screen([](const Candidate &) { return true; }));
     const double now = penalised_nlml(best);
     const auto may_stay = [&](const RunFit &f) {
         return carry_over::enough(f.carried, 1, now - penalised_nlml(f), policy::PART_TO_GO_ON);
@@ -520,10 +521,7 @@ bool PredictionSearch::exchange(size_t count)
         // They are few, and one may take as long as all others: all threads for each.
         for (size_t k = 0; k < others.size(); k++) {
             mk_model model;
-            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
-                return same_cause(c.cause, others[k]);
-            });
-            if (there || !with_candidate(without(i), others[k], model) ||
+            if (has_cause(others[k]) || !with_candidate(without(i), others[k], model) ||
                 !fit(best.point, model, FULL_ITERATIONS, threads, fits[k]))
                 continue;
             fits[k].cause = others[k];
@@ -537,21 +535,63 @@ bool PredictionSearch::exchange(size_t count)
                 least = penalised_nlml(fits[k]), chosen = k;
         if (chosen == fits.size())
             continue;
-        // The new one sits last in the model; causes follow the model's order.
-        Carrier carrier = {others[chosen], {}, {}, {}};
-        std::vector<Candidate> left = std::move(others);
+        std::vector<Candidate> left = others;
         left[chosen] = causes[i].cause;
-        best = std::move(fits[chosen]);
-        causes.erase(causes.begin() + (std::ptrdiff_t)i);
-        runners_up.erase(runners_up.begin() + (std::ptrdiff_t)i);
-        causes.push_back(std::move(carrier));
-        runners_up.push_back(std::move(left));
+        put_in_place(i, std::move(fits[chosen]), std::move(left));
         i--;
         count--;
         if (!converge(best))
             return false;
     }
     return true;
+}
+
+// `fit`, which has another cause in the place of this one, becomes the best. The new cause sits
+// last in the model; causes follow the model's order.
+void PredictionSearch::put_in_place(size_t cause, RunFit fit, std::vector<Candidate> next)
+{
+    Carrier carrier = {fit.cause, {}, {}, {}};
+    best = std::move(fit);
+    causes.erase(causes.begin() + (std::ptrdiff_t)cause);
+    runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
+    causes.push_back(std::move(carrier));
+    runners_up.push_back(std::move(next));
+}
+
+// The friction of a joint is one question: which law was found early was found while others were
+// missing, and nobody would have asked for the right one then. In the place of each all laws of
+// friction at its joint are asked once more, beside all other causes (causes[i].without): those
+// that promise more than the law itself, policy::RIVALS at most, are fitted in full, and the
+// likeliest takes its place where L is less by policy::BETTER_IN_PLACE. True where one has.
+bool PredictionSearch::reconsider_frictions()
+{
+    for (size_t i = 0; i < causes.size() && !search.cancelled; i++) {
+        const Candidate law = causes[i].cause;
+        if (!causes[i].without.fine || !is_friction(law.effect, law.value))
+            continue;
+        RunFit with = std::move(best);
+        best = causes[i].without;
+        std::vector<Asked> ahead = screen([&](const Candidate &c) {
+            return c.joint == law.joint && is_friction(c.effect, c.value);
+        });
+        const auto itself = std::find_if(ahead.begin(), ahead.end(),
+                                         [&](const Asked &a) { return same_cause(a.cause, law); });
+        ahead.resize(std::min((size_t)(itself - ahead.begin()), policy::RIVALS));
+        std::vector<RunFit> fits = fit_in_full(ahead);
+        best = std::move(with);
+        if (fits.empty() ||
+            penalised_nlml(fits[0]) > penalised_nlml(best) - policy::BETTER_IN_PLACE)
+            continue;
+        put_in_place(i, std::move(fits[0]), {law});
+        return converge(best);
+    }
+    return false;
+}
+
+bool PredictionSearch::has_cause(const Candidate &cause) const
+{
+    return std::any_of(causes.begin(), causes.end(),
+                       [&](const Carrier &c) { return same_cause(c.cause, cause); });
 }
 
 mk_model PredictionSearch::without(size_t cause) const
@@ -599,7 +639,7 @@ bool PredictionSearch::has_open_size(size_t cause) const
 //     the standard error of its size is below the size.
 // Of those that do not, the one of least gain goes, and the others are asked again: they may make
 // up for it.
-void PredictionSearch::decide()
+void PredictionSearch::leave_out_idle()
 {
     while (!causes.empty() && !search.cancelled) {
         leave_out_each();
@@ -621,12 +661,24 @@ void PredictionSearch::decide()
     }
 }
 
+// A single cause is not asked again: all others were asked in its place.
+void PredictionSearch::decide()
+{
+    constexpr int MOST_CHANGES = 3;
+    leave_out_idle();
+    for (int i = 0; i < MOST_CHANGES && causes.size() > 1 && reconsider_frictions(); i++)
+        leave_out_idle();
+}
+
 void PredictionSearch::eliminate(size_t cause)
 {
     suspects.push_back({causes[cause].cause, causes[cause].carried});
     best = std::move(causes[cause].without);
     causes.erase(causes.begin() + (std::ptrdiff_t)cause);
     runners_up.erase(runners_up.begin() + (std::ptrdiff_t)cause);
+    // The way from a model with causes may lead to a base that was not reached from the given one.
+    if (causes.empty() && penalised_nlml(best) < penalised_nlml(refit))
+        refit = best;
 }
 
 // sum_j (MSE_j(less) - MSE_j(with)) / MSE_j(refit), or of a resample.
@@ -651,17 +703,27 @@ static double mean_of(const std::vector<double> &ratios, const Times &times)
     return n > 0.0 ? sum / n : 0.0;
 }
 
+// Whether held-out data hardly notice.
+static bool is_silent(const Interval &i)
+{
+    return i.low > -policy::WORSE_FOLD && i.high < policy::WORSE_FOLD;
+}
+
 // The cause without which held-out data are predicted as well within what chance would do, if any.
 // With MSE_j the mean squared error of joint j, of the best model (with), without the cause (less)
 // and refitted,
 //     gain  = sum_j (MSE_j(less) - MSE_j(with)) / MSE_j(refit) ,
 //     ratio = mean over windows of log(with / less) ,
-// and 90 % intervals of both from resamples of logs and windows, it is confirmed if
+// and 90 % intervals of both from resamples of logs and windows, it is confirmed if it closes more
+// than policy::LEAST_SHARE of MSE_j(refit) or LEAST_OF_REST of MSE_j(less), in the mean over
+// joints, and
 //     the interval of gain is above 0 , or
 //     gain > 0 and the interval of ratio is below 0 , or
-//     no fold was worse, the likelihood leaves no doubt, and gain > policy::SHOWS a joint.
+//     no fold was worse, the likelihood leaves no doubt, and gain > policy::SHOWS a joint , or
+//     the same, and both intervals are within policy::WORSE_FOLD of 0 .
 // A few windows make up most of the squares, hence the second; two logs more are too few for an
-// interval, hence the third. Of several that are not, the one of least gain.
+// interval, hence the third; and what held-out data do not show, as a limit that they do not meet,
+// they have no say against, hence the last. Of several that are not, the one of least gain.
 size_t PredictionSearch::least_confirmed(const HeldOut &held) const
 {
     const int joints = mk_model_joints(&base);
@@ -692,7 +754,8 @@ size_t PredictionSearch::least_confirmed(const HeldOut &held) const
             c.worse == 0 &&
             penalised_nlml(causes[i].without) - penalised_nlml(best) > policy::NO_DOUBT;
         const bool confirmed = sure[0].low > 0.0 || (more > 0.0 && sure[1].high < 0.0) ||
-                               (everywhere && more > policy::SHOWS * joints);
+                               (everywhere && (more > policy::SHOWS * joints ||
+                                               (is_silent(sure[0]) && is_silent(sure[1]))));
         if (!confirmed && more < least)
             least = more, weakest = i;
     }
@@ -717,10 +780,7 @@ void PredictionSearch::face_rivals()
             mk_model m;
             RunFit faced;
             faced.cause = rival;
-            const bool there = std::any_of(causes.begin(), causes.end(), [&](const Carrier &c) {
-                return same_cause(c.cause, rival);
-            });
-            if (!there && less.fine && with_candidate(less.point.model, rival, m) &&
+            if (!has_cause(rival) && less.fine && with_candidate(less.point.model, rival, m) &&
                 fit(less.point, m, FULL_ITERATIONS, threads, faced) && plausible(faced))
                 causes[i].rivals.push_back(std::move(faced));
         }

@@ -8,6 +8,8 @@
 #ifndef MECHKIT_EXPLAIN_SEARCH_PREDICTION_SEARCH_HPP
 #define MECHKIT_EXPLAIN_SEARCH_PREDICTION_SEARCH_HPP
 
+#include <functional>
+
 #include "explain/evidence/carry_over.hpp"
 #include "explain/search/search.hpp"
 #include "ident/free_runs.hpp"
@@ -63,7 +65,7 @@ class PredictionSearch
     // What leaving data out says of all that is in this model against another one's, and by how
     // much the log likelihood of independent errors is better.
     Carried against(const PredictionSearch &other, double &gain) const;
-    // Keeps those that carry over beside all others.
+    // Keeps those that carry over beside all others, or what does better in the place of one.
     void decide();
     // Keeps those of them that data which did not choose them confirm, and has their rivals in
     // their place.
@@ -74,6 +76,7 @@ class PredictionSearch
     const RunFit &refitted() const { return refit; }
     const RunFit &extended() const { return best; }
     int tried() const { return most_tried; }
+    bool has_cause(const Candidate &cause) const;
     // A cause, and those that nearly did as well when it was found.
     std::vector<Candidate> contenders(size_t cause) const;
     // What free runs say of how good a fit is and of its parameters, in place of what the
@@ -108,18 +111,21 @@ class PredictionSearch
                       std::vector<Asked> &out) const;
     void screen_others(const std::vector<Candidate> &some, const RunFit &less,
                        std::vector<Asked> &out);
-    std::vector<Asked> screen();
+    std::vector<Asked> screen(const std::function<bool(const Candidate &)> &wanted);
     std::vector<RunFit> fit_in_full(const std::vector<Asked> &asked) const;
     double penalised_nlml(const RunFit &fit) const;
     bool plausible(const RunFit &fit) const;
     bool was_hopeless(const Candidate &cause) const;
     bool converge(RunFit &at) const;
     bool exchange(size_t count);
+    void put_in_place(size_t cause, RunFit fit, std::vector<Candidate> next);
+    bool reconsider_frictions();
     mk_model without(size_t cause) const;
     void face_rivals();
     std::vector<std::vector<Candidate>> runners_up; // by cause
     void leave_out_each();
     bool has_open_size(size_t cause) const;
+    void leave_out_idle();
     void eliminate(size_t cause);
     size_t least_confirmed(const HeldOut &held) const;
 };

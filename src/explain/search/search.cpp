@@ -495,19 +495,35 @@ bool Search::plausible(const mk_model &model, const Candidate &cause,
 }
 
 // Standard error of a parameter over its value, from the covariance of the fit (Cramer-Rao). 0
-// where it is not fitted.
+// where it is not fitted. Of an amplitude with a phase, or a stiffness with a centre, these are
+// held: a sin(q + b) vanishes along its own direction, in which base parameters that stand in for
+// one of its two components say nothing of the other.
 double Search::relative_error(const Hypothesis &h, int effect, int parameter)
 {
     const mk_model &m = h.point.model;
-    int number = mk_plant(m.plant)->parameter_count + parameter;
+    const mk_effect_info &info = *mk_effect(m.effect[effect].index);
+    int first = mk_plant(m.plant)->parameter_count;
     for (int e = 0; e < effect; e++)
-        number += mk_effect(m.effect[e].index)->parameter_count;
-    const std::vector<int> free = fitted_parameters(m);
-    const auto place = std::find(free.begin(), free.end(), number);
+        first += mk_effect(m.effect[e].index)->parameter_count;
+    const std::vector<int> all = fitted_parameters(m);
+    std::vector<int> free;
+    std::vector<long> kept;
+    for (size_t i = 0; i < all.size(); i++) {
+        const int k = all[i] - first;
+        const bool own = k >= 0 && k < info.parameter_count;
+        if (parameter == 0 && own &&
+            (info.parameter[k].fit == MK_FIT_ANGLE || info.parameter[k].fit == MK_FIT_CENTRE))
+            continue;
+        free.push_back(all[i]);
+        kept.push_back((long)i);
+    }
+    const auto place = std::find(free.begin(), free.end(), first + parameter);
     if (place == free.end())
         return 0.0;
+    QuadraticModel held;
+    held.information = h.quadratic.information(kept, kept);
     const long i = place - free.begin();
-    const double error = std::sqrt(Fit::covariance(m, h.quadratic, free)(i, i));
+    const double error = std::sqrt(Fit::covariance(m, held, free)(i, i));
     const double relative = error / std::fabs(m.effect[effect].value[parameter]);
     return std::isfinite(relative) ? relative : HUGE_VAL;
 }
