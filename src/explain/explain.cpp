@@ -489,6 +489,7 @@ class Explainer
             go_on_without_predictions();
         if (speaks_for_itself())
             return false;
+        begin_with_likely_causes(prediction, refit);
         std::unique_ptr<CauseSearch> likely = std::move(causes);
         const bool taken = take_predictions(prediction, refit);
         if (taken && !causes->rounds.empty())
@@ -501,6 +502,29 @@ class Explainer
             return false;
         std::swap(causes, likely);
         return true;
+    }
+    // Several causes can hide each other so well that none predicts by itself, and only all
+    // together do. Likelihood, which looks no further ahead than a shooting interval, may have
+    // found them: a search that begins with them takes the place of `prediction` where it ends
+    // likelier, those that do not carry over left out. Where likelihood has given up its causes say
+    // nothing.
+    void begin_with_likely_causes(std::unique_ptr<PredictionSearch> &prediction,
+                                  const Hypothesis &refit)
+    {
+        auto beside = std::make_unique<PredictionSearch>(*search, *free_runs, refit.point.model);
+        const auto is_likelier = [&] {
+            return beside->surprise() < prediction->surprise() - policy::BETTER_IN_PLACE;
+        };
+        if (causes->rounds.empty() || causes->gives_up() || !causes->hand_over(*beside) ||
+            !is_likelier())
+            return;
+        beside->decide();
+        const bool others = std::any_of(beside->causes.begin(), beside->causes.end(),
+                                        [&](auto &c) { return !prediction->has_cause(c.cause); });
+        if ((!others && !is_likelier()) || !beside->go_on() || !is_likelier())
+            return;
+        beside->decide();
+        prediction = std::move(beside);
     }
     // Whether likelihood has found what is missing, or most of it.
     bool speaks_for_itself() const

@@ -107,6 +107,20 @@ struct Gain {
             near = near && f.nrmse(j) * held.deviation(model, j) < nearly * noise(j);
         return near;
     }
+    // Whether the data that were learnt from show what those held out do not: the refitted model is
+    // farther than policy::FAR_FROM_READ times the noise from them,
+    //     s_j sd_j > policy::FAR_FROM_READ noise_j   at some joint .
+    bool misses_training() const
+    {
+        const HeldOut training(data.rows, out.window_s, data.second_half, options.threads);
+        HeldOutFigures figures;
+        if (training.figures(out.refit, figures, nullptr) != MK_OK)
+            return true;
+        for (int j = 0; j < mk_model_joints(&model); j++)
+            if (figures.nrmse(j) * training.deviation(model, j) > policy::FAR_FROM_READ * noise(j))
+                return true;
+        return false;
+    }
     // s_j <= times n_j at every joint.
     bool within(double times, const HeldOut &held, const HeldOutFigures &f) const
     {
@@ -221,7 +235,8 @@ struct Gain {
         for (int i = 0; i < mk_plant(model.plant)->parameter_count; i++)
             out.extended.parameter_stderr[i] =
                 std::isfinite(out.std_error[i]) ? out.std_error[i] : 0.0;
-        if (!found && out.verdict == MK_VERDICT_UNKNOWN && at_noise(held, refitted)) {
+        if (!found && out.verdict == MK_VERDICT_UNKNOWN && at_noise(held, refitted) &&
+            !misses_training()) {
             // A model that bends to its data leaves its values open, and what it predicts does not.
             const bool off = verdict.values_off() || clearly_worse(before, refitted);
             out.verdict = off ? MK_VERDICT_PARAMETERS : MK_VERDICT_NONE;
