@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <stdexcept>
 
 #include "mechkit/explain.h"
 #include "support/cases.hpp"
@@ -128,6 +129,41 @@ START_TEST(every_law_agrees_with_an_independent_simulator)
         ck_assert_msg(a.worst < 0.6, "%s on %s: %.3g counts apart", effect.c_str(), rig.c_str(),
                       a.worst);
     }
+}
+END_TEST
+
+// What remembers the past does so wherever it stands in the list.
+START_TEST(the_independent_simulator_does_not_mind_in_which_order_effects_are_hidden)
+{
+    truth::Rig rig;
+    mk_model m;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    rig.kind = "pendulum";
+    rig.p.assign(m.parameter, m.parameter + mk_plant(MK_PLANT_PENDULUM)->parameter_count);
+    rig.effects = {{"stiction", 1, {{"level", 0.3}, {"stiffness", 8.0}, {"damping", 0.2}}},
+                   {"deadband", 0, {{"width", 0.05}}},
+                   {"viscous", 1, {{"coefficient", 0.01}}},
+                   {"base-tilt", 0, {{"angle", 0.02}}},
+                   {"quadratic-drag", 1, {{"coefficient", 1e-3}}}};
+    truth::Recording how;
+    how.rate = 250.0, how.seconds = 3.0, how.input = "multisine";
+    const truth::Log first = truth::record(rig, how);
+    std::reverse(rig.effects.begin(), rig.effects.end());
+    const truth::Log last = truth::record(rig, how);
+    double moved = 0.0;
+    for (size_t k = 0; k < first.t.size(); k++) {
+        ck_assert_double_eq_tol(first.angle[0][k], last.angle[0][k], 1e-6);
+        moved = std::max(moved, std::fabs(first.angle[0][k] - first.angle[0][0]));
+    }
+    ck_assert_double_gt(moved, 0.05);
+    rig.effects.resize(9, rig.effects[0]);
+    bool refused = false;
+    try {
+        truth::record(rig, how);
+    } catch (const std::invalid_argument &) {
+        refused = true;
+    }
+    ck_assert(refused);
 }
 END_TEST
 
@@ -557,6 +593,7 @@ extern "C" Suite *suite_hidden(void)
 {
     Suite *s = suite_create("hidden");
     TCase *laws = tcase_create("laws");
+    tcase_add_test(laws, the_independent_simulator_does_not_mind_in_which_order_effects_are_hidden);
     tcase_set_timeout(laws, 120);
     tcase_set_tags(laws, "long");
     tcase_add_loop_test(laws, every_law_agrees_with_an_independent_simulator, 0,

@@ -45,10 +45,12 @@ Kind kind_of(const std::string &name)
 // BASE what the rig stands on.
 enum { LINK1, LINK2, LIGHT, BASE, BODIES };
 
+constexpr int MOST_EFFECTS = 8;
+
 struct State {
     double y[BODIES] = {0.0, 0.0, 0.0, 0.0}, v[BODIES] = {0.0, 0.0, 0.0, 0.0};
     double lag = 0.0;
-    double memory[4] = {0.0, 0.0, 0.0, 0.0}; // of the effect at the same place in the list
+    double memory[MOST_EFFECTS] = {}; // of the effect at the same place in the list
 };
 
 struct Forces {
@@ -60,6 +62,8 @@ class Machine
   public:
     Machine(const Rig &r) : rig(r), kind(kind_of(r.kind)), p(r.p)
     {
+        if (r.effects.size() > MOST_EFFECTS)
+            throw std::invalid_argument("a rig hides 8 effects at most");
         play = find("backlash");
         rocking = find("base-compliance");
         two = joints_of(r.kind) == 2;
@@ -477,7 +481,7 @@ State along(const State &s, const State &d, double h)
     for (int i = 0; i < BODIES; i++)
         r.y[i] += h * d.y[i], r.v[i] += h * d.v[i];
     r.lag += h * d.lag;
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < MOST_EFFECTS; i++)
         r.memory[i] += h * d.memory[i];
     return r;
 }
@@ -768,7 +772,7 @@ struct Live::Inside {
     // For a hand: the machine keeps where its effects are.
     static Rig with_room(Rig r)
     {
-        r.effects.reserve(sizeof State::memory / sizeof(double));
+        r.effects.reserve(MOST_EFFECTS);
         return r;
     }
     void note()
