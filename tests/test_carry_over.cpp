@@ -155,6 +155,30 @@ START_TEST(where_the_likelihood_leaves_no_doubt_folds_in_which_nothing_shows_hav
 }
 END_TEST
 
+START_TEST(where_the_likelihood_leaves_no_doubt_one_window_that_missed_most_is_enough)
+{
+    // A limit that is met once, by chance hardly in a second fold, and costs a trifle elsewhere:
+    // the mean is within its standard error of nothing.
+    mk::HeldOutFigures less = figures({1.0, 1.0, 1.0, 1.0}, 0.0);
+    less.part[0][0] = less.window[0] = 3.0, less.square[0] += 2.0;
+    mk::HeldOutFigures with = less;
+    const auto becomes = [&](size_t w, double square) {
+        with.square[0] += square - with.window[w];
+        with.part[0][w] = with.window[w] = square;
+    };
+    becomes(0, 0.03);
+    becomes(WINDOWS, 0.97);
+    for (size_t w = 2 * WINDOWS; w < 4 * WINDOWS; w++)
+        becomes(w, 1.01);
+    const mk::Carried c = mk::carry_over::compare(with, less, less, NO_FLOOR, 1);
+    ck_assert_int_eq(c.better, 2);
+    ck_assert_int_eq(c.worse, 0);
+    ck_assert(!mk::carry_over::promising(c));
+    ck_assert(!mk::carry_over::enough(c, 1, LIKELY));
+    ck_assert(mk::carry_over::enough(c, 1, WITHOUT_DOUBT));
+}
+END_TEST
+
 START_TEST(what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts)
 {
     const mk::Carried c = compared({0.5, 0.6, 0.55, 0.5}, {1.0, 1.0, 1.0, 1.0});
@@ -233,6 +257,7 @@ extern "C" Suite *suite_carry_over(void)
     tcase_add_test(t, one_fold_of_four_has_no_veto_where_the_likelihood_leaves_no_doubt);
     tcase_add_test(t,
                    where_the_likelihood_leaves_no_doubt_folds_in_which_nothing_shows_have_no_vote);
+    tcase_add_test(t, where_the_likelihood_leaves_no_doubt_one_window_that_missed_most_is_enough);
     tcase_add_test(t, what_the_likelihood_does_not_ask_for_is_no_cause_however_it_predicts);
     tcase_add_test(t, nothing_is_to_be_closed_where_the_refitted_model_is_at_the_noise);
     tcase_add_test(t, better_in_all_logs_or_by_two_standard_errors_is_surely_better);

@@ -583,7 +583,8 @@ bool PredictionSearch::reconsider_frictions()
             penalised_nlml(fits[0]) > penalised_nlml(best) - policy::BETTER_IN_PLACE)
             continue;
         put_in_place(i, std::move(fits[0]), {law});
-        return converge(best);
+        converge(best);
+        return true; // what others are without it is known no longer
     }
     return false;
 }
@@ -714,9 +715,7 @@ static bool is_silent(const Interval &i)
 // and refitted,
 //     gain  = sum_j (MSE_j(less) - MSE_j(with)) / MSE_j(refit) ,
 //     ratio = mean over windows of log(with / less) ,
-// and 90 % intervals of both from resamples of logs and windows, it is confirmed if it closes more
-// than policy::LEAST_SHARE of MSE_j(refit) or LEAST_OF_REST of MSE_j(less), in the mean over
-// joints, and
+// and 90 % intervals of both from resamples of logs and windows, it is confirmed if
 //     the interval of gain is above 0 , or
 //     gain > 0 and the interval of ratio is below 0 , or
 //     no fold was worse, the likelihood leaves no doubt, and gain > policy::SHOWS a joint , or
