@@ -246,6 +246,13 @@ static truth::Case drawn(uint64_t seed, const char *foreign = nullptr)
     return truth::make_case(wish);
 }
 
+static truth::Case drawn_several(uint64_t seed)
+{
+    truth::Wish wish;
+    wish.kind = "several", wish.seed = seed;
+    return truth::make_case(wish);
+}
+
 START_TEST(an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named)
 {
     // Which part of it gravity's own parameter takes is anybody's guess.
@@ -402,9 +409,7 @@ END_TEST
 START_TEST(what_held_out_data_do_not_show_is_not_taken_for_explained)
 {
     // The refitted model predicts them, and is many times the noise from the data learnt from.
-    truth::Wish wish;
-    wish.kind = "several", wish.seed = 61398;
-    truth::Case c = truth::make_case(wish);
+    truth::Case c = drawn_several(61398);
     mk_explanation e = explained(c);
     ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
     ck_assert_double_lt(e.after[0], 0.5 * e.before[0]);
@@ -444,9 +449,7 @@ END_TEST
 
 START_TEST(causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for)
 {
-    truth::Wish wish;
-    wish.kind = "several", wish.seed = 52109;
-    truth::Case c = truth::make_case(wish);
+    truth::Case c = drawn_several(52109);
     mk_explanation e = explained(c);
     ck_assert_str_eq(mk_verdict_name(e.verdict), "partial");
     ck_assert_int_gt(e.tried, 0);
@@ -464,9 +467,7 @@ END_TEST
 START_TEST(
     a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first)
 {
-    truth::Wish wish;
-    wish.kind = "several", wish.seed = 55136;
-    truth::Case c = truth::make_case(wish);
+    truth::Case c = drawn_several(55136);
     mk_explanation e = explained(c);
     ck_assert_int_ge(e.cause_count, 3);
     ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
