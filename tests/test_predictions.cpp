@@ -249,6 +249,30 @@ START_TEST(an_imbalance_is_there_for_sure_though_gravity_can_be_any_part_of_it)
 }
 END_TEST
 
+START_TEST(a_model_that_stays_far_behind_another_is_no_rival_of_it)
+{
+    constexpr double FEW_PASSES = 50.0; // over the data; to its end it takes twice as many
+    const OneLog one({{"cogging", 1, {{"amplitude", 0.5}, {"cycles", 4.0}, {"phase", 0.7}}}});
+    const auto cogs = [](const mk::Candidate &c) { return c.value[1] == 4.0; };
+    mk::Search search({&one.fit_log}, one.options);
+    mk::Hypothesis with, h;
+    const std::vector<mk::Candidate> starts = search.starts(one.model, "cogging", 1);
+    mk_model right, more;
+    ck_assert(
+        mk::with_candidate(one.model, *std::find_if(starts.begin(), starts.end(), cogs), right));
+    ck_assert(search.refit(right, nullptr, with));
+    // What differs by little is one.
+    ck_assert(
+        mk::with_candidate(with.point.model, search.starts(right, "viscous", 2).front(), more));
+    ck_assert(search.refit_at(more, with, with.process_noise, h));
+    const double before = search.work_done();
+    ck_assert(!search.refit_at(one.model, with, with.process_noise, h));
+    ck_assert_double_lt(search.work_done() - before, FEW_PASSES);
+    // With as much process noise as it takes it is a fit like any other.
+    ck_assert(search.refit_at(one.model, with, 1.0, h));
+}
+END_TEST
+
 START_TEST(a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one)
 {
     // Where a joint never comes near the speed from which Stribeck friction falls, it is dry
@@ -339,6 +363,7 @@ Suite *suite_predictions(void)
     tcase_add_test(t, zeros_that_are_the_same_are_not);
     tcase_add_test(t, a_search_that_is_stopped_finds_nothing);
     tcase_add_test(t, the_size_of_what_is_not_there_is_open);
+    tcase_add_test(t, a_model_that_stays_far_behind_another_is_no_rival_of_it);
     tcase_add_test(t, a_law_whose_shape_the_data_leave_open_gives_way_to_a_simpler_one);
     tcase_add_test(t, a_runner_up_of_predictions_leads_only_where_it_is_likelier);
     tcase_add_test(t, where_a_search_starts_follows_from_its_data_before_any_fit);

@@ -43,6 +43,9 @@ struct FitOptions {
     // Most work of one minimisation, in passes over the data with steps of 2.5 ms and without
     // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
     double max_passes = HUGE_VAL;
+    // Cost that is worth the work: a minimisation whose pace does not lead below it by its last
+    // iteration is given up, and fails.
+    double worth = HUGE_VAL;
     int threads = 1;
     // Model whose base parameters are right within a factor of some three, must outlive the fit: it
     // keeps values that the data do not determine from running away, and is not heard against what
@@ -204,6 +207,7 @@ class Fit
     void carry_apart(FitPoint &point, size_t log);
     void thin(ShootingNodes &nodes) const;
     struct Descent;
+    bool is_hopeless(const FitPoint &point, const Descent &d) const;
     bool step_down(FitPoint &point, const std::vector<int> &free, QuadraticModel &p, Descent &d);
     void accept(FitPoint &point, FitPoint trial, double length, Descent &d);
     bool minimise_finely(FitPoint &point, const std::vector<int> &free);

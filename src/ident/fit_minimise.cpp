@@ -73,7 +73,19 @@ struct Fit::Descent {
     double damping = 1e-4; // of Levenberg and Marquardt, relative to the diagonal of H
     int creeping = 0;      // steps in a row that gained less than CREEP
     double most_work;      // work_done at which it ends
+    // What the latest steps gained, the last one first.
+    double gains[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL};
 };
+
+// Whether all iterations that are left would have to gain more than the best of the latest steps
+// did to come to what is worth the work:
+//     cost - (iterations left) max(gains) > worth .
+// Far from a minimum gains come and go in fits and starts; hence the best of several.
+bool Fit::is_hopeless(const FitPoint &point, const Descent &d) const
+{
+    const double pace = *std::max_element(std::begin(d.gains), std::end(d.gains));
+    return point.cost - pace * (options.max_iterations - iterations) > options.worth;
+}
 
 // Ends when one of these holds: the quadratic model promises less than a tenth of the tolerance; a
 // step gains less than the tolerance although it was hardly damped or shortened; three steps in a
@@ -104,7 +116,7 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             converged = work_done < d.most_work; // no way down at this precision, or out of work
             break;
         }
-        if (!converged && !(p = quadratic(point, free)).finite)
+        if (is_hopeless(point, d) || (!converged && !(p = quadratic(point, free)).finite))
             return false;
     }
     return true;
@@ -153,6 +165,8 @@ void Fit::accept(FitPoint &point, FitPoint trial, double length, Descent &d)
 {
     const double gain = point.cost - trial.cost;
     left -= gain;
+    std::copy_backward(std::begin(d.gains), std::end(d.gains) - 1, std::end(d.gains));
+    d.gains[0] = gain;
     d.creeping = gain < CREEP ? d.creeping + 1 : 0;
     converged = d.creeping >= 3 || (gain < options.tolerance * (1.0 + 1e-6 * point.cost) &&
                                     d.damping < 1.0 && length > 0.3);

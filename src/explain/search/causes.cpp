@@ -437,13 +437,14 @@ bool CauseSearch::idle_without_last()
 {
     Hypothesis without;
     // A joint that was hidden has no states to start from.
-    if (mk_model_hides_joint(&best.point.model) ||
-        !search.refit_at(removed(rounds.size() - 1), best, before.process_noise, without))
+    if (mk_model_hides_joint(&best.point.model))
         return false;
+    const bool fitted =
+        search.refit_at(removed(rounds.size() - 1), best, before.process_noise, without);
     // A better start than the one before leads further at other process noises too.
-    if (without.penalised_nlml < before.penalised_nlml - 1.0)
+    if (fitted && without.penalised_nlml < before.penalised_nlml - 1.0)
         search.polish(without, true);
-    if (without.penalised_nlml < before.penalised_nlml) {
+    if (fitted && without.penalised_nlml < before.penalised_nlml) {
         without.added = before.added;
         before = without;
         if (rounds.size() == 1)

@@ -35,6 +35,11 @@ namespace
 constexpr double LOOSEST = 10.0;
 // And at which candidates are tried, at least.
 constexpr double TRIAL_NOISE = 0.01;
+// Cost beyond that of a fit to the same data from which another one is no rival, in log likelihood
+// before its readings' noise follows: with r^2 times the residuals' squares and N readings it is
+//     N/2 (r^2 - 1)  before,  N ln r  after
+// the noise was taken for r times as much, which is hundreds where the former is this.
+constexpr double FAR_BEHIND = 1000.0;
 // Loss of log likelihood a reading that no further fit makes up for.
 constexpr double LOST_SHARE = 0.3;
 
@@ -119,12 +124,14 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
 }
 
 // One solve at one process noise: cheap, and comparable with `from` only where that was fitted at
-// the same one. False where it fails.
+// the same one. There it is given up where it stays far behind. False where it fails.
 bool Search::refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
                       Hypothesis &out)
 {
     FitOptions o = fit_options();
     o.max_passes = 300.0;
+    if (process_noise == from.process_noise)
+        o.worth = from.point.cost + FAR_BEHIND;
     Fit fit(logs, o);
     out.point = fit.adopt(from.point, model);
     std::vector<int> free = fitted_parameters(model);

@@ -58,7 +58,8 @@ class Search
     // one: with the process noise that it may take, where that is more than the hypothesis has.
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out,
                double process_noise = 0.0);
-    // A hypothesis' model fitted at one process noise from another's parameters and states.
+    // A hypothesis' model fitted at one process noise from another's parameters and states. False
+    // where it cannot be, or stays far behind the other at the same process noise.
     bool refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
                   Hypothesis &out);
     // The model as it is, with the states, noise and process noise (at most this) that go best with
