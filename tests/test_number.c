@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "mechkit/number.h"
@@ -83,6 +84,69 @@ START_TEST(the_text_is_short_and_whole_numbers_have_no_exponent)
         mk_format_double(text, rows[i].value);
         ck_assert_str_eq(text, rows[i].text);
     }
+}
+END_TEST
+
+/* The shortest text of a number below 1e15 that is not whole: with the fewest digits that read
+ * back, as the C library rounds them, and without an exponent unless that is shorter. */
+static void shortest_text(double x, char *text, size_t size)
+{
+    char scientific[40], digits[20];
+    int precision = 0, count = 0;
+    do
+        snprintf(scientific, sizeof scientific, "%.*e", precision, fabs(x));
+    while (strtod(scientific, NULL) != fabs(x) && precision++ < 17);
+    for (const char *c = scientific; *c != 'e'; c++)
+        if (*c != '.')
+            digits[count++] = *c;
+    const int scale = atoi(strchr(scientific, 'e') + 1);
+    const char *sign = signbit(x) ? "-" : "";
+    if (scale >= 0)
+        snprintf(text, size, "%s%.*s.%.*s", sign, scale + 1, digits, count - scale - 1,
+                 digits + scale + 1);
+    else if (-scale + 1 + count <= (int)strlen(scientific))
+        snprintf(text, size, "%s0.%.*s%.*s", sign, -scale - 1, "0000", count, digits);
+    else
+        snprintf(text, size, "%s%s", sign, scientific);
+}
+
+static void expect_shortest(double x)
+{
+    char text[64];
+    shortest_text(x, text, sizeof text);
+    ck_assert_str_eq(exact_text(x), text);
+}
+
+START_TEST(no_number_has_more_digits_than_it_takes)
+{
+    uint64_t seed = 88172645463325252u;
+    for (int i = 0; i < 200000; i++) {
+        const double share = (double)(int64_t)bits(next_random(&seed)) * 0x1p-63;
+        const int power = (int)(bits(next_random(&seed)) % 140) - 95;
+        const double few = trunc(1000.0 * share) / 1000.0, half = trunc(share * 0x1p20) * 0x1p-21;
+        const double all[] = {share,
+                              few,
+                              ldexp(share, power),
+                              ldexp(half, power), /* of 20 bits: often in the middle */
+                              10.0 * share,
+                              few * pow(10.0, power / 10),
+                              nextafter(ldexp(1.0, power), 0.0)};
+        for (size_t k = 0; k < sizeof all / sizeof all[0]; k++)
+            if (all[k] != trunc(all[k]) && fabs(all[k]) < 1e15)
+                expect_shortest(all[k]);
+    }
+    expect_shortest(1e-30);
+    expect_shortest(nextafter(1e-30, 0.0));
+    expect_shortest(nextafter(1e15, 0.0));
+    /* Below a power of two numbers are twice as dense: what the C library rounds to may be beyond
+     * the half of a step there, where another one with as few digits is within that above. */
+    for (int power = -99; power < 0; power++) {
+        char text[64];
+        const double x = ldexp(1.0, power);
+        shortest_text(x, text, sizeof text);
+        ck_assert_uint_le(strlen(exact_text(x)), strlen(text));
+    }
+    ck_assert_str_eq(exact_text(0x1p-77), "6.617444900424222e-24");
 }
 END_TEST
 
@@ -192,6 +256,7 @@ Suite *suite_number(void)
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_double_written_and_read_is_the_same_double);
     tcase_add_test(t, the_text_is_short_and_whole_numbers_have_no_exponent);
+    tcase_add_test(t, no_number_has_more_digits_than_it_takes);
     tcase_add_test(t, numbers_are_read_in_every_usual_form);
     tcase_add_test(t, text_that_is_no_number_is_refused_and_touches_nothing);
     tcase_add_test(t, what_no_double_holds_becomes_infinity_or_zero);

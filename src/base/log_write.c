@@ -103,7 +103,7 @@ static enum mk_status put_header(struct mk_lines *lines, const char *path, const
 /* Room that a row needs at most. */
 static size_t row_size(const struct mk_log *log, size_t row)
 {
-    size_t size = log->column_count * MK_NUMBER_MAX;
+    size_t size = log->column_count * MK_NUMBER_MAX + MK_FIELD_ROOM;
     for (size_t i = 0; i < log->column_count; i++)
         if (log->columns[i].text)
             size += strlen(log->columns[i].text[row]);

@@ -115,7 +115,7 @@ enum mk_status mk_log_writer_row(struct mk_log_writer *w, const double *values)
 {
     if (w->failure.status != MK_OK)
         return w->failure.status;
-    char *at = mk_lines_reserve(&w->lines, w->column_count * MK_NUMBER_MAX);
+    char *at = mk_lines_reserve(&w->lines, w->column_count * MK_NUMBER_MAX + MK_FIELD_ROOM);
     if (!at)
         return hand_over(w);
     size_t last = w->column_count - 1;
