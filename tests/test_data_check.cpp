@@ -79,7 +79,7 @@ std::unique_ptr<mk_data_check> check_of(const mk_model &m, const Log &log,
     auto check = std::make_unique<mk_data_check>();
     mk_error err = MK_ERROR_INIT;
     const mk_log *logs[] = {log.get()};
-    ck_assert_msg(mk_data_check_logs(&m, logs, 1, use, check.get(), &err) == MK_OK, "%s",
+    ck_assert_msg(mk_data_check_logs(&m, logs, 1, use, 1, check.get(), &err) == MK_OK, "%s",
                   err.message);
     return check;
 }
@@ -203,7 +203,7 @@ START_TEST(a_still_log_among_several_is_left_out)
     ck_assert_int_eq(mk_identify(&m, none, 2, nullptr, r.get(), &err), MK_ERR_RANGE);
     ck_assert_ptr_nonnull(strstr(err.message, "nothing moves"));
     auto check = std::make_unique<mk_data_check>();
-    ck_assert_int_eq(mk_data_check_logs(&m, logs, 2, MK_DATA_EXPLAIN, check.get(), &err), MK_OK);
+    ck_assert_int_eq(mk_data_check_logs(&m, logs, 2, MK_DATA_EXPLAIN, 1, check.get(), &err), MK_OK);
     ck_assert(!mk_data_check_uses(&m, logs[0], MK_DATA_EXPLAIN));
     ck_assert(mk_data_check_uses(&m, logs[1], MK_DATA_EXPLAIN));
 }
@@ -265,7 +265,8 @@ START_TEST(one_row_is_said_to_be_too_few)
     mk_error err = MK_ERROR_INIT;
     const size_t rows = log->rows;
     log->rows = 1;
-    ck_assert_int_ne(mk_data_check_logs(&m, logs, 1, MK_DATA_IDENTIFY, check.get(), &err), MK_OK);
+    ck_assert_int_ne(mk_data_check_logs(&m, logs, 1, MK_DATA_IDENTIFY, 1, check.get(), &err),
+                     MK_OK);
     log->rows = rows;
     ck_assert_msg(strstr(err.message, "1 row is too few to learn anything from") != nullptr, "%s",
                   err.message);

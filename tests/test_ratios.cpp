@@ -369,7 +369,7 @@ START_TEST(values_that_are_far_off_do_not_turn_a_command)
     const mk_model given = scattered(truth, 30.0, 100u + seeds[_i]);
     const mk_log *one = log.get();
     auto check = std::make_unique<mk_data_check>();
-    ck_assert_int_eq(mk_data_check_logs(&given, &one, 1, MK_DATA_IDENTIFY, check.get(), nullptr),
+    ck_assert_int_eq(mk_data_check_logs(&given, &one, 1, MK_DATA_IDENTIFY, 1, check.get(), nullptr),
                      MK_OK);
     const mk_data_finding *fatal = mk_data_check_fatal(check.get());
     ck_assert_msg(!fatal, "%s", fatal ? fatal->what : "");

@@ -54,11 +54,12 @@ enum mk_data_use {
 /* Appends to *check (the caller zeroes it first) what is found in logs of the rig that `model` is
  * of. A log that is left out is a doubt. MK_ERR_PARSE: a log does not fit the model; MK_ERR_RANGE:
  * values that no rig has, too few of them, too short a time, or none of the logs moves: such data
- * cannot be used, forced or not. MK_ERR_NOMEM. */
+ * cannot be used, forced or not. MK_ERR_NOMEM. Logs are checked side by side on `threads` (0: as
+ * many as there are processors); the findings are the same. */
 MK_NODISCARD enum mk_status mk_data_check_logs(const struct mk_model *model,
                                                const struct mk_log *const *logs, size_t count,
-                                               enum mk_data_use use, struct mk_data_check *check,
-                                               struct mk_error *err);
+                                               enum mk_data_use use, int threads,
+                                               struct mk_data_check *check, struct mk_error *err);
 
 /* Whether a log is used, and not left out because nothing moves in it or, to measure on, because it
  * is too short. A log that fits the model. */

@@ -2,6 +2,7 @@
 #ifndef MECHKIT_BASE_PARALLEL_HPP
 #define MECHKIT_BASE_PARALLEL_HPP
 
+#include <algorithm>
 #include <atomic>
 #include <exception>
 #include <mutex>
@@ -11,6 +12,12 @@
 
 namespace mk
 {
+
+// As many as are wanted; as there are processors where none are.
+inline int threads_for(int wanted)
+{
+    return wanted > 0 ? wanted : std::max(1, (int)std::thread::hardware_concurrency());
+}
 
 // Calls body(0 .. count - 1), each once, on up to `threads` threads, this one included. Jobs are
 // handed out in order. The first exception stops the handing out and is thrown again here. Where

@@ -386,7 +386,8 @@ std::string complaint(const mk_import_map &map, const Consistency &as_is,
 void Checker::check_motion()
 {
     Consistency as_is = judge(map_);
-    if (!as_is.known)
+    // Where nothing is left and nothing else speaks against it, no change is called for.
+    if (!as_is.known || (as_is.error <= NOTHING_LEFT && doubts(as_is) == 0))
         return;
     Consistency best;
     best.error = HUGE_VAL;

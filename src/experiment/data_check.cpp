@@ -2,7 +2,9 @@
 #include "mechkit/data_check.h"
 
 #include <new>
+#include <vector>
 
+#include "base/parallel.hpp"
 #include "experiment/findings.hpp"
 #include "sim/record_check.hpp"
 
@@ -45,6 +47,16 @@ void check_all(const CheckedLog &c, enum mk_data_use use, Findings &out)
     check_metadata(c, out);
     check_length(c, use, out);
     check_mapping(c, out);
+}
+
+enum mk_status take_record(const mk_model &model, const mk_log &log, enum mk_data_use use,
+                           mk_record &record, mk_error *err)
+{
+    const enum mk_status st = mk_record_from_log(&log, &model, &record, err);
+    if (st != MK_OK || use == MK_DATA_SIMULATE)
+        return st;
+    const size_t fewest = use == MK_DATA_IDENTIFY ? FEWEST_ROWS : FEWEST_TO_EXPLAIN;
+    return check_record(record, model, log, fewest, err);
 }
 
 // All logs that are searched in must last for as long as the rig takes to show what it does.
@@ -96,31 +108,37 @@ bool mk_data_check_uses(const mk_model *model, const mk_log *log, enum mk_data_u
 }
 
 enum mk_status mk_data_check_logs(const mk_model *model, const mk_log *const *logs, size_t count,
-                                  enum mk_data_use use, mk_data_check *check, mk_error *err)
+                                  enum mk_data_use use, int threads, mk_data_check *check,
+                                  mk_error *err)
 try {
     using namespace mk;
     const bool learns = use != MK_DATA_SIMULATE;
-    const size_t fewest = use == MK_DATA_IDENTIFY ? FEWEST_ROWS : FEWEST_TO_EXPLAIN;
+    std::vector<mk_record> record(count);
+    enum mk_status st = MK_OK;
+    for (size_t i = 0; i < count && st == MK_OK; i++)
+        st = take_record(*model, *logs[i], use, record[i], err);
+    if (st != MK_OK)
+        return st;
     double seconds = 0.0;
     size_t used = 0;
     bool moves = false;
-    for (size_t i = 0; i < count; i++) {
-        mk_record record;
-        enum mk_status st = mk_record_from_log(logs[i], model, &record, err);
-        if (st == MK_OK && learns)
-            st = check_record(record, *model, *logs[i], fewest, err);
-        if (st != MK_OK)
-            return st;
-        Findings out(*check, *logs[i]);
-        moves = moves || record_moves(record, *model);
-        if (learns && !record_moves(record, *model)) {
+    std::vector<mk_data_check> found(count);
+    parallel_for(threads_for(threads), count, [&](size_t i) {
+        found[i] = {};
+        Findings out(found[i], *logs[i]);
+        if (learns && !record_moves(record[i], *model))
             out.doubt("nothing moves in this log, and it is left out",
                       "check that the motor was on and the encoders were read");
+        else
+            check_all({*logs[i], *model, record[i]}, use, out);
+    });
+    for (size_t i = 0; i < count; i++) {
+        Findings::append(*check, found[i]);
+        moves = moves || record_moves(record[i], *model);
+        if (learns && !record_moves(record[i], *model))
             continue;
-        }
-        check_all({*logs[i], *model, record}, use, out);
         used += mk_data_check_uses(model, logs[i], use);
-        seconds += duration_of(record);
+        seconds += duration_of(record[i]);
     }
     if (learns && count > 0 && used == 0)
         return none_is_used(*logs[0], use, moves, err);

@@ -29,6 +29,8 @@ class Findings
     {
         add(MK_DATA_FATAL, what, remedy, line);
     }
+    // Those of another list behind those that are there.
+    static void append(mk_data_check &check, const mk_data_check &more);
 
   private:
     mk_data_check &check;

@@ -39,8 +39,8 @@
 #include <cstring>
 #include <memory>
 #include <string>
-#include <thread>
 
+#include "base/parallel.hpp"
 #include "explain/control_gain.h"
 #include "explain/evidence/budget.hpp"
 #include "explain/evidence/detection.hpp"
@@ -825,8 +825,7 @@ enum mk_status mk_explain(const mk_model *model, const mk_log *const *logs, size
 try {
     auto begin = std::chrono::steady_clock::now();
     mk_explain_options o = options ? *options : mk_explain_options{};
-    if (o.threads <= 0)
-        o.threads = std::max(1, (int)std::thread::hardware_concurrency());
+    o.threads = mk::threads_for(o.threads);
     auto result = std::make_unique<mk_explanation>();
     result->window_s = o.window_s > 0.0 ? o.window_s : 1.0;
     if (!(o.most_s > 0.0))

@@ -12,10 +12,11 @@ enum mk_status check_data(const mk_model &model, const LogSpan &logs, const LogS
     if (options.data_check)
         check = *options.data_check;
     else
-        st = mk_data_check_logs(&model, logs.logs, logs.count, MK_DATA_EXPLAIN, &check, err);
+        st = mk_data_check_logs(&model, logs.logs, logs.count, MK_DATA_EXPLAIN, options.threads,
+                                &check, err);
     if (st == MK_OK && !options.data_check)
-        st = mk_data_check_logs(&model, holdouts.logs, holdouts.count, MK_DATA_HOLD_OUT, &check,
-                                err);
+        st = mk_data_check_logs(&model, holdouts.logs, holdouts.count, MK_DATA_HOLD_OUT,
+                                options.threads, &check, err);
     const mk_data_finding *fatal = mk_data_check_fatal(&check);
     if (st == MK_OK && fatal && !options.force)
         return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,

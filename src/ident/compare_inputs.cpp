@@ -8,8 +8,8 @@
 #include <limits>
 #include <memory>
 #include <new>
-#include <thread>
 
+#include "base/parallel.hpp"
 #include "ident/first_values.hpp"
 #include "ident/free_runs.hpp"
 #include "ident/left_out.hpp"
@@ -101,8 +101,7 @@ class Comparison
     Comparison(const mk_model &model_in, const mk_ident_options &options_in)
         : model(model_in), options(options_in)
     {
-        if (options.threads <= 0)
-            options.threads = std::max(1, (int)std::thread::hardware_concurrency());
+        options.threads = threads_for(options.threads);
     }
 
     // Logs in which nothing moves say nothing.

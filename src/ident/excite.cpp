@@ -33,8 +33,8 @@
 #include <limits>
 #include <memory>
 #include <new>
-#include <thread>
 
+#include "base/parallel.hpp"
 #include "base/random.h"
 #include "ident/cma_es.hpp"
 #include "ident/excite_cost.hpp"
@@ -99,7 +99,7 @@ class Excitation
         for (int number : fitted_parameters(m))
             if (!o.fixed[number])
                 free.push_back(number);
-        threads = o.threads > 0 ? o.threads : std::max(1, (int)std::thread::hardware_concurrency());
+        threads = threads_for(o.threads);
     }
 
     // Fills the plan and the figures of `out`. MK_ERR_RANGE: no free parameter; MK_ERR_NUMERIC: the

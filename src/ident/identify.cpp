@@ -54,7 +54,8 @@ enum mk_status check_data(const mk::IdentProblem &problem, const mk_log *const *
     if (problem.options.data_check)
         check = *problem.options.data_check;
     else
-        st = mk_data_check_logs(&problem.model, logs, count, MK_DATA_IDENTIFY, &check, err);
+        st = mk_data_check_logs(&problem.model, logs, count, MK_DATA_IDENTIFY,
+                                problem.options.threads, &check, err);
     const mk_data_finding *fatal = mk_data_check_fatal(&check);
     if (st == MK_OK && fatal && !problem.options.force)
         return mk_error_at(err, MK_ERR_EXPECT, fatal->file, fatal->line, 0, "%s; %s", fatal->what,

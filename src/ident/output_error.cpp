@@ -20,9 +20,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <thread>
 
 #include "base/dense.hpp"
+#include "base/parallel.hpp"
 #include "ident/first_values.hpp"
 #include "ident/fit.hpp"
 #include "ident/free_runs.hpp"
@@ -456,9 +456,7 @@ enum mk_status run(const IdentProblem &problem, mk_ident_result &r, mk_error *er
                                     [](double w) { return w > 0.0; });
     }
     FitOptions options;
-    int processors = (int)std::thread::hardware_concurrency();
-    options.threads =
-        problem.options.threads > 0 ? problem.options.threads : std::max(processors, 1);
+    options.threads = threads_for(problem.options.threads);
     Fit fit(views, options);
     fit.progress = problem.options.progress;
     fit.progress_context = problem.options.progress_context;

@@ -191,12 +191,13 @@ static int check_input(struct job *j)
 {
     struct mk_error err = MK_ERROR_INIT;
     warn_of_repeats(j->logs, (size_t)j->o.input.count, j->holdouts, j->o.holdout.count);
-    enum mk_status st =
-        mk_data_check_logs(&j->model, (const struct mk_log *const *)j->logs,
-                           (size_t)j->o.input.count, MK_DATA_EXPLAIN, &j->data_check, &err);
+    enum mk_status st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->logs,
+                                           (size_t)j->o.input.count, MK_DATA_EXPLAIN,
+                                           j->o.explain.threads, &j->data_check, &err);
     if (st == MK_OK)
         st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->holdouts,
-                                j->o.holdout.count, MK_DATA_HOLD_OUT, &j->data_check, &err);
+                                j->o.holdout.count, MK_DATA_HOLD_OUT, j->o.explain.threads,
+                                &j->data_check, &err);
     if (st != MK_OK)
         return report_error(&err);
     j->o.explain.data_check = &j->data_check;

@@ -315,10 +315,10 @@ static enum mk_status read_logs(struct job *j, struct mk_error *err)
         st = log_read_all(j->o.validate.text, checks, j->validation, err);
     if (st == MK_OK)
         st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->logs, count,
-                                MK_DATA_IDENTIFY, &j->data_check, err);
+                                MK_DATA_IDENTIFY, j->o.ident.threads, &j->data_check, err);
     if (st == MK_OK)
         st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->validation, checks,
-                                MK_DATA_HOLD_OUT, &j->data_check, err);
+                                MK_DATA_HOLD_OUT, j->o.ident.threads, &j->data_check, err);
     j->o.ident.data_check = &j->data_check;
     return st;
 }

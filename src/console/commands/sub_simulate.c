@@ -196,7 +196,7 @@ static enum mk_status say_extremes(const struct mk_model *model, const struct mk
                                    struct mk_error *err)
 {
     static struct mk_data_check check;
-    enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, &check, err);
+    enum mk_status st = mk_data_check_logs(model, &log, 1, MK_DATA_SIMULATE, 1, &check, err);
     if (st == MK_OK)
         data_checks_tell(&check);
     return st;
@@ -217,7 +217,7 @@ static void say_why_useless(const struct mk_model *model, const struct mk_log *l
     for (int j = 0; j < mk_model_joints(model); j++)
         useless = useless || figures->nrmse[j] > USELESS;
     if (useless &&
-        mk_data_check_logs(model, &log, 1, MK_DATA_IDENTIFY, &check, &ignored) == MK_OK &&
+        mk_data_check_logs(model, &log, 1, MK_DATA_IDENTIFY, 1, &check, &ignored) == MK_OK &&
         mk_data_check_fatal(&check))
         data_checks_tell(&check);
 }
