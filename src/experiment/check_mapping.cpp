@@ -9,7 +9,7 @@
 
 #include "experiment/findings.hpp"
 #include "mechkit/exchange.h"
-#include "mechkit/sim.h"
+#include "sim/predict.h"
 
 namespace mk
 {
@@ -46,7 +46,7 @@ double misfit(const mk_model &model, const mk_log &log)
     o.window_s = WINDOW_S;
     mk_predict_figures figures;
     mk_log *out = nullptr;
-    if (mk_predict(&model, &log, &o, &out, &figures, nullptr, nullptr) != MK_OK)
+    if (mk_predict_angles(&model, &log, &o, &out, &figures, nullptr, nullptr) != MK_OK)
         return 0.0;
     const Log made(out, mk_log_free);
     const double *t = mk_log_get(&log, "t"), *window = mk_log_get(out, "window");

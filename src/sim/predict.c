@@ -196,6 +196,8 @@ static size_t run_together(struct prediction *p, const struct mk_row_range *wind
         found = mk_free_angles(p->finder, window, count, x[0], status, p->q, err);
     for (size_t i = 0; i < count; i++) {
         enum mk_status st = found == MK_OK ? status[i] : found;
+        for (int j = 0; st == MK_OK && j < p->joints; j++)
+            p->dq[j][window[i].first] = x[i][p->joints + j];
         if (st == MK_OK && p->sim)
             st = run_window(p, window[i].first, window[i].last, x[i], err);
         failed += st != MK_OK;
@@ -295,7 +297,7 @@ static enum mk_status add_columns(struct prediction *p, struct mk_log *log, bool
     for (int j = 0; j < p->joints; j++)
         if (!(p->q[j] = mk_log_add_column(log, mk_log_angle(j))))
             return MK_ERR_NOMEM;
-    for (int j = 0; wanted != ANGLES_ONLY && j < p->joints; j++)
+    for (int j = 0; j < p->joints; j++)
         if (!(p->dq[j] = mk_log_add_column(log, mk_log_speed(j))))
             return MK_ERR_NOMEM;
     if (windowed && !(p->window = mk_log_add_column(log, "window")))

@@ -15,8 +15,9 @@ mk_predict_states(const struct mk_model *model, const struct mk_log *log,
                   struct mk_predict_figures *figures, size_t *failed, struct mk_error *err);
 
 /* As mk_predict, by the fixed steps of fits instead of a solver with error control, which takes a
- * twentieth of the time; options->sim is not looked at. *out has no speeds, and angles only of rows
- * that have a reading. For comparing models, all of them by the same steps. */
+ * twentieth of the time; options->sim is not looked at. *out has angles only of rows that have
+ * a reading, and speeds only where a run begins. For comparing models, all of them by the same
+ * steps. */
 MK_NODISCARD enum mk_status
 mk_predict_angles(const struct mk_model *model, const struct mk_log *log,
                   const struct mk_predict_options *options, struct mk_log **out,

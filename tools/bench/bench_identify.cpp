@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "bench_pendubot.hpp"
+#include "mechkit/data_check.h"
 #include "mechkit/ident.h"
 
 namespace
@@ -55,9 +56,12 @@ EXPORT int bench_angles(const double *parameters, int rows, double *out)
 }
 
 // Fits `runs` runs of `rows` noisy angles (runs x rows x 2) from the parameters given, which the
-// estimate replaces. 0 threads: as many as there are processors.
-EXPORT int bench_identify(const double *angles, int runs, int rows, int threads, double *parameters)
+// estimate replaces. 0 threads: as many as there are processors. With or without what is done
+// before the fit: whether the columns of the logs mean what they say.
+EXPORT int bench_identify(const double *angles, int runs, int rows, int threads, int checks,
+                          double *parameters)
 {
+    const mk_data_check nothing_found = {};
     std::vector<Log> logs;
     std::vector<const mk_log *> views;
     for (int i = 0; i < runs; i++) {
@@ -69,6 +73,7 @@ EXPORT int bench_identify(const double *angles, int runs, int rows, int threads,
     mk_model m = pendubot(parameters);
     mk_ident_options options = {};
     options.threads = threads;
+    options.data_check = checks ? nullptr : &nothing_found;
     auto r = std::make_unique<mk_ident_result>();
     if (mk_identify(&m, views.data(), views.size(), &options, r.get(), nullptr) != MK_OK)
         return 0;
