@@ -35,6 +35,19 @@ START_TEST(a_run_goes_through_its_states)
 }
 END_TEST
 
+START_TEST(a_rig_that_falls_is_not_shown_as_balanced_any_more)
+{
+    bench_build(NULL);
+    bench.ctrl.value[FALL_AT] = 150;
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.25), MK_OK);
+    ck_assert_double_eq_tol(bench_look().balanced_since, 0.2, 1e-12);
+    ck_assert_int_eq(bench_wait_for(0.25), MK_OK);
+    ck_assert(isnan(bench_look().balanced_since));
+    ck_assert_double_eq_tol(bench_look().caught_t, 0.2, 1e-12); /* the first time stays */
+}
+END_TEST
+
 START_TEST(a_loop_refuses_what_it_cannot_run)
 {
     bench_build(NULL);
@@ -231,6 +244,7 @@ Suite *suite_loop(void)
     tcase_add_checked_fixture(t, bench_setup, bench_teardown);
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_run_goes_through_its_states);
+    tcase_add_test(t, a_rig_that_falls_is_not_shown_as_balanced_any_more);
     tcase_add_test(t, a_loop_refuses_what_it_cannot_run);
     tcase_add_test(t, waiting_ends_with_its_condition_its_time_or_a_cancel);
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);

@@ -158,7 +158,7 @@ END_TEST
 
 START_TEST(parameters_out_of_range_change_nothing)
 {
-    const double bad[PARAM_COUNT] = {1e10, 1, 1e18};
+    const double bad[PARAM_COUNT] = {1e10, 1, 1e18, 1e18};
     struct mk_error err = MK_ERROR_INIT;
     bench_build(NULL);
     bench_start();

@@ -101,6 +101,18 @@ START_TEST(a_late_answer_skips_samples_and_says_so)
 }
 END_TEST
 
+START_TEST(an_answer_that_is_late_by_several_samples_skips_them_all)
+{
+    /* Tick 20 ends at 49 ms: the deadlines of 21 to 24 have passed, the first 7 ms ago. */
+    bench_build("at 20 delay 9ms");
+    struct mk_log *log = bench_log_of_run(0.2);
+    ck_assert_double_eq(mk_log_get(log, "tick")[21], 24);
+    ck_assert_double_eq_tol(mk_log_get(log, "late_us")[21], 7000.0, 1e-6);
+    ck_assert_double_eq(mk_log_get(log, "tick")[22], 25);
+    mk_log_free(log);
+}
+END_TEST
+
 /* Speed of joint 1 at tick `tick` of a run that accelerates, on a board with those faults. */
 static double speed_at(const char *faults, double tick)
 {
@@ -210,6 +222,38 @@ START_TEST(a_lost_sample_costs_one_row_and_no_time)
     }
     ck_assert_int_eq(lost, 2);
     mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_stream_whose_first_samples_are_lost_begins_at_its_own_time)
+{
+    bench.config.stream = true;
+    bench_build("at 0 drop 2");
+    struct mk_log *log = bench_log_of_run(0.2);
+    const double *tick = mk_log_get(log, "tick"), *flags = mk_log_get(log, "flags");
+    ck_assert_uint_ge(log->rows, 99);
+    for (size_t i = 0; i < log->rows; i++) {
+        ck_assert_double_eq(tick[i], (double)i);
+        ck_assert_int_eq((int)flags[i], i < 2 ? MK_FLAG_LOST : 0);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
+START_TEST(a_second_run_of_a_stream_is_timed_anew)
+{
+    bench.config.stream = true;
+    bench_build(NULL);
+    for (int run = 0; run < 2; run++) {
+        struct mk_log *log = bench_log_of_run(0.2);
+        const double *tick = mk_log_get(log, "tick"), *flags = mk_log_get(log, "flags");
+        ck_assert_uint_ge(log->rows, 100);
+        for (size_t i = 0; i < log->rows; i++) {
+            ck_assert_double_eq(tick[i], (double)i);
+            ck_assert_int_eq((int)flags[i], 0);
+        }
+        mk_log_free(log);
+    }
 }
 END_TEST
 
@@ -341,12 +385,15 @@ Suite *suite_loop_samples(void)
     tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
     tcase_add_test(t, an_exchange_that_nobody_knows_of_is_a_gap_and_a_lost_one_is_not);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
+    tcase_add_test(t, an_answer_that_is_late_by_several_samples_skips_them_all);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
     tcase_add_test(t, a_board_that_cannot_stream_is_refused);
     tcase_add_test(t, a_period_of_a_fraction_of_a_microsecond_is_refused);
     tcase_add_test(t, the_boards_clock_and_ours_make_the_same_run);
     tcase_add_test(t, a_lost_sample_costs_one_row_and_no_time);
+    tcase_add_test(t, a_stream_whose_first_samples_are_lost_begins_at_its_own_time);
+    tcase_add_test(t, a_second_run_of_a_stream_is_timed_anew);
     tcase_add_loop_test(t, a_fault_ends_the_stream_and_the_log_shows_what_followed, 0, 3);
     tcase_add_test(t, a_run_begins_with_figures_of_its_own);
     tcase_add_test(t, a_percentile_is_within_a_bin_of_the_value_that_it_stands_for);

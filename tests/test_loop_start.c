@@ -178,24 +178,57 @@ START_TEST(a_link_held_away_from_rest_does_not_start_again)
 }
 END_TEST
 
-/* The virtual board with link 2 held 300 counts from where it is. */
+/* The virtual board with one link held 300 counts and three turns from where it is. */
+static int held_joint;
+
 static enum mk_status held_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
     enum mk_status st = bench.own->exchange(board, u, out);
-    out->count[1] += 300;
+    out->count[held_joint] += 300 + 3 * bench.model.encoder_cpr[held_joint];
     return st;
 }
 
 START_TEST(a_start_says_which_link_is_how_far_from_rest)
 {
+    char expected[64];
     struct mk_error err = MK_ERROR_INIT;
     bench_build(NULL);
     bench_run(0.1);
+    held_joint = _i;
     bench_override_board()->exchange = held_exchange;
     ck_assert_int_eq(mk_loop_start(bench.loop, NULL, NULL, 0, &err), MK_ERR_FAULT);
     bench_restore_board();
     ck_assert_int_eq(bench_look().fault, MK_FAULT_NOT_HANGING);
-    ck_assert_msg(strstr(err.message, "joint 2 is 0.471 rad away") != NULL, "%s", err.message);
+    snprintf(expected, sizeof expected, "joint %d is 0.471 rad away", held_joint + 1);
+    ck_assert_msg(strstr(err.message, expected) != NULL, "%s", err.message);
+}
+END_TEST
+
+/* The virtual board with link 1 at rest after 2048 turns of 4096 counts, where counters of 24 bits
+ * wrap: a trembling of one count goes from one end of their range to the other. */
+static enum mk_status wrapping_exchange(struct mk_board *board, double u,
+                                        struct mk_board_sample *out)
+{
+    static bool odd;
+    const int32_t top = 1 << (MK_COUNTER_BITS - 1);
+    enum mk_status st = bench.own->exchange(board, u, out);
+    odd = !odd;
+    out->count[0] = odd ? top - 1 : -top;
+    return st;
+}
+
+START_TEST(a_link_that_rests_where_its_counter_wraps_starts)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench.model.encoder_cpr[0] = 4096;
+    bench_build(NULL);
+    bench_run(0.1); /* zero is known now */
+    bench_override_board()->exchange = wrapping_exchange;
+    ck_assert_msg(mk_loop_start(bench.loop, NULL, NULL, 0, &err) == MK_OK, "%s", err.message);
+    ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
+    ck_assert_double_eq_tol(bench_look().sample.q[0], -M_PI_2, 0.002);
+    bench_halt();
+    bench_restore_board();
 }
 END_TEST
 
@@ -232,7 +265,8 @@ Suite *suite_loop_start(void)
     tcase_add_test(t, swinging_links_do_not_start);
     tcase_add_loop_test(t, a_link_that_moves_either_way_is_named_and_not_started, 0, 4);
     tcase_add_test(t, a_link_held_away_from_rest_does_not_start_again);
-    tcase_add_test(t, a_start_says_which_link_is_how_far_from_rest);
+    tcase_add_loop_test(t, a_start_says_which_link_is_how_far_from_rest, 0, 2);
+    tcase_add_test(t, a_link_that_rests_where_its_counter_wraps_starts);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
     suite_add_tcase(s, t);
     return s;

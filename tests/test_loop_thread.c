@@ -141,7 +141,7 @@ END_TEST
 /* A board that does not answer for a second holds up its own thread alone. */
 START_TEST(a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time)
 {
-    const double value[PARAM_COUNT] = {1, 1, 1e18};
+    const double value[PARAM_COUNT] = {1, 1, 1e18, 1e18};
     struct mk_error err = MK_ERROR_INIT;
     bench_use_real_time(500);
     bench_build("at 50 delay 1000ms");

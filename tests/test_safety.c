@@ -352,6 +352,17 @@ START_TEST(links_away_from_rest_do_not_hang)
 }
 END_TEST
 
+START_TEST(a_joint_that_a_rig_does_not_have_has_no_limits)
+{
+    struct mk_model m;
+    struct mk_safety_limits of;
+    mk_model_default(MK_PLANT_PENDULUM, &m);
+    mk_safety_default(&m, 0.002, &of);
+    ck_assert(isinf(of.q_max[1]) && isinf(of.q_min[1]));
+    ck_assert(isfinite(of.q_max[0]) && isfinite(of.v_max[0]));
+}
+END_TEST
+
 START_TEST(wheels_and_what_is_level_rest_anywhere)
 {
     const double q[] = {2.0, M_PI};
@@ -451,6 +462,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_link_that_loses_more_than_every_fifth_exchange_trips);
     tcase_add_test(t, a_machine_that_is_late_more_than_every_second_time_trips);
     tcase_add_test(t, links_away_from_rest_do_not_hang);
+    tcase_add_test(t, a_joint_that_a_rig_does_not_have_has_no_limits);
     tcase_add_test(t, wheels_and_what_is_level_rest_anywhere);
     suite_add_tcase(s, t);
     t = tcase_create("table");

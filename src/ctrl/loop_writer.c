@@ -207,9 +207,8 @@ static void write_row(struct mk_loop_writer *w, const struct mk_sample *s)
 
 static void note(struct mk_loop_writer *w, const char *key, const char *value)
 {
-    enum mk_status st = mk_log_writer_note(w->log, key, value);
-    if (st != MK_OK)
-        atomic_store_explicit(&w->status, st, memory_order_release);
+    /* What fails here fails for the next row, and when the log is closed, as well. */
+    (void)!mk_log_writer_note(w->log, key, value);
 }
 
 static void note_fault(struct mk_loop_writer *w, enum mk_fault fault, double t, int fault_joint)
@@ -289,7 +288,6 @@ enum mk_status mk_loop_writer_open(struct mk_loop *loop, const char *path,
     while (mk_ring_pop(w->changes, &change))
         ;
     w->next_waits = false;
-    w->log = NULL;
     w->setup = loop->ctrl->ops;
     w->joints = loop->plant->joints;
     w->fault_noted = false;

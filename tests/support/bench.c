@@ -9,7 +9,7 @@
 
 #include "mechkit/rig.h"
 
-/* u = bias * scale, or NaN from tick break_at on. Phase balance from tick 100 on. */
+/* u = bias * scale, or NaN from tick break_at on. Phase balance from tick 100 to fall_at. */
 static void law_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
                      struct mk_ctrl_output *out)
 {
@@ -17,7 +17,8 @@ static void law_step(struct mk_ctrl *ctrl, const struct mk_ctrl_input *in,
     double bias = ctrl->ref ? mk_signal_at(ctrl->ref, in->t) : ctrl->value[BIAS];
     out->u = bias * ctrl->value[SCALE];
     out->ref = (double)in->tick;
-    out->phase = in->tick >= 100 ? MK_PHASE_BALANCE : MK_PHASE_SWINGUP;
+    const bool up = in->tick >= 100 && (double)in->tick < ctrl->value[FALL_AT];
+    out->phase = up ? MK_PHASE_BALANCE : MK_PHASE_SWINGUP;
     if ((double)in->tick >= ctrl->value[BREAK_AT])
         out->u = NAN;
 }
@@ -34,7 +35,8 @@ static const struct mk_ctrl_ops law = {
     .param_count = PARAM_COUNT,
     .param = {{"bias", "", "", -1e9, 1e9, 0.0, true},
               {"scale", "", "", -1e9, 1e9, 1.0, true},
-              {"break_at", "", "", 0.0, 1e18, 1e18, false}},
+              {"break_at", "", "", 0.0, 1e18, 1e18, false},
+              {"fall_at", "", "", 0.0, 1e18, 1e18, false}},
     .reset = law_reset,
     .step = law_step,
 };
@@ -171,7 +173,7 @@ void bench_restore_board(void)
 
 void bench_set_law(double bias, double scale, double break_at)
 {
-    const double value[PARAM_COUNT] = {bias, scale, break_at};
+    const double value[PARAM_COUNT] = {bias, scale, break_at, bench.ctrl.value[FALL_AT]};
     ck_assert_int_eq(mk_loop_set_params(bench.loop, value, PARAM_COUNT, NULL), MK_OK);
 }
 

@@ -20,8 +20,8 @@ struct bench {
 extern struct bench bench;
 
 /* Parameters of the test's law: u = bias * scale, the bias from the signal where there is one; no
- * number from tick break_at on; phase balance from tick 100 on, ref = tick. */
-enum { BIAS, SCALE, BREAK_AT, PARAM_COUNT };
+ * number from tick break_at on; phase balance from tick 100 to fall_at, ref = tick. */
+enum { BIAS, SCALE, BREAK_AT, FALL_AT, PARAM_COUNT };
 
 /* Check fixtures: a pendubot in simulated time, nothing built yet, a temporary file at bench.path.
  */
