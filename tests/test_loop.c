@@ -94,6 +94,16 @@ START_TEST(waiting_ends_with_its_condition_its_time_or_a_cancel)
 }
 END_TEST
 
+START_TEST(a_time_that_nobody_can_wait_is_refused)
+{
+    const double times[] = {-1.0, 2.0 * MK_LOOP_WAIT_MAX_S, INFINITY, NAN};
+    bench_build(NULL);
+    for (size_t i = 0; i < sizeof times / sizeof times[0]; i++)
+        ck_assert_int_eq(bench_wait_for(times[i]), MK_ERR_RANGE);
+    ck_assert_int_eq(mk_clock_now_ns(&bench.clock), 0);
+}
+END_TEST
+
 START_TEST(time_passes_for_the_rig_when_nothing_runs)
 {
     bench_build(NULL);
@@ -247,6 +257,7 @@ Suite *suite_loop(void)
     tcase_add_test(t, a_rig_that_falls_is_not_shown_as_balanced_any_more);
     tcase_add_test(t, a_loop_refuses_what_it_cannot_run);
     tcase_add_test(t, waiting_ends_with_its_condition_its_time_or_a_cancel);
+    tcase_add_test(t, a_time_that_nobody_can_wait_is_refused);
     tcase_add_test(t, time_passes_for_the_rig_when_nothing_runs);
     tcase_add_loop_test(t, a_tick_allocates_nothing, 0, MK_PLANT_COUNT);
     tcase_add_test(t, default_limits_hold_at_any_rate_of_the_loop);

@@ -355,6 +355,21 @@ START_TEST(links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone)
 }
 END_TEST
 
+/* A torque of its own that the model has holds link 1 against the motor, whichever way it acts. */
+START_TEST(links_that_rest_where_an_effect_of_the_model_may_hold_them_are_left_alone)
+{
+    for (int k = 0; k < 2; k++) {
+        int joint = 0;
+        watch(MK_PLANT_PENDUBOT);
+        ck_assert_int_eq(mk_model_add_effect(&model, "torque-offset", 1, NULL), MK_OK);
+        model.effect[0].value[0] = k ? 1.0 : -1.0;
+        mk_residual_init(&residual, &model, &limits);
+        ck_assert_int_eq(samples_until(MK_FAULT_STUCK, -M_PI_2, 0.0, 1.0, &joint), 2000);
+        ck_assert_int_lt(samples_until(MK_FAULT_STUCK, -M_PI_2, 0.0, 4.0, &joint), 100);
+    }
+}
+END_TEST
+
 /* A dead supply at an upright that needs no command: readings that stay as they are whatever the
  * motor does. */
 START_TEST(a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it)
@@ -506,6 +521,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, links_that_rest_where_the_model_has_them_pulled_a_little_are_left_alone);
     tcase_add_test(t, links_that_hang_cannot_rest_while_the_motor_drives);
     tcase_add_test(t, links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone);
+    tcase_add_test(t, links_that_rest_where_an_effect_of_the_model_may_hold_them_are_left_alone);
     tcase_add_test(
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
     tcase_add_test(t, a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel);

@@ -334,13 +334,8 @@ enum mk_status mk_loop_writer_finish(struct mk_loop *loop, struct mk_error *err)
     const struct mk_safety *safety = &loop->safety;
     note_fault(w, safety->fault, safety->fault_t, safety->fault_joint);
     note_summary(loop);
-    struct mk_error why = MK_ERROR_INIT;
-    enum mk_status closed = mk_log_writer_close(w->log, &why);
-    enum mk_status st = (enum mk_status)atomic_load_explicit(&w->status, memory_order_relaxed);
+    /* Whatever could not be written on the way is told here. */
+    enum mk_status st = mk_log_writer_close(w->log, err);
     w->log = NULL;
-    if (closed != MK_OK && err)
-        *err = why;
-    if (closed != MK_OK)
-        return closed;
-    return st == MK_OK ? MK_OK : mk_error_set(err, st, "the log could not be completed");
+    return st;
 }
