@@ -240,19 +240,19 @@ START_TEST(a_stream_whose_first_samples_are_lost_begins_at_its_own_time)
 }
 END_TEST
 
-/* The virtual board, with a clock that was started ten seconds before ours. */
-static enum mk_status early_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+/* The virtual board, with a clock that was started ten seconds after ours. */
+static enum mk_status behind_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
     enum mk_status st = bench.own->exchange(board, u, out);
-    out->board_ns += 10000000000;
+    out->board_ns -= 10000000000;
     return st;
 }
 
-START_TEST(a_board_whose_clock_is_ahead_of_ours_is_not_late_for_it)
+START_TEST(a_board_whose_clock_is_behind_ours_is_not_late_for_it)
 {
     bench.config.stream = true;
     bench_build(NULL);
-    bench_override_board()->exchange = early_exchange;
+    bench_override_board()->exchange = behind_exchange;
     struct mk_log *log = bench_log_of_run(0.2);
     const double *late = mk_log_get(log, "late_us"), *flags = mk_log_get(log, "flags");
     for (size_t i = 0; i < log->rows; i++) {
@@ -417,7 +417,7 @@ Suite *suite_loop_samples(void)
     tcase_add_test(t, the_boards_clock_and_ours_make_the_same_run);
     tcase_add_test(t, a_lost_sample_costs_one_row_and_no_time);
     tcase_add_test(t, a_stream_whose_first_samples_are_lost_begins_at_its_own_time);
-    tcase_add_test(t, a_board_whose_clock_is_ahead_of_ours_is_not_late_for_it);
+    tcase_add_test(t, a_board_whose_clock_is_behind_ours_is_not_late_for_it);
     tcase_add_test(t, a_second_run_of_a_stream_is_timed_anew);
     tcase_add_loop_test(t, a_fault_ends_the_stream_and_the_log_shows_what_followed, 0, 3);
     tcase_add_test(t, a_run_begins_with_figures_of_its_own);
