@@ -209,6 +209,36 @@ START_TEST(a_still_log_among_several_is_left_out)
 }
 END_TEST
 
+// Long logs take longer to check than short ones: on several threads they are not done in order.
+START_TEST(findings_are_in_the_order_of_the_logs_on_any_number_of_threads)
+{
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log turned = record(m, 12.0), brief = record(m, 0.2), still = record(m, 2.0),
+              good = record(m, 4.0);
+    scale(turned, "u", -1.0);
+    scale(still, "q1", 0.0);
+    const mk_log *logs[] = {good.get(), turned.get(), brief.get(), still.get()};
+    mk_data_check expected = {};
+    for (const mk_log *one : logs) {
+        auto alone = std::make_unique<mk_data_check>();
+        (void)!mk_data_check_logs(&m, &one, 1, MK_DATA_IDENTIFY, 1, alone.get(), nullptr);
+        // The wrong sign is fatal, and comes first.
+        for (int i = 0; i < alone->count; i++)
+            expected.finding[expected.count++] = alone->finding[i];
+    }
+    ck_assert_int_ge(expected.count, 3);
+    for (int threads = 0; threads <= 4; threads++) {
+        auto check = std::make_unique<mk_data_check>();
+        ck_assert_int_eq(
+            mk_data_check_logs(&m, logs, 4, MK_DATA_IDENTIFY, threads, check.get(), nullptr),
+            MK_OK);
+        ck_assert_int_eq(check->count, expected.count);
+        for (int i = 0; i < check->count; i++)
+            ck_assert_str_eq(check->finding[i].what, expected.finding[i].what);
+    }
+}
+END_TEST
+
 START_TEST(two_tenths_of_a_second_explain_nothing)
 {
     const mk_model m = model_of(MK_PLANT_PENDULUM);
@@ -378,6 +408,7 @@ extern "C" Suite *suite_data_check(void)
     tcase_add_loop_test(t, a_flipped_command_and_swapped_joints_are_fatal_on_every_plant, 0,
                         MK_PLANT_COUNT);
     tcase_add_test(t, a_still_log_among_several_is_left_out);
+    tcase_add_test(t, findings_are_in_the_order_of_the_logs_on_any_number_of_threads);
     tcase_add_test(t, two_tenths_of_a_second_explain_nothing);
     tcase_add_test(t, thinned_logs_and_rounded_times_are_named);
     suite_add_tcase(s, t);
