@@ -196,7 +196,7 @@ static size_t run_together(struct prediction *p, const struct mk_row_range *wind
         found = mk_free_angles(p->finder, window, count, x[0], status, p->q, err);
     for (size_t i = 0; i < count; i++) {
         enum mk_status st = found == MK_OK ? status[i] : found;
-        for (int j = 0; st == MK_OK && j < p->joints; j++)
+        for (int j = 0; st == MK_OK && !p->sim && j < p->joints; j++)
             p->dq[j][window[i].first] = x[i][p->joints + j];
         if (st == MK_OK && p->sim)
             st = run_window(p, window[i].first, window[i].last, x[i], err);
