@@ -104,6 +104,7 @@ static int signal_once(const char *spec, const char *csv, int number, const char
     pid_t child = fork();
     ck_assert_int_ge(child, 0);
     if (child == 0) {
+        signal(number, SIG_DFL); /* nohup ignores SIGHUP for all that it starts */
         dup2(open(errors, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), STDERR_FILENO);
         execl(MK_TEST_APP, "mechkit", "sweep", spec, "--out", csv, "--threads", "1", "--quiet",
               (char *)NULL);
