@@ -56,7 +56,7 @@ $(error unknown VARIANT '$(VARIANT)': release, debug, asan, tsan or cov)
 endif
 
 # Libraries come from pkg-config; SUNDIALS 6 ships no .pc file, so it is named by hand
-# (libsundials_core exists from 7.0 on).
+# (libsundials_core exists from 7.0 on, and where it was built with MPI its headers name MPI's).
 PKGS := eigen3 libcjson inih zlib libusb-1.0 matio
 ifneq ($(filter-out help clean deps,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell $(PKGCONFIG) --cflags $(PKGS) 2>/dev/null | sed 's/-I/-isystem /g')
@@ -70,9 +70,17 @@ MPI        ?= 0
 endif
 MPI        ?= $(shell $(PKGCONFIG) --exists ompi-c 2>/dev/null && echo 1)
 SUN_CORE   := $(shell printf 'int main(void){return 0;}' | $(CC) -x c - -o /dev/null -lsundials_core 2>/dev/null && echo -lsundials_core)
+ifneq ($(SUN_CORE),)
+SUN_HAS_MPI := $(shell printf '\043include <sundials/sundials_config.h>\n\043if SUNDIALS_MPI_ENABLED\nyes\n\043endif\n' | $(CC) -E -P - 2>/dev/null)
+ifneq ($(findstring yes,$(SUN_HAS_MPI)),)
+SUN_MPI        := $(shell for p in mpi-c ompi-c mpich; do $(PKGCONFIG) --exists $$p 2>/dev/null && echo $$p && break; done)
+SUN_MPI_CFLAGS := $(shell $(PKGCONFIG) --cflags $(SUN_MPI) 2>/dev/null | sed 's/-I/-isystem /g')
+SUN_MPI_LIBS   := $(shell $(PKGCONFIG) --libs $(SUN_MPI) 2>/dev/null || echo -lmpi)
+endif
+endif
 endif
 SUN_LIBS   := -lsundials_cvode -lsundials_arkode -lsundials_nvecserial \
-              -lsundials_sunmatrixdense -lsundials_sunlinsoldense $(SUN_CORE)
+              -lsundials_sunmatrixdense -lsundials_sunlinsoldense $(SUN_CORE) $(SUN_MPI_LIBS)
 
 CPPFLAGS_ALL := $(HARDEN_CPP) -Iinclude -Isrc -D_GNU_SOURCE -DMK_VERSION='"$(VERSION)"' $(PKG_CFLAGS) $(CPPFLAGS)
 # The public headers make their functions visible; calls between them stay direct all the same.
@@ -159,6 +167,7 @@ $(SO): $(LIB_OBJ) $(SO_MAP)
 .PHONY: libraries
 libraries: $(LIB) $(SO) ## build the static and the shared library
 
+$(B)/src/sim/sundials.o: CPPFLAGS_ALL += $(SUN_MPI_CFLAGS)
 # Only the program has a screen; the library needs no curses.
 $(B)/src/console/screen/tui_term.o: CPPFLAGS_ALL += $(TUI_CFLAGS)
 APP_LIBS = $(TUI_LIBS) $(MPI_LIBS) $(LDLIBS_ALL)

@@ -88,7 +88,7 @@ static matvar_t *text(struct builder *b, const char *value)
 static matvar_t *structure(struct builder *b, size_t count)
 {
     size_t dims[2] = {1, count};
-    return made(b, Mat_VarCreateStruct2(NULL, 2, dims, NULL));
+    return made(b, Mat_VarCreateStruct(NULL, 2, dims, NULL, 0));
 }
 
 static bool has_field(matvar_t *owner, const char *field)
@@ -364,7 +364,7 @@ enum mk_status mk_mat_write(const char *path, enum mk_mat_version version, const
     char name[64];
     size_t dims[2] = {1, count};
     field_name(variable, name);
-    matvar_t *all = made(&b, Mat_VarCreateStruct2(name, 2, dims, NULL));
+    matvar_t *all = made(&b, Mat_VarCreateStruct(name, 2, dims, NULL, 0));
     for (size_t i = 0; !b.failed && i < count; i++)
         put_run(&b, all, i, &runs[i]);
     enum mk_status st = b.failed ? mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path)

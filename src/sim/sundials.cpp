@@ -37,6 +37,24 @@
 
 #include "sim/integrator.hpp"
 
+// ARKODE's functions by the names that they have since SUNDIALS 7.1, whichever version is there.
+// Until 7.0 each stepper has its own (ERKStepEvolve); from 7.1 on one name serves all of them
+// (ARKodeEvolve) and the old one is deprecated. The count of right-hand sides followed in 7.2.
+#if SUNDIALS_VERSION_MAJOR < 7 || (SUNDIALS_VERSION_MAJOR == 7 && SUNDIALS_VERSION_MINOR < 1)
+#define ARKodeEvolve ERKStepEvolve
+#define ARKodeFree ERKStepFree
+#define ARKodeGetCurrentStep ERKStepGetCurrentStep
+#define ARKodeGetNumSteps ERKStepGetNumSteps
+#define ARKodeRootInit ERKStepRootInit
+#define ARKodeSetInitStep ERKStepSetInitStep
+#define ARKodeSetMaxErrTestFails ERKStepSetMaxErrTestFails
+#define ARKodeSetMaxHnilWarns ERKStepSetMaxHnilWarns
+#define ARKodeSetMaxNumSteps ERKStepSetMaxNumSteps
+#define ARKodeSetStopTime ERKStepSetStopTime
+#define ARKodeSVtolerances ERKStepSVtolerances
+#define ARKodeSetUserData ERKStepSetUserData
+#endif
+
 namespace mk
 {
 namespace
@@ -278,6 +296,16 @@ class Cvode : public SundialsBase
     }
 };
 
+// Evaluations of f so far by an ERKStep memory, in `evaluations`. 0: success.
+int erk_evaluations(void *memory, long *evaluations)
+{
+#if SUNDIALS_VERSION_MAJOR < 7 || (SUNDIALS_VERSION_MAJOR == 7 && SUNDIALS_VERSION_MINOR < 2)
+    return ERKStepGetNumRhsEvals(memory, evaluations);
+#else
+    return ARKodeGetNumRhsEvals(memory, 0, evaluations);
+#endif
+}
+
 // ARKODE's explicit one-step method. last_step_ is the step that it would take next, s; 0 before
 // the first run.
 class Erk : public SundialsBase
@@ -290,7 +318,7 @@ class Erk : public SundialsBase
     ~Erk() override
     {
         if (mem_)
-            ERKStepFree(&mem_);
+            ARKodeFree(&mem_);
     }
     bool create()
     {
@@ -299,13 +327,12 @@ class Erk : public SundialsBase
 #if SUNDIALS_VERSION_MAJOR < 7
         ERKStepSetErrFile(mem_, nullptr);
 #endif
-        return ERKStepSVtolerances(mem_, system_.rtol, tolerance_) == 0 &&
-               ERKStepSetUserData(mem_, const_cast<System *>(&system_)) == 0 &&
+        return ARKodeSVtolerances(mem_, system_.rtol, tolerance_) == 0 &&
+               ARKodeSetUserData(mem_, const_cast<System *>(&system_)) == 0 &&
                ERKStepSetTableNum(mem_, ARKODE_VERNER_8_5_6) == 0 &&
-               ERKStepSetMaxNumSteps(mem_, MAX_STEPS) == 0 &&
-               ERKStepSetMaxHnilWarns(mem_, -1) == 0 &&
-               ERKStepSetMaxErrTestFails(mem_, MAX_ERROR_TESTS) == 0 &&
-               (!system_.events || ERKStepRootInit(mem_, system_.events, on_events) == 0);
+               ARKodeSetMaxNumSteps(mem_, MAX_STEPS) == 0 && ARKodeSetMaxHnilWarns(mem_, -1) == 0 &&
+               ARKodeSetMaxErrTestFails(mem_, MAX_ERROR_TESTS) == 0 &&
+               (!system_.events || ARKodeRootInit(mem_, system_.events, on_events) == 0);
     }
     enum mk_status restart(double t, const double *y) override
     {
@@ -316,19 +343,19 @@ class Erk : public SundialsBase
     // before it mean nothing: the method starts anew at the root.
     enum mk_status advance(double t_end, double *y, mk_error *err) override
     {
-        ERKStepSetStopTime(mem_, t_end);
+        ARKodeSetStopTime(mem_, t_end);
         while (t_ < t_end) {
             // To t_end or to the first root of g on the way.
-            int flag = ERKStepEvolve(mem_, t_end, y_, &t_, ARK_NORMAL);
+            int flag = ARKodeEvolve(mem_, t_end, y_, &t_, ARK_NORMAL);
             if (flag < 0)
                 return gave_up(err, "ARKODE", flag, t_);
-            ERKStepGetCurrentStep(mem_, &last_step_);
+            ARKodeGetCurrentStep(mem_, &last_step_);
             if (flag != ARK_ROOT_RETURN)
                 continue;
             events_++;
             if (reinit(t_end - t_) != MK_OK)
                 return gave_up(err, "ARKODE", flag, t_);
-            ERKStepSetStopTime(mem_, t_end);
+            ARKodeSetStopTime(mem_, t_end);
         }
         unload(y);
         return MK_OK;
@@ -336,8 +363,8 @@ class Erk : public SundialsBase
     void stats(mk_sim_stats *out) const override
     {
         long steps = 0, evaluations = 0;
-        ERKStepGetNumSteps(mem_, &steps);
-        ERKStepGetNumRhsEvals(mem_, &evaluations);
+        ARKodeGetNumSteps(mem_, &steps);
+        erk_evaluations(mem_, &evaluations);
         *out = totals(steps, evaluations);
     }
 
@@ -347,13 +374,13 @@ class Erk : public SundialsBase
     enum mk_status reinit(double longest)
     {
         long steps = 0, evaluations = 0;
-        ERKStepGetNumSteps(mem_, &steps);
-        ERKStepGetNumRhsEvals(mem_, &evaluations);
+        ARKodeGetNumSteps(mem_, &steps);
+        erk_evaluations(mem_, &evaluations);
         count(steps, evaluations);
         if (ERKStepReInit(mem_, on_rhs, t_, y_) != 0)
             return MK_ERR_NUMERIC;
         double h = longest > 0.0 ? std::fmin(last_step_, longest) : last_step_;
-        return h > 0.0 && ERKStepSetInitStep(mem_, h) != 0 ? MK_ERR_NUMERIC : MK_OK;
+        return h > 0.0 && ARKodeSetInitStep(mem_, h) != 0 ? MK_ERR_NUMERIC : MK_OK;
     }
 };
 
