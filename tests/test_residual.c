@@ -440,6 +440,23 @@ START_TEST(lost_samples_do_not_clear_what_is_known_of_a_dead_encoder)
 }
 END_TEST
 
+/* Short pushes, none of which need move it by much, with rests in which it may come to a stop. */
+START_TEST(pushes_that_a_joint_may_have_stopped_between_do_not_add_up)
+{
+    int joint = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    const int enough = samples_until(MK_FAULT_STUCK, 0.0, 0.0, 2.0, &joint);
+    ck_assert_int_gt(enough, 5);
+    watch(MK_PLANT_INERTIA_WHEEL);
+    for (int push = 0; push < 20; push++)
+        for (int k = 0; k < enough + 200; k++) {
+            const double u = k < enough / 2 ? 2.0 : 0.0;
+            ck_assert_msg(look(DT, 0.0, 0.0, u, &joint) == MK_FAULT_NONE, "push %d of %d samples",
+                          push, enough / 2);
+        }
+}
+END_TEST
+
 START_TEST(a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder)
 {
     int joint = 0, n = 0;
@@ -526,6 +543,7 @@ Suite *suite_residual(void)
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
     tcase_add_test(t, a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
+    tcase_add_test(t, pushes_that_a_joint_may_have_stopped_between_do_not_add_up);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);

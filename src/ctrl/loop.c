@@ -104,7 +104,6 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
     loop->host.zeroed = config->zeroed;
     loop->has_rig = !(board->ops->capabilities & MK_BOARD_CAP_NO_RIG);
     mk_safety_init(&loop->safety, &ctrl->model, &loop->config.limits);
-    mk_residual_init(&loop->residual, &ctrl->model, &loop->config.limits);
     mk_histogram_clear(&loop->lateness);
     mk_histogram_clear(&loop->busy);
 
