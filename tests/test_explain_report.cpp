@@ -184,6 +184,31 @@ START_TEST(logs_that_do_not_go_with_the_held_out_ones_are_doubted)
 }
 END_TEST
 
+// What only a large command meets, a limit say, shows in no other log.
+START_TEST(
+    held_out_commands_that_are_larger_than_those_to_learn_from_are_told_where_data_are_missed)
+{
+    mk_explanation e = {};
+    e.given = e.refit = e.extended = pendulum(true);
+    e.floor[0] = 1e-3;
+    for (const double error : {2e-3, 0.1})
+        for (const double times : {1.0, 1.8}) {
+            e.before[0] = e.refitted[0] = e.after[0] = error;
+            e.command_beyond = times;
+            const bool told = error > 0.05 && times > 1.5;
+            e.process_noise_extended = 1e-3;
+            ck_assert(mk_explanation_goes_beyond(&e) == told);
+            ck_assert(says(text_of(e), "up to 1.8 times") == told);
+            ck_assert(says(html_of(e), "up to 1.8 times") == told);
+            // What is missing in the data to learn from as well needs no such reason.
+            e.process_noise_extended = 1.0;
+            e.trained[0] = error;
+            ck_assert(!mk_explanation_goes_beyond(&e));
+            e.trained[0] = 0.0;
+        }
+}
+END_TEST
+
 // The verdict `none` says nothing then.
 START_TEST(readings_that_are_all_but_noise_are_said_to_be)
 {
@@ -487,6 +512,9 @@ Suite *suite_explain_report(void)
     tcase_add_test(t, what_is_refused_is_said_in_the_unit_of_the_table);
     tcase_add_test(t, a_small_rest_is_called_small);
     tcase_add_test(t, a_value_that_was_not_given_is_not_listed_as_given);
+    tcase_add_test(
+        t,
+        held_out_commands_that_are_larger_than_those_to_learn_from_are_told_where_data_are_missed);
     tcase_add_test(t, a_mass_that_is_far_from_what_was_given_is_doubted);
     tcase_add_test(t, a_belief_that_never_held_has_no_figures);
     tcase_add_test(t, what_is_an_angle_everywhere_is_in_rad_on_a_slide);

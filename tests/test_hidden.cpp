@@ -350,6 +350,19 @@ START_TEST(held_out_data_that_show_more_than_the_others_are_told)
 }
 END_TEST
 
+START_TEST(held_out_commands_beyond_all_others_are_told)
+{
+    // The command saturates at 1.57; the logs to learn from end at 1.23.
+    truth::Wish wish;
+    wish.kind = "pair", wish.seed = 102210;
+    truth::Case c = truth::make_case(wish);
+    ck_assert_str_eq(c.rig.effects[0].name.c_str(), "saturation");
+    mk_explanation e = explained(c);
+    ck_assert_double_eq_tol(e.command_beyond, 2.201 / 1.2265, 0.01);
+    ck_assert(mk_explanation_goes_beyond(&e));
+}
+END_TEST
+
 START_TEST(a_wrong_zero_is_no_noise)
 {
     // Less than three counts of a coarse encoder: nothing in how a row follows from the last.
@@ -622,6 +635,7 @@ extern "C" Suite *suite_hidden(void)
         t, a_cause_that_predicts_held_out_data_is_named_though_the_training_logs_have_bad_times);
     tcase_add_test(t, a_rig_at_rest_in_held_out_data_says_nothing_against_a_cause);
     tcase_add_test(t, held_out_data_that_show_more_than_the_others_are_told);
+    tcase_add_test(t, held_out_commands_beyond_all_others_are_told);
     tcase_add_test(t, a_wrong_zero_is_no_noise);
     tcase_add_test(t, laws_that_all_but_cancel_are_no_causes);
     tcase_add_test(t, an_imbalance_that_a_base_parameter_stands_in_for_in_part_is_named);

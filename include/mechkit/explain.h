@@ -281,6 +281,9 @@ struct mk_explanation {
     /* As `after`, but on the training data: where held-out data are predicted far worse than they
      * are read; else 0. In shares of the held-out readings' deviation, like the others. */
     double trained[MK_MAX_JOINTS];
+    /* The largest command in the held-out data over the largest one in those to learn from; 0: none
+     * acts there. */
+    double command_beyond;
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int residual_torque_count;
@@ -336,6 +339,10 @@ bool mk_explanation_doubts_logs(const struct mk_explanation *explanation);
  * predicted ten times worse than they are read, and far worse than the training data are. At an
  * unstable equilibrium a free run grows from the smallest error at its start, in all logs alike. */
 bool mk_explanation_misses_held_out(const struct mk_explanation *explanation);
+/* True where the data to learn from are followed, those held out are predicted ten times worse than
+ * they are read, and their commands are a fifth larger than any to learn from: a limit or a stop
+ * that only these meet is in no model. */
+bool mk_explanation_goes_beyond(const struct mk_explanation *explanation);
 /* Whether an inertia or a moment (base parameter i) is beyond a third or three times of what was
  * given, in a model that leaves a rest: then something that the model lacks may be in its place. */
 bool mk_explanation_doubts_mass(const struct mk_explanation *explanation, int i);

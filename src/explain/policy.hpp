@@ -107,6 +107,8 @@ constexpr double PREDICTS_NOTHING = 100.0;
 // Error over the readings' noise, and over the training data's, from which held-out data are
 // missed.
 constexpr double FAR_FROM_READ = 10.0, FAR_FROM_TRAINED = 3.0;
+// Largest command held out over the largest one to learn from, beyond which data show more.
+constexpr double BEYOND = 1.2;
 // In squares: the refitted model is that far behind the given one and the noise, so the logs are
 // hardly of one rig.
 constexpr double REFIT_BEHIND = 4.0, REFIT_OVER_NOISE = 9.0;

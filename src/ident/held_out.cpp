@@ -162,4 +162,18 @@ double HeldOut::deviation(const mk_model &model, int joint) const
     return n > 1.0 ? std::sqrt(std::max(squares / n - sum / n * (sum / n), 0.0)) : 0.0;
 }
 
+double HeldOut::largest_command(const mk_model &model) const
+{
+    double most = 0.0;
+    for (const mk_log *log : logs) {
+        mk_record record;
+        if (mk_record_from_log(log, &model, &record, nullptr) != MK_OK || !record.u[0])
+            continue;
+        for (size_t k = 0; k < record.rows; k++)
+            if (!record.left_out || record.left_out[k] == 0.0)
+                most = std::fmax(most, std::fabs(record.u[0][k])); // not a NaN
+    }
+    return most;
+}
+
 } // namespace mk

@@ -42,6 +42,8 @@ class HeldOut
                            mk_error *err) const;
     // Standard deviation of a joint's readings, rad.
     double deviation(const mk_model &model, int joint) const;
+    // Largest magnitude of the command, in the unit of the logs; 0: none acts.
+    double largest_command(const mk_model &model) const;
 
   private:
     const std::vector<const mk_log *> &logs;

@@ -325,7 +325,14 @@ static void print_reservations(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 "  The given model predicts them better than the refitted one: are all logs of "
                 "the same rig, with the same signs, units and columns?\n");
-    if (mk_explanation_misses_held_out(e))
+    if (mk_explanation_goes_beyond(e))
+        fprintf(
+            out,
+            "  Held-out data are predicted far worse than they are read, and their commands are "
+            "up to %.2g times\n  the largest one to learn from: a limit or a stop that only they "
+            "meet is in no model. Learn from such data too.\n",
+            e->command_beyond);
+    else if (mk_explanation_misses_held_out(e))
         fprintf(out,
                 "  Held-out data are predicted far worse than they are read: they may show what "
                 "the other logs do not. Learn from such data too.\n");

@@ -51,19 +51,32 @@ bool mk_explanation_leaves_little(const mk_explanation *e)
 }
 
 // At some joint the best of the three models is
-//     above FAR_FROM_READ times what noise leaves, and above FAR_FROM_TRAINED times its error on
-//     the data to learn from .
+//     above FAR_FROM_READ times what noise leaves, and above `times` its error on the data to learn
+//     from .
+static bool misses(const mk_explanation &e, double times)
+{
+    for (int j = 0; j < mk_model_joints(&e.given); j++) {
+        const double least = std::min({e.before[j], e.refitted[j], e.after[j]});
+        if (least > mk::policy::FAR_FROM_READ * e.floor[j] && least > times * e.trained[j])
+            return true;
+    }
+    return false;
+}
+
+// Either the best model, offered or not, follows the data to learn from (its process noise is a
+// TRACE), or it predicts them FAR_FROM_TRAINED times better.
+bool mk_explanation_goes_beyond(const mk_explanation *e)
+{
+    const bool followed = e->process_noise_extended <= mk::policy::TRACE;
+    return e->command_beyond > mk::policy::BEYOND &&
+           misses(*e, followed ? 0.0 : mk::policy::FAR_FROM_TRAINED);
+}
+
 bool mk_explanation_misses_held_out(const mk_explanation *e)
 {
-    bool misses = false;
-    for (int j = 0; j < mk_model_joints(&e->given); j++) {
-        const double least = std::min({e->before[j], e->refitted[j], e->after[j]});
-        misses = misses || (least > mk::policy::FAR_FROM_READ * e->floor[j] &&
-                            least > mk::policy::FAR_FROM_TRAINED * e->trained[j]);
-    }
     // Nobody predicts when a pulse is lost.
     const bool missed = std::any_of(e->cause, e->cause + e->cause_count, [](const mk_cause &c) {
         return std::strcmp(c.effect->name, "missed-counts") == 0;
     });
-    return misses && !missed && e->verdict != MK_VERDICT_UNKNOWN;
+    return misses(*e, mk::policy::FAR_FROM_TRAINED) && !missed && e->verdict != MK_VERDICT_UNKNOWN;
 }

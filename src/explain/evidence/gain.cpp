@@ -215,6 +215,14 @@ struct Gain {
         std::fill(std::begin(out.declined), std::end(out.declined), 0.0);
         verdict.add_data_causes();
     }
+    // Largest command held out over the largest one to learn from; 0 where none acts there.
+    double command_beyond(const HeldOut &held) const
+    {
+        const HeldOut learnt(data.whole_rows.empty() ? data.rows : data.whole_rows, out.window_s,
+                             false, options.threads);
+        const double most = learnt.largest_command(model);
+        return most > 0.0 ? held.largest_command(model) / most : 0.0;
+    }
     // All of it in order: predictions; whether the extension is offered, and if not what is left of
     // it; the verdict, where likelihood saw a rest that does not matter in free runs; figures;
     // confirmation. An extension is taken back before the verdict is looked at, since both depend
@@ -226,6 +234,7 @@ struct Gain {
         if (st != MK_OK)
             return st;
         const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
+        out.command_beyond = command_beyond(held);
         const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && earns_its_place(held, refitted, after);
         if (found && !out.offered)

@@ -752,7 +752,14 @@ try {
     if (mk_explanation_doubts_logs(e))
         s += "<p>The given model predicts the held-out data better than the refitted one: are all "
              "logs of the same rig, with the same signs, units and columns?</p>";
-    if (mk_explanation_misses_held_out(e))
+    if (mk_explanation_goes_beyond(e))
+        add(s,
+            "<p>Held-out data are predicted far worse than they are read, and their commands are "
+            "up "
+            "to %.2g times the largest one to learn from: a limit or a stop that only they meet is "
+            "in no model. Learn from such data too.</p>",
+            e->command_beyond);
+    else if (mk_explanation_misses_held_out(e))
         s += "<p>Held-out data are predicted far worse than they are read: they may show what the "
              "other logs do not. Learn from such data too.</p>";
     s += "<h2>Before and after</h2>" + error_plots(*e, log);

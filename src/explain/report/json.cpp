@@ -226,6 +226,7 @@ cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t co
     cJSON_AddItemToObject(o, "nrmse_refit", mk_json_numbers(e.refitted, n));
     cJSON_AddItemToObject(o, "nrmse_after", mk_json_numbers(e.after, n));
     cJSON_AddItemToObject(o, "noise_floor", mk_json_numbers(e.floor, n));
+    cJSON_AddItemToObject(o, "command_beyond", mk_json_number(e.command_beyond));
     if (e.cause_count > 0 && !e.offered)
         cJSON_AddItemToObject(o, "nrmse_declined", mk_json_numbers(e.declined, n));
     cJSON_AddItemToObject(o, "closed", mk_json_number(e.closed));
