@@ -67,8 +67,12 @@ getaddrinfo(const char *host, const char *port, const struct addrinfo *hints, st
 {
     int (*next)(const char *, const char *, const struct addrinfo *, struct addrinfo **) =
         (__typeof__(next))dlsym(RTLD_NEXT, "getaddrinfo");
-    if (!(hints && hints->ai_flags & AI_NUMERICHOST))
+    const bool number = hints && hints->ai_flags & AI_NUMERICHOST;
+    if (!number)
         sleep((unsigned)atomic_load(&resolver_takes_s));
+    if (!number && host &&
+        strcmp(host, "localhost") == 0) /* without a file of hosts it is unknown */
+        host = "127.0.0.1";
     return next(host, port, hints, out);
 }
 

@@ -28,6 +28,7 @@ fi
 rm -rf "$root/mechkit.git"
 git clone -q --bare "$source" "$root/mechkit.git"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
+echo "127.0.0.1 localhost" >"$root/etc/hosts"
 
 cat >"$root/root/prepare" <<'END'
 export DEBIAN_FRONTEND=noninteractive
