@@ -184,6 +184,22 @@ START_TEST(logs_that_do_not_go_with_the_held_out_ones_are_doubted)
 }
 END_TEST
 
+START_TEST(an_extension_that_leaves_many_times_the_noise_says_so_beside_its_share)
+{
+    mk_explanation e = with_cause("quadratic-drag", 0.99);
+    e.verdict = MK_VERDICT_EFFECT;
+    e.budget.item_count = 1;
+    e.budget.item[0].log_value = -1;
+    e.budget.noise[0] = 1e-4;
+    for (const double left : {1.5e-4, 41e-4}) {
+        e.budget.extended[0] = left;
+        e.budget.closed = 0.9999;
+        ck_assert(says(text_of(e), "100 %  41 times the noise") == (left > 1e-3));
+        ck_assert(says(text_of(e), "times the noise") == (left > 1e-3));
+    }
+}
+END_TEST
+
 // What only a large command meets, a limit say, shows in no other log.
 START_TEST(
     held_out_commands_that_are_larger_than_those_to_learn_from_are_told_where_data_are_missed)
@@ -515,6 +531,7 @@ Suite *suite_explain_report(void)
     tcase_add_test(
         t,
         held_out_commands_that_are_larger_than_those_to_learn_from_are_told_where_data_are_missed);
+    tcase_add_test(t, an_extension_that_leaves_many_times_the_noise_says_so_beside_its_share);
     tcase_add_test(t, a_mass_that_is_far_from_what_was_given_is_doubted);
     tcase_add_test(t, a_belief_that_never_held_has_no_figures);
     tcase_add_test(t, what_is_an_angle_everywhere_is_in_rad_on_a_slide);

@@ -202,6 +202,23 @@ START_TEST(clean_data_raise_no_alarm)
 }
 END_TEST
 
+static const char *const rubbing[] = {"pendulum", "inertia-wheel", "furuta", "pendubot"};
+
+// The rig's friction is tanh(15 v), which a model with tanh(3 v) sees as one that falls with speed.
+START_TEST(dry_friction_that_is_sharper_than_the_model_has_it_is_told_and_is_no_cause)
+{
+    truth::Wish wish;
+    wish.kind = "none", wish.rig = rubbing[_i], wish.seed = 60;
+    truth::Case c = truth::make_case(wish);
+    c.given.friction_sharpness = 3.0;
+    const mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "parameters");
+    ck_assert_int_eq(e.cause_count, 0);
+    ck_assert_double_eq(e.given.friction_sharpness, 3.0);
+    ck_assert_double_eq_tol(e.extended.friction_sharpness, 15.0, 3.0);
+}
+END_TEST
+
 START_TEST(the_answer_does_not_depend_on_the_number_of_threads)
 {
     truth::Wish wish;
@@ -621,6 +638,9 @@ extern "C" Suite *suite_hidden(void)
     TCase *t = tcase_create("many searches");
     tcase_set_timeout(t, 300);
     tcase_set_tags(t, "long");
+    tcase_add_loop_test(t,
+                        dry_friction_that_is_sharper_than_the_model_has_it_is_told_and_is_no_cause,
+                        0, (int)(sizeof rubbing / sizeof rubbing[0]));
     tcase_add_test(t, the_answer_does_not_depend_on_the_number_of_threads);
     tcase_add_loop_test(t, what_was_hidden_is_named_and_the_gain_is_there, 1,
                         (int)(sizeof hidden / sizeof hidden[0]));

@@ -306,6 +306,7 @@ class Explainer
         masses = {};
         FirstFit first(asked, model, start, training, options, so);
         search = first.run(logs);
+        first.sharpen_friction(*search);
         masses_kept = first.keep_known_masses(*search, *folds, out.window_s, masses);
         if (first.fitted) {
             if (masses_kept)

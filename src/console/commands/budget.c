@@ -5,6 +5,9 @@
 
 enum { LABEL = 50 }; /* columns of a row's label */
 
+/* Times the noise of the readings: what is no farther is as good as read. */
+static const double AT_NOISE = 2.0;
+
 /* Errors of the joints in thousandths of their unit: mrad, mm. */
 static void print_row(FILE *out, const struct mk_explanation *e, const char *label,
                       const double *rms)
@@ -49,6 +52,18 @@ static void print_rest(FILE *out, const struct mk_explanation *e)
     fprintf(out, "\n");
 }
 
+/* A share of a large gap rounds to all of it while much is left, in units of what can be read. */
+static void print_times_noise(FILE *out, const struct mk_explanation *e)
+{
+    const struct mk_budget *b = &e->budget;
+    double most = 0.0;
+    for (int j = 0; j < mk_model_joints(&e->given); j++)
+        if (b->noise[j] > 0.0)
+            most = fmax(most, b->extended[j] / b->noise[j]);
+    if (most > AT_NOISE)
+        fprintf(out, "  %.2g times the noise", most);
+}
+
 void budget_print(FILE *out, const struct mk_explanation *e)
 {
     const struct mk_budget *b = &e->budget;
@@ -72,7 +87,9 @@ void budget_print(FILE *out, const struct mk_explanation *e)
         print_item(out, e, &b->item[i]);
     if (b->item_count > 0) {
         print_row(out, e, "extended", b->extended);
-        fprintf(out, "  %4.0f %%\n", 100.0 * b->closed);
+        fprintf(out, "  %4.0f %%", 100.0 * b->closed);
+        print_times_noise(out, e);
+        fprintf(out, "\n");
         print_rest(out, e);
     }
     print_row(out, e, "readings' own noise", b->noise);

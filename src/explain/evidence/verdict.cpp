@@ -125,7 +125,8 @@ bool beyond_chance(double distance2, int free_count)
 
 bool Verdict::values_off() const
 {
-    return beyond_chance(distance_of_given(), last.refit.free_count);
+    return out.refit.friction_sharpness != model.friction_sharpness ||
+           beyond_chance(distance_of_given(), last.refit.free_count);
 }
 
 void Verdict::set_structure()

@@ -34,7 +34,7 @@ class Verdict
     void reject();
     // What to look at where a rest has no name; once it is known what is claimed.
     void describe_suspects();
-    // Whether the given values are wrong beyond chance.
+    // Whether the given values, or the sharpness of friction, are wrong beyond chance.
     bool values_off() const;
     // Whether each cause by itself is known to be there. Laws that nearly cancel make up a shape
     // that none of them has.

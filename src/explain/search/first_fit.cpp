@@ -1,6 +1,7 @@
 #include "explain/search/first_fit.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "explain/policy.hpp"
 #include "explain/search/causes.hpp"
@@ -88,6 +89,42 @@ std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
     }
     start = given_start;
     return search;
+}
+
+// The refitted model with k = times that of the given one, at the process noise of `refit`.
+static bool sharper(Search &search, const Hypothesis &refit, double times, Hypothesis &out)
+{
+    mk_model model = refit.point.model;
+    model.friction_sharpness *= times;
+    return search.refit_at(model, refit, refit.process_noise, out);
+}
+
+// k goes up by factors of two while the data get likelier, and by the square root of two from
+// there.
+bool FirstFit::sharpen_friction(Search &search)
+{
+    constexpr double MOST = 64.0;
+    const mk_plant_info &plant = *mk_plant(model.plant);
+    if (!fitted || search.complete(refit) ||
+        !(refit.point.model.parameter[plant.parameter_count - 1] > 0.0))
+        return false;
+    Hypothesis best = refit, next;
+    double times = 1.0, step = 2.0;
+    while (times * step <= MOST && sharper(search, refit, times * step, next) &&
+           next.quadratic.nlml < best.quadratic.nlml) {
+        best = std::move(next);
+        times *= step;
+    }
+    if (refit.quadratic.nlml - best.quadratic.nlml < policy::ACCEPT_FURTHER)
+        return false;
+    for (const double near : {std::sqrt(2.0), std::sqrt(0.5)})
+        if (sharper(search, refit, times * near, next) && next.quadratic.nlml < best.quadratic.nlml)
+            best = std::move(next);
+    if (!search.refit(best.point.model, &best, next) || !search.complete(next))
+        return false;
+    start.friction_sharpness = next.point.model.friction_sharpness;
+    refit = std::move(next);
+    return true;
 }
 
 bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double window_s,
