@@ -91,16 +91,33 @@ std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
     return search;
 }
 
-// The refitted model with k = times that of the given one, at the process noise of `refit`.
-static bool sharper(Search &search, const Hypothesis &refit, double times, Hypothesis &out)
+// A fit with k = times that of `from`, at its process noise.
+static bool sharper(Search &search, const Hypothesis &from, double times, Hypothesis &out)
 {
-    mk_model model = refit.point.model;
+    mk_model model = from.point.model;
     model.friction_sharpness *= times;
-    return search.refit_at(model, refit, refit.process_noise, out);
+    return search.refit_at(model, from, from.process_noise, out);
 }
 
-// k goes up by factors of two while the data get likelier, and by the square root of two from
-// there.
+// Better k near that of h, steps halved, and the model fitted anew with it.
+static bool refine_sharpness(Search &search, Hypothesis &h)
+{
+    constexpr double FIRST_STEP = 1.4, LAST_STEP = 1.01;
+    Hypothesis next;
+    for (double step = FIRST_STEP; step > LAST_STEP; step = std::sqrt(step))
+        for (const double times : {step, 1.0 / step})
+            if (sharper(search, h, times, next) && next.quadratic.nlml < h.quadratic.nlml) {
+                h = std::move(next);
+                break;
+            }
+    if (!search.refit(h.point.model, &h, next))
+        return false;
+    h = std::move(next);
+    return true;
+}
+
+// k goes up by factors of two while the data get likelier; then the model is fitted anew, and k is
+// refined from there, where less is missing.
 bool FirstFit::sharpen_friction(Search &search)
 {
     constexpr double MOST = 64.0;
@@ -109,18 +126,17 @@ bool FirstFit::sharpen_friction(Search &search)
         !(refit.point.model.parameter[plant.parameter_count - 1] > 0.0))
         return false;
     Hypothesis best = refit, next;
-    double times = 1.0, step = 2.0;
-    while (times * step <= MOST && sharper(search, refit, times * step, next) &&
-           next.quadratic.nlml < best.quadratic.nlml) {
+    for (double times = 2.0; times <= MOST && sharper(search, refit, times, next) &&
+                             next.quadratic.nlml < best.quadratic.nlml;
+         times *= 2.0)
         best = std::move(next);
-        times *= step;
-    }
-    if (refit.quadratic.nlml - best.quadratic.nlml < policy::ACCEPT_FURTHER)
+    if (refit.quadratic.nlml - best.quadratic.nlml < policy::ACCEPT_FURTHER ||
+        !search.refit(best.point.model, &best, next) || next.process_noise > policy::FAR_FROM_DATA)
         return false;
-    for (const double near : {std::sqrt(2.0), std::sqrt(0.5)})
-        if (sharper(search, refit, times * near, next) && next.quadratic.nlml < best.quadratic.nlml)
-            best = std::move(next);
-    if (!search.refit(best.point.model, &best, next) || !search.complete(next))
+    for (int round = 0; round < 2 && !search.complete(next); round++)
+        if (!refine_sharpness(search, next))
+            return false;
+    if (!search.complete(next))
         return false;
     start.friction_sharpness = next.point.model.friction_sharpness;
     refit = std::move(next);
