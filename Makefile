@@ -323,11 +323,11 @@ roundtrip: $(B)/roundtrip ## round trips through libusb at 1 kHz, emulated board
 fault-campaign: tests ## every fault at every request of a run over each bus, with the figures
 	@tools/fault-campaign.sh $(TESTS)
 
-# The tests with the kernel's own bus under them: emu/usb.c and emu/udev.c make way for vm/vhci.c.
 .PHONY: check-bare
 check-bare: ## README's two commands on a bare Debian (RELEASE=trixie, AS=root; needs debootstrap and root)
 	@tools/check-bare.sh $(BUILD)/bare $(or $(RELEASE),stable) $(or $(AS),root)
 
+# The tests with the kernel's own bus under them: emu/usb.c and emu/udev.c make way for vm/vhci.c.
 .PHONY: check-vm
 VM_OBJ := $(filter-out %/emu/usb.o %/emu/udev.o,$(TEST_OBJ)) $(B)/tests/vm/vhci.o
 check-vm: $(B)/mechkit-vm-tests ## the boards' tests on a real kernel, in a small virtual machine (needs qemu)
