@@ -105,6 +105,35 @@ START_TEST(text_where_a_number_should_be_is_told_with_its_line)
 }
 END_TEST
 
+/* Row 2 of what a file with degrees and milliseconds in its header becomes. */
+static void expect_second_row(const char *keys_of_q1, const char *row)
+{
+    char map[300];
+    snprintf(map, sizeof map,
+             "[rig]\nkind = pendulum\n[t]\ncolumn = Time\n[q1]\ncolumn = Arm angle\n%s"
+             "[u]\ncolumn = Voltage\n",
+             keys_of_q1);
+    const char *file = scratch_text("header.csv", "Time [ms],Arm angle [deg],Voltage (V)\n"
+                                                  "0,0,0\n10,90,1\n20,180,1\n");
+    char out[2048];
+    int status = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file,
+                             scratch_text("header.map", map), scratch("header_log.csv"));
+    ck_assert_msg(status == 0, "%s", out);
+    char *log = slurp_file(scratch("header_log.csv"));
+    ck_assert_msg(strstr(log, row), "%s", log);
+    free(log);
+}
+
+START_TEST(a_mapping_without_a_unit_takes_that_of_the_header)
+{
+    expect_second_row("", "\n0.01,1.5707963267948966,1\n");
+    expect_second_row("sign = -1\n", "\n0.01,-1.5707963267948966,1\n");
+    /* What it says itself goes first: a unit, or a factor in the place of one. */
+    expect_second_row("unit = rad\n", "\n0.01,90,1\n");
+    expect_second_row("sign = 0.01\n", "\n0.01,0.9,1\n");
+}
+END_TEST
+
 /* The unit in a header need not be repeated in a mapping, where no other column has the name. */
 START_TEST(a_column_is_found_without_the_unit_in_its_header)
 {
@@ -540,6 +569,7 @@ Suite *suite_import(void)
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_column_is_found_without_the_unit_in_its_header);
+    tcase_add_test(c, a_mapping_without_a_unit_takes_that_of_the_header);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
     tcase_add_test(c, control_characters_in_names_of_columns_are_shown);
     tcase_add_test(c, a_mat_file_that_claims_what_it_does_not_hold_is_refused);

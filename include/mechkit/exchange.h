@@ -133,7 +133,8 @@ MK_NODISCARD enum mk_status mk_import_map_write(const char *path, const struct m
 struct mk_import_column *mk_import_map_find(struct mk_import_map *map, const char *to);
 
 /* Reads a foreign file, text (also .gz) or .mat; text by map->separator and ->decimal, which it
- * sets where they were open. A column's unit is what its name or a line of units says. */
+ * sets where they were open. A column's unit is what its name or a line of units says; an entry of
+ * the mapping that has no unit, and 1 or -1 for its sign, gets it. */
 MK_NODISCARD enum mk_status mk_import_open(const char *path, struct mk_import_map *map,
                                            struct mk_table **out, struct mk_error *err);
 /* Fills map->column from the names of the file's columns, for map->rig. MK_ERR_PARSE: time, an

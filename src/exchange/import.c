@@ -20,6 +20,24 @@ static bool ends_with(const char *text, const char *end)
     return n >= m && strcmp(text + n - m, end) == 0;
 }
 
+static const struct mk_table_column *column_of(const struct mk_table *table, const char *from);
+
+/* A mapping that says no unit means that of the column's header, "Arm angle [deg]", if the header
+ * has one of that quantity. A factor in the place of a unit is one: sign = 0.0015 of counts. */
+static void take_units(const struct mk_table *table, struct mk_import_map *map)
+{
+    for (int i = 0; i < map->count; i++) {
+        struct mk_import_column *c = &map->column[i];
+        const struct mk_table_column *from = column_of(table, c->from);
+        const struct unit *unit = from && *from->unit ? unit_by_name(from->unit) : NULL;
+        enum quantity quantity =
+            quantity_of_joint_column(c->to, map->joint_linear, mk_plant(map->rig)->motor_joint);
+        if (unit && !*c->unit && fabs(c->sign) == 1.0 && quantity != QUANTITY_COMMAND &&
+            unit_size(unit, quantity, 0.0) > 0.0 && strcmp(unit->name, native_unit(quantity)) != 0)
+            snprintf(c->unit, sizeof c->unit, "%s", unit->name);
+    }
+}
+
 enum mk_status mk_import_open(const char *path, struct mk_import_map *map, struct mk_table **out,
                               struct mk_error *err)
 {
@@ -32,6 +50,7 @@ enum mk_status mk_import_open(const char *path, struct mk_import_map *map, struc
     if (st == MK_OK) {
         map->separator = format.separator;
         map->decimal = format.decimal;
+        take_units(*out, map);
     }
     return st;
 }
@@ -104,8 +123,6 @@ static const char *meaning(const char *name, int joints)
         to = known_as(name, two_joints, sizeof two_joints / sizeof two_joints[0]);
     return to;
 }
-
-static const struct mk_table_column *column_of(const struct mk_table *table, const char *from);
 
 /* A column goes by its number where a mapping cannot have its name, unless that means another. */
 static void call_column(const struct mk_table *table, const struct mk_table_column *c, char *from,
