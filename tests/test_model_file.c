@@ -98,6 +98,15 @@ START_TEST(a_joint_that_slides_reads_back_equal)
 }
 END_TEST
 
+START_TEST(a_device_that_never_ends_a_line_is_no_model_file)
+{
+    struct mk_model m;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(mk_model_read("/dev/zero", &m, &err), MK_ERR_PARSE);
+    ck_assert_msg(strstr(err.message, "too long") != NULL, "%s", err.message);
+}
+END_TEST
+
 START_TEST(the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own)
 {
     static const char text[] = "[rig]\nkind = pendubot\nfriction_sharpness = 40\n[parameters]\n"
@@ -383,6 +392,7 @@ Suite *suite_model_file(void)
     TCase *t = tcase_create("files");
     tcase_set_timeout(t, 20);
     tcase_add_test(t, a_joint_that_slides_reads_back_equal);
+    tcase_add_test(t, a_device_that_never_ends_a_line_is_no_model_file);
     tcase_add_test(t, the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own);
     tcase_add_test(t, units_that_do_not_go_together_are_refused);
     tcase_add_test(t, units_follow_the_joint_and_the_command);

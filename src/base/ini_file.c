@@ -58,11 +58,12 @@ static bool take_section(struct reader *r, const char *text)
  * ended. */
 static bool take_line(FILE *file, char *line, size_t size, size_t *length)
 {
+    enum { ENDLESS = 1 << 20 }; /* as of a device */
     size_t n = 0;
     int c = getc(file);
     if (c == EOF)
         return false;
-    for (; c != '\n' && c != EOF; c = getc(file), n++)
+    for (; c != '\n' && c != EOF && n < ENDLESS; c = getc(file), n++)
         if (n + 1 < size)
             line[n] = (char)c;
     line[n < size ? n : size - 1] = '\0';
