@@ -134,6 +134,28 @@ START_TEST(a_mapping_without_a_unit_takes_that_of_the_header)
 }
 END_TEST
 
+START_TEST(a_mapping_takes_counts_of_an_encoder)
+{
+    char out[2048];
+    const char *file = scratch_text("counts.csv", "t,enc,u\n0,0,0\n0.01,500,1\n0.02,1000,1\n");
+    static const char map[] = "[rig]\nkind = pendulum\n%s[t]\ncolumn = t\n[q1]\ncolumn = enc\n"
+                              "unit = counts\nsign = -1\n[u]\ncolumn = u\n";
+    char text[300];
+    snprintf(text, sizeof text, map, "encoder_cpr = 2000\n");
+    int status = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file,
+                             scratch_text("counts.map", text), scratch("counts_log.csv"));
+    ck_assert_msg(status == 0, "%s", out);
+    char *log = slurp_file(scratch("counts_log.csv"));
+    ck_assert_msg(strstr(log, "\n0.01,-1.5707963267948966,1\n"), "%s", log);
+    free(log);
+    snprintf(text, sizeof text, map, "");
+    status = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file,
+                         scratch_text("counts.map", text), scratch("counts_log.csv"));
+    ck_assert_msg(status == 3 && strstr(out, "Give [rig] encoder_cpr, counts a turn"), "%d %s",
+                  status, out);
+}
+END_TEST
+
 /* The unit in a header need not be repeated in a mapping, where no other column has the name. */
 START_TEST(a_column_is_found_without_the_unit_in_its_header)
 {
@@ -569,6 +591,7 @@ Suite *suite_import(void)
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_column_is_found_without_the_unit_in_its_header);
+    tcase_add_test(c, a_mapping_takes_counts_of_an_encoder);
     tcase_add_test(c, a_mapping_without_a_unit_takes_that_of_the_header);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);
     tcase_add_test(c, control_characters_in_names_of_columns_are_shown);

@@ -279,15 +279,27 @@ static enum mk_status find_sources(const struct mk_table *table, const char *pat
     return st;
 }
 
+/* A unit of an entry in the unit of the log's column. */
+static double size_in_log(const struct mk_import_map *map, const struct mk_import_column *c,
+                          enum quantity quantity)
+{
+    if (unit_is_counts(c->unit)) {
+        struct mk_model rig;
+        map_model(map, &rig);
+        return mk_model_count(&rig, c->to[1] == '2');
+    }
+    const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
+    return unit ? unit_size(unit, quantity, map->u_to_torque) : 1.0;
+}
+
 static enum mk_status apply_column(const struct mk_table *table, const char *path,
                                    const struct mk_import_map *map,
                                    const struct mk_import_column *c, struct mk_log *log,
                                    struct mk_error *err)
 {
-    const struct unit *unit = *c->unit ? unit_by_name(c->unit) : NULL;
     enum quantity quantity =
         quantity_of_joint_column(c->to, map->joint_linear, mk_plant(map->rig)->motor_joint);
-    double size = unit ? unit_size(unit, quantity, map->u_to_torque) : 1.0;
+    double size = size_in_log(map, c, quantity);
     const struct mk_table_column *source[3] = {NULL, NULL, NULL};
     enum mk_status st = find_sources(table, path, c, source, err);
     if (st != MK_OK)

@@ -202,6 +202,24 @@ static char *source_name(struct mk_import_column *c, const char *key)
                                        : NULL;
 }
 
+static bool take_unit(struct reader *r, struct mk_import_column *c, const char *section,
+                      const char *key, const char *value)
+{
+    const struct unit *unit = unit_by_name(value);
+    enum quantity quantity =
+        quantity_of_joint_column(section, r->map.joint_linear, mk_plant(r->map.rig)->motor_joint);
+    const bool counts =
+        unit_is_counts(value) && (quantity == QUANTITY_ANGLE || quantity == QUANTITY_LENGTH);
+    if (!counts && (!unit || unit_size(unit, quantity, 1.0) == 0.0)) {
+        char text[160];
+        snprintf(text, sizeof text, "%s is no unit of %s: %s ([rig] joint_unit comes first)", value,
+                 section, units_of(quantity));
+        return refuse(r, text, section, key);
+    }
+    snprintf(c->unit, sizeof c->unit, "%s", value);
+    return true;
+}
+
 static bool on_column(struct reader *r, const char *section, const char *key, const char *value)
 {
     struct mk_import_column *c = mk_import_map_find(&r->map, section);
@@ -219,20 +237,8 @@ static bool on_column(struct reader *r, const char *section, const char *key, co
         strcpy(name, value);
         return true;
     }
-    if (strcmp(key, "unit") == 0) {
-        const struct unit *unit = unit_by_name(value);
-        const bool *linear = r->map.joint_linear;
-        enum quantity quantity =
-            quantity_of_joint_column(section, linear, mk_plant(r->map.rig)->motor_joint);
-        if (!unit || unit_size(unit, quantity, 1.0) == 0.0) {
-            char text[160];
-            snprintf(text, sizeof text, "%s is no unit of %s: %s ([rig] joint_unit comes first)",
-                     value, section, units_of(quantity));
-            return refuse(r, text, section, key);
-        }
-        snprintf(c->unit, sizeof c->unit, "%s", value);
-        return true;
-    }
+    if (strcmp(key, "unit") == 0)
+        return take_unit(r, c, section, key, value);
     if (strcmp(key, "sign") == 0)
         return (finite_number(value, &c->sign) && c->sign != 0.0) ||
                refuse(r, "expected 1, -1 or another factor", section, key);
@@ -308,6 +314,22 @@ static enum mk_status check_joints(const struct reader *r)
     return MK_OK;
 }
 
+/* How large a count is, where a column has counts. */
+static enum mk_status check_counts(const struct reader *r)
+{
+    for (int i = 0; i < r->map.count; i++) {
+        const struct mk_import_column *c = &r->map.column[i];
+        const int joint = c->to[1] == '2';
+        if (unit_is_counts(c->unit) && !(r->map.encoder_cpr[joint] > 0) &&
+            !(r->map.encoder_resolution[joint] > 0.0))
+            return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0,
+                               "[%s] unit = %s: how large is one? Give [rig] %s", c->to, c->unit,
+                               r->map.joint_linear[joint] ? "encoder_resolution, in m"
+                                                          : "encoder_cpr, counts a turn");
+    }
+    return MK_OK;
+}
+
 static bool has_command(struct mk_import_map *map)
 {
     static const char *const commands[] = {"u", "u1", "tau", "tau1"};
@@ -328,6 +350,8 @@ static enum mk_status check(struct reader *r)
     if (missing)
         return mk_error_at(r->err, MK_ERR_PARSE, r->path, 0, 0, "%s is missing", missing);
     enum mk_status st = check_joints(r);
+    if (st == MK_OK)
+        st = check_counts(r);
     if (st != MK_OK)
         return st;
     if (!commanded && !r->map.no_input)

@@ -40,6 +40,11 @@ const struct unit *unit_by_name(const char *name)
     return NULL;
 }
 
+bool unit_is_counts(const char *name)
+{
+    return strcmp(name, "counts") == 0;
+}
+
 enum quantity quantity_of_column(const char *name)
 {
     static const struct {

@@ -28,6 +28,8 @@ struct unit {
 
 /* NULL: there is no such unit. Upper and lower case count. */
 const struct unit *unit_by_name(const char *name);
+/* Whether a name of a unit means steps of an encoder, whose size is the rig's. */
+bool unit_is_counts(const char *name);
 /* What a column of a log holds, by its name (docs/formats.md, "Log"). */
 enum quantity quantity_of_column(const char *name);
 /* The same where joint j slides if linear[j] says so; `motor` (0-based) is the joint that a column
