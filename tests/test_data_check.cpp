@@ -11,6 +11,7 @@
 #include "mechkit/explain.h"
 #include "mechkit/ident.h"
 #include "mechkit/sim.h"
+#include "support/cases.hpp"
 #include "support/files.h"
 #include "support/program.h"
 
@@ -99,6 +100,23 @@ START_TEST(a_good_log_has_no_findings)
     const mk_model m = model_of((enum mk_plant_kind)_i);
     const auto check = check_of(m, record(m, 6.0), MK_DATA_EXPLAIN);
     ck_assert_msg(check->count == 0, "%s: %s", mk_plant(m.plant)->name, check->finding[0].what);
+}
+END_TEST
+
+// With the joints swapped the model's own speeds are nonsense, so that constant speeds are far off,
+// and its predictions seem good beside those.
+START_TEST(a_good_log_of_a_model_that_is_off_is_not_taken_for_one_with_swapped_joints)
+{
+    truth::Wish wish;
+    wish.kind = "single", wish.seed = 150472;
+    const truth::Case c = truth::make_case(wish);
+    const mk_log *log = c.holdout.get();
+    auto check = std::make_unique<mk_data_check>();
+    *check = {};
+    ck_assert_int_eq(
+        mk_data_check_logs(&c.given, &log, 1, MK_DATA_HOLD_OUT, 2, check.get(), nullptr), MK_OK);
+    const mk_data_finding *fatal = mk_data_check_fatal(check.get());
+    ck_assert_msg(!fatal, "%s", fatal ? fatal->what : "");
 }
 END_TEST
 
@@ -403,6 +421,7 @@ extern "C" Suite *suite_data_check(void)
     TCase *t = tcase_create("all");
     tcase_set_timeout(t, 240);
     tcase_add_loop_test(t, a_good_log_has_no_findings, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, a_good_log_of_a_model_that_is_off_is_not_taken_for_one_with_swapped_joints);
     tcase_add_test(t, the_wrong_sign_of_one_motor_or_of_both_is_named);
     tcase_add_test(t, a_sent_command_that_runs_against_the_measured_one_is_doubted);
     tcase_add_loop_test(t, a_flipped_command_and_swapped_joints_are_fatal_on_every_plant, 0,

@@ -1,5 +1,6 @@
 // Signs, units and places of a log's columns: what the textbook says, which knows any rig of the
 // kind, and what the model predicts, which is of this one.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -38,9 +39,14 @@ constexpr double OTHER_SIGN = 0.5, SURELY_OTHER = 0.25, GOOD = 0.05, MORE_COLUMN
 using Log = std::unique_ptr<mk_log, decltype(&mk_log_free)>;
 using Table = std::unique_ptr<mk_table, decltype(&mk_table_free)>;
 
+// Squared errors of a joint, rad^2 or m^2: of the model's predictions, and of constant speeds.
+struct JointErrors {
+    double model, even;
+};
+
 // Mean over the joints whose speeds do not stay as they are. 0: nothing moves, or nothing can be
-// said.
-double misfit(const mk_model &model, const mk_log &log)
+// said. `errors`: sums by joint.
+double misfit(const mk_model &model, const mk_log &log, JointErrors errors[MK_MAX_JOINTS])
 {
     mk_predict_options o = {};
     o.window_s = WINDOW_S;
@@ -51,6 +57,7 @@ double misfit(const mk_model &model, const mk_log &log)
     const Log made(out, mk_log_free);
     const double *t = mk_log_get(&log, "t"), *window = mk_log_get(out, "window");
     double sum = 0.0, n = 0.0;
+    std::fill_n(errors, MK_MAX_JOINTS, JointErrors{0.0, 0.0});
     for (int j = 0; j < mk_model_joints(&model) && window; j++) {
         const double *y = mk_log_get(&log, mk_log_angle(j)), *q = mk_log_get(out, mk_log_angle(j));
         const double *v = mk_log_get(out, mk_log_speed(j)), noise = 3.0 * mk_model_count(&model, j);
@@ -65,6 +72,7 @@ double misfit(const mk_model &model, const mk_log &log)
             even += stay * stay;
             count++;
         }
+        errors[j] = {off, even};
         if (even > noise * noise * count) {
             sum += std::fmin(off / even, HOPELESS);
             n++;
@@ -91,50 +99,6 @@ mk_import_map map_itself(const CheckedLog &c)
     return map;
 }
 
-class Mapping
-{
-  public:
-    Mapping(const CheckedLog &log_in, Findings &out_in)
-        : c(log_in), out(out_in), table(nullptr, mk_table_free), itself(map_itself(log_in))
-    {
-    }
-    void check();
-
-  private:
-    const CheckedLog &c;
-    Findings &out;
-    Table table;
-    mk_import_map itself;
-    double now = 0.0; // misfit of the data as they are
-
-    double misfit_of(const mk_import_map &map) const
-    {
-        mk_log *log = nullptr;
-        if (mk_import_apply(table.get(), c.log.path, &map, &log, nullptr) != MK_OK)
-            return HUGE_VAL;
-        const Log owned(log, mk_log_free);
-        return misfit(c.model, *log);
-    }
-    std::vector<const char *> other_sign; // of commands: whose leaves least,
-    double others_leave = HUGE_VAL;       // and how much
-    void turn_commands();
-    bool ask_textbook();
-    bool ask_commands();
-    bool textbook_keeps_the_sign() const;
-    void ask_model();
-    void say(bool certain, const std::string &what, const std::string &change);
-};
-
-void Mapping::say(bool certain, const std::string &what, const std::string &change)
-{
-    const std::string remedy =
-        change.empty() ? "look at the column" : "if so, mechkit import --map with " + change;
-    if (certain)
-        out.fatal(what, remedy);
-    else
-        out.doubt(what, remedy);
-}
-
 void flip(mk_import_map &map, const char *name)
 {
     if (mk_import_column *column = mk_import_map_find(&map, name))
@@ -156,6 +120,58 @@ struct PlaceChange {
         return map;
     }
 };
+
+class Mapping
+{
+  public:
+    Mapping(const CheckedLog &log_in, Findings &out_in)
+        : c(log_in), out(out_in), table(nullptr, mk_table_free), itself(map_itself(log_in))
+    {
+    }
+    void check();
+
+  private:
+    const CheckedLog &c;
+    Findings &out;
+    Table table;
+    mk_import_map itself;
+    double now = 0.0; // misfit of the data as they are
+
+    JointErrors own[MK_MAX_JOINTS] = {};
+
+    double misfit_of(const mk_import_map &map, JointErrors errors[MK_MAX_JOINTS]) const
+    {
+        mk_log *log = nullptr;
+        if (mk_import_apply(table.get(), c.log.path, &map, &log, nullptr) != MK_OK)
+            return HUGE_VAL;
+        const Log owned(log, mk_log_free);
+        return misfit(c.model, *log, errors);
+    }
+    double misfit_of(const mk_import_map &map) const
+    {
+        JointErrors errors[MK_MAX_JOINTS];
+        return misfit_of(map, errors);
+    }
+    double of_own_errors(const PlaceChange &change) const;
+    std::vector<const char *> other_sign; // of commands: whose leaves least,
+    double others_leave = HUGE_VAL;       // and how much
+    void turn_commands();
+    bool ask_textbook();
+    bool ask_commands();
+    bool textbook_refuses(const mk_import_map &changed) const;
+    void ask_model();
+    void say(bool certain, const std::string &what, const std::string &change);
+};
+
+void Mapping::say(bool certain, const std::string &what, const std::string &change)
+{
+    const std::string remedy =
+        change.empty() ? "look at the column" : "if so, mechkit import --map with " + change;
+    if (certain)
+        out.fatal(what, remedy);
+    else
+        out.doubt(what, remedy);
+}
 
 // What the textbook finds goes by any rig of the kind: the model has to agree, and must not know
 // better. True if it does.
@@ -204,17 +220,14 @@ void Mapping::turn_commands()
     }
 }
 
-// Whether no rig of the kind can move as the log says with the other sign of the commands, while
-// one can as it is. Then it is the values of the model that are wrong: they may be off by orders of
+// Whether no rig of the kind can move as the log says with a change of its columns, while one can
+// as they are. Then it is the values of the model that are wrong: they may be off by orders of
 // magnitude, which is what a log is identified for.
-bool Mapping::textbook_keeps_the_sign() const
+bool Mapping::textbook_refuses(const mk_import_map &changed) const
 {
     mk_import_finding findings[MK_IMPORT_FINDINGS];
-    mk_import_map turned = itself;
-    for (const char *name : other_sign)
-        flip(turned, name);
     return mk_import_check(table.get(), c.log.path, &itself, findings) == 0 &&
-           mk_import_check(table.get(), c.log.path, &turned, findings) > 0;
+           mk_import_check(table.get(), c.log.path, &changed, findings) > 0;
 }
 
 // True if the other sign of a command leaves clearly less, or would if the model were right.
@@ -222,7 +235,10 @@ bool Mapping::ask_commands()
 {
     if (!(others_leave < std::fmin(OTHER_SIGN * now, LIKELY)))
         return false;
-    if (textbook_keeps_the_sign())
+    mk_import_map turned = itself;
+    for (const char *name : other_sign)
+        flip(turned, name);
+    if (textbook_refuses(turned))
         return true;
     std::string names, change;
     for (const char *name : other_sign) {
@@ -236,6 +252,23 @@ bool Mapping::ask_commands()
              100.0 * others_leave, 100.0 * std::fmin(now, 1.0)),
         change);
     return true;
+}
+
+// Speeds at the beginning of a window are what the model takes them for. One that is wrong takes
+// them for anything, and all constant speeds are then far off: what it leaves counts by the error
+// that they have of the columns as they are.
+double Mapping::of_own_errors(const PlaceChange &change) const
+{
+    JointErrors errors[MK_MAX_JOINTS] = {};
+    if (!(misfit_of(change.made(itself), errors) > 0.0))
+        return 0.0;
+    double sum = 0.0, n = 0.0;
+    for (int j = 0; j < mk_model_joints(&c.model); j++) {
+        const double even = own[change.swap ? 1 - j : j].even;
+        if (errors[j].even > 0.0 && even > 0.0)
+            sum += std::fmin(errors[j].model / even, HOPELESS), n++;
+    }
+    return n > 0.0 ? sum / n : 0.0;
 }
 
 // Where nothing else is found: signs and places of angles under which a model predicts that knows
@@ -253,7 +286,7 @@ void Mapping::ask_model()
     for (const PlaceChange &change : changes) {
         if (!(now > KNOWS_NOTHING) || (mk_model_joints(&c.model) < 2 && (change.q2 || change.swap)))
             continue;
-        const double then = misfit_of(change.made(itself));
+        const double then = std::fmax(misfit_of(change.made(itself)), of_own_errors(change));
         if (then < least) {
             least = then;
             best = &change;
@@ -278,7 +311,7 @@ void Mapping::check()
     if (mk_table_from_log(&beginning, nullptr, 0.0, &made, nullptr) != MK_OK)
         return;
     table.reset(made);
-    now = misfit_of(itself);
+    now = misfit_of(itself, own);
     if (now > 0.0)
         turn_commands();
     if (!ask_textbook() && !ask_commands())
