@@ -284,6 +284,7 @@ class Explainer
     std::unique_ptr<FreeRuns> free_runs; // over the same data
     std::unique_ptr<FreeRuns> all_runs;  // over all to learn from
     bool by_predictions = false;         // have causes been found
+    bool closed_by_predictions = false;  // most of the gap, before likelihood was asked
     bool causes_first = false;           // they say more than what is asked before them
     bool begun_to_end = false;           // `begun` has all its causes
     std::unique_ptr<PredictionSearch> begun, decided; // over free_runs, over all_runs
@@ -306,7 +307,7 @@ class Explainer
         masses = {};
         FirstFit first(asked, model, start, training, options, so);
         search = first.run(logs);
-        first.sharpen_friction(*search);
+        first.adapt_sharpness(*search);
         masses_kept = first.keep_known_masses(*search, *folds, out.window_s, masses);
         if (first.fitted) {
             if (masses_kept)
@@ -435,9 +436,11 @@ class Explainer
         return st == MK_ERR_RANGE || st == MK_ERR_NUMERIC ? MK_OK : st;
     }
     // The search itself, with what differs from log to log in the model.
-    //     1. Of long logs, or where a search has begun: by predictions. A base model that even with
-    //        all of that is farther than policy::FAR_FROM_NOISE times the noise from its data is
-    //        not searched by likelihood, which would only take longer to fail.
+    //     1. Of long logs, or where a search has begun: by predictions. Where they close most of
+    //     the
+    //        gap and leave more than policy::FAR_FROM_NOISE times the noise, likelihood is not
+    //        asked, which would only take longer to fail. Where they close little it is asked as
+    //        of short logs.
     //     2. Missed counts: steps in the readings look like kicks to every law, so before causes.
     //     3. By likelihood; once more where the causes change the size of the missed counts.
     //     4. Where that does not speak for itself: predictions decide (decide_by), or at least
@@ -454,7 +457,9 @@ class Explainer
         if (!data.whole.empty() || begun)
             prediction = search_predictions(refit);
         clock.enter("missed counts");
-        const bool far = prediction && prediction->times_noise() > policy::FAR_FROM_NOISE;
+        closed_by_predictions = prediction && closes_most(*prediction);
+        const bool far =
+            closed_by_predictions && prediction->times_noise() > policy::FAR_FROM_NOISE;
         if (!far)
             correct_counts(so, refit);
         clock.enter("search");
@@ -476,6 +481,11 @@ class Explainer
         causes->polish_rivals();
         ask_held_out();
         reject_misleading();
+    }
+    static bool closes_most(const PredictionSearch &found)
+    {
+        return found.closed() > policy::CLOSED_BY_PREDICTIONS &&
+               found.times_noise() < policy::NEAR_THE_NOISE;
     }
     // Causes that predict are those that are said, unless likelihood goes on from them. Where none
     // does, or none is confirmed, likelihood is asked to the end, and says what it is where it
@@ -546,7 +556,9 @@ class Explainer
         if (!folds->enough() || mk_model_hides_joint(&causes->best.point.model))
             return false;
         clock.enter("predictions");
-        std::unique_ptr<PredictionSearch> found = predictions_of(refit.point.model);
+        mk_model base = refit.point.model;
+        base.friction_sharpness = causes->best.point.model.friction_sharpness;
+        std::unique_ptr<PredictionSearch> found = predictions_of(base);
         if (!causes->hand_over(*found))
             return false;
         found->decide();
@@ -561,11 +573,11 @@ class Explainer
         causes = std::move(more);
         return true;
     }
-    // Where nothing predicts, likelihood is asked to the end. Not of long logs, which would take
-    // long, nor of several, of which those that are left out have said that nothing carries over.
+    // Where nothing predicts, likelihood is asked to the end. Not of several logs, of which those
+    // that are left out have said that nothing carries over.
     void go_on_without_predictions()
     {
-        if (!causes->gives_up() || !data.whole.empty() || folds->sources() >= Folds::FEWEST)
+        if (!causes->gives_up() || folds->sources() >= Folds::FEWEST)
             return;
         clock.enter("search");
         causes->run_to_the_end();
@@ -681,15 +693,17 @@ class Explainer
     }
     // A new search by likelihood from `refit`; with `far` it stays at that model. It gives up early
     // only where predictions can take over: there are folds, and no missed counts, which free runs
-    // do not know. It does so after one cause (two where there are only one or two short logs) if
-    // the model still says nothing within a shooting interval and, but of long logs, the causes
-    // gain less than policy::LIKELIHOOD_SAYS_LITTLE a reading.
+    // do not know. It does so after one cause (two where there are only one or two logs that
+    // predictions have not been of use for) if the model still says nothing within a shooting
+    // interval and, but where predictions have closed most of the gap, the causes gain less than
+    // policy::LIKELIHOOD_SAYS_LITTLE a reading.
     void search_causes(const Hypothesis &refit, bool far)
     {
         causes = std::make_unique<CauseSearch>(values.model, *search, refit);
-        causes->give_up_after = folds->sources() < Folds::FEWEST && data.whole.empty() ? 2 : 1;
+        causes->give_up_after = folds->sources() < Folds::FEWEST && !closed_by_predictions ? 2 : 1;
         if (correction.joint == 0 && folds->enough())
-            causes->gives_up_below = data.whole.empty() ? policy::LIKELIHOOD_SAYS_LITTLE : HUGE_VAL;
+            causes->gives_up_below =
+                closed_by_predictions ? HUGE_VAL : policy::LIKELIHOOD_SAYS_LITTLE;
         if (!far)
             causes->run();
     }

@@ -83,6 +83,8 @@ constexpr double AT_NOISE = 2.0;
 // Times the noise: so far off, of long logs no single law explains all where several together leave
 // that.
 constexpr double FAR_FROM_NOISE = 5.0;
+// Share of the gap, on data left out, from which what predictions of long logs have found is kept.
+constexpr double CLOSED_BY_PREDICTIONS = 0.5;
 // Of the refitted model's squared error on held-out data: a cause that has to be in all logs shows.
 constexpr double SHOWS = 0.1;
 

@@ -93,6 +93,7 @@ void CauseSearch::look_further()
     try_runners_up();
     name_terms();
     drop_idle();
+    sharpen_friction();
     simplify();
 }
 
@@ -105,10 +106,12 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     const RunFit &all = found.extended();
     // The states and process noise of the causes' model, then all parameters, by likelihood.
     Hypothesis there;
-    if (!search.follow(all.point.model, nullptr, policy::SAYS_NOTHING, there) ||
-        there.process_noise > policy::FAR_FROM_DATA || !search.refit(all.point.model, &there, best))
+    if (!follow_with_sharpness(all.point.model, there) ||
+        there.process_noise > policy::FAR_FROM_DATA ||
+        !search.refit(there.point.model, &there, best))
         return false;
     search.polish(best, true);
+    adapt_sharpness();
     if (!likelihood_counts(best))
         return false;
     near = true;
@@ -127,6 +130,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     }
     add_causes(policy::MOST_FURTHER_CAUSES);
     drop_idle();
+    sharpen_friction();
     simplify();
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
         face_rivals(i);
@@ -224,6 +228,7 @@ void CauseSearch::add_causes(size_t most)
         nearer = best.process_noise < policy::NEARER * before.process_noise;
         forget_lacks();
         rounds.push_back(std::move(round));
+        adapt_sharpness();
         if (idle_without_last()) {
             // Without any cause the first fit was only stuck: once more from where it is now.
             if (!rounds.empty() || freed)

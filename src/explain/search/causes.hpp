@@ -91,6 +91,17 @@ class CauseSearch
     bool idle_without_last();
     void drop_idle();
     void name_terms();
+    void adapt_sharpness();
+    bool follow_with_sharpness(const mk_model &model, Hypothesis &out);
+    void sharpen_friction();
+    void find_sharpness();
+    void lead_latest();
+    void face_rivals_with_sharpness();
+    bool fit_sharper_without(size_t cause, Hypothesis &sharper);
+    bool sharper_without_law(Hypothesis &sharper, size_t &law);
+    bool exchange_laws();
+    bool take_place(size_t cause, const Candidate &law);
+    void drop_idle_beside_sharpness(double step);
     void put_in_place(size_t cause, std::vector<Hypothesis> ranked, const Hypothesis &without);
     bool has_open_size(size_t cause) const;
     static bool is_simpler(const Candidate &a, const Candidate &b);

@@ -6,6 +6,7 @@
 #include "explain/policy.hpp"
 #include "explain/search/causes.hpp"
 #include "explain/search/prediction_search.hpp"
+#include "explain/search/sharpness.hpp"
 #include "ident/first_values.hpp"
 #include "ident/scale.hpp"
 
@@ -91,56 +92,15 @@ std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
     return search;
 }
 
-// A fit with k = times that of `from`, at its process noise.
-static bool sharper(Search &search, const Hypothesis &from, double times, Hypothesis &out)
+void FirstFit::adapt_sharpness(Search &search)
 {
-    mk_model model = from.point.model;
-    model.friction_sharpness *= times;
-    return search.refit_at(model, from, from.process_noise, out);
-}
-
-// Better k near that of h, steps halved, and the model fitted anew with it.
-static bool refine_sharpness(Search &search, Hypothesis &h)
-{
-    constexpr double FIRST_STEP = 1.4, LAST_STEP = 1.01;
-    Hypothesis next;
-    for (double step = FIRST_STEP; step > LAST_STEP; step = std::sqrt(step))
-        for (const double times : {step, 1.0 / step})
-            if (sharper(search, h, times, next) && next.quadratic.nlml < h.quadratic.nlml) {
-                h = std::move(next);
-                break;
-            }
-    if (!search.refit(h.point.model, &h, next))
-        return false;
-    h = std::move(next);
-    return true;
-}
-
-// k goes up by factors of two while the data get likelier; then the model is fitted anew, and k is
-// refined from there, where less is missing.
-bool FirstFit::sharpen_friction(Search &search)
-{
-    constexpr double MOST = 64.0;
-    const mk_plant_info &plant = *mk_plant(model.plant);
+    Hypothesis adapted = refit;
     if (!fitted || search.complete(refit) ||
-        !(refit.point.model.parameter[plant.parameter_count - 1] > 0.0))
-        return false;
-    Hypothesis best = refit, next;
-    for (double times = 2.0; times <= MOST && sharper(search, refit, times, next) &&
-                             next.quadratic.nlml < best.quadratic.nlml;
-         times *= 2.0)
-        best = std::move(next);
-    if (refit.quadratic.nlml - best.quadratic.nlml < policy::ACCEPT_FURTHER ||
-        !search.refit(best.point.model, &best, next) || next.process_noise > policy::FAR_FROM_DATA)
-        return false;
-    for (int round = 0; round < 2 && !search.complete(next); round++)
-        if (!refine_sharpness(search, next))
-            return false;
-    if (!search.complete(next))
-        return false;
-    start.friction_sharpness = next.point.model.friction_sharpness;
-    refit = std::move(next);
-    return true;
+        !sharpness::adapt_and_refit(search, asked.friction_sharpness, adapted) ||
+        !CauseSearch::likelihood_counts(adapted))
+        return;
+    start.friction_sharpness = adapted.point.model.friction_sharpness;
+    refit = std::move(adapted);
 }
 
 bool FirstFit::keep_known_masses(Search &search, const Folds &folds, double window_s,

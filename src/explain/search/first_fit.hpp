@@ -25,10 +25,10 @@ class FirstFit
     // Of the given values, unless one of others ends clearly nearer to the data. Fits what `logs`
     // are the rows of; the search that made it.
     std::unique_ptr<Search> run(const std::vector<const mk_log *> &logs);
-    // Dry friction of a rig may change its sign more sharply than the model has it, tanh(k v),
-    // which looks like a friction that falls with speed. Where a larger k alone explains the data
-    // it is taken, in `refit` and `start`; else nothing changes. True if so.
-    bool sharpen_friction(Search &search);
+    // The sharpness of dry friction's sign (search/sharpness.hpp) is fitted like other values of
+    // the model, in `refit` and `start`, where the model is near its data with it. Further off it
+    // bends to what else is missing.
+    void adapt_sharpness(Search &search);
     // Of logs that move a rig little, a model that lacks something takes a mass to wherever the
     // rest bends to them, many times over. Where the fit is as far from what is given as that, it
     // is one that keeps the masses, unless data that are left out say that the other one was

@@ -199,6 +199,7 @@ static bool ask_group(const mk_model &given, const HeldOut &halves, Search &sear
     // The model to go on from has the group at its fitted values and the base parameters as given.
     out.model = own.point.model;
     std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+    out.model.friction_sharpness = given.friction_sharpness;
     out.fit = std::move(own);
     for (const Candidate &c : added)
         out.found.push_back({c.effect, c.joint, c.size, gain, c.spread});
@@ -261,6 +262,7 @@ LogValues with_log_values(const mk_model &given, const std::vector<LogValue> &fo
         return out;
     out.model = fit.point.model;
     std::copy_n(given.parameter, MK_MAX_PARAMETERS, out.model.parameter);
+    out.model.friction_sharpness = given.friction_sharpness;
     out.fit = std::move(fit);
     out.found = found;
     return out;

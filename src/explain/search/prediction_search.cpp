@@ -129,6 +129,17 @@ double PredictionSearch::times_noise() const
     return n > 0.0 ? std::sqrt(sum / n) : 0.0;
 }
 
+double PredictionSearch::closed() const
+{
+    const bool half = has_own_values(best);
+    double sum = 0.0, n = 0.0;
+    for (int j = 0; j < mk_model_joints(&base); j++)
+        if (refit.left_out[half].nrmse(j) > 0.0)
+            sum += 1.0 - std::pow(best.left_out[half].nrmse(j) / refit.left_out[half].nrmse(j), 2),
+                n += 1.0;
+    return n > 0.0 ? sum / n : 0.0;
+}
+
 // The base fitted, and what errors are usual taken from it. floor: what the readings' noise leaves
 // of a joint's nrmse.
 bool PredictionSearch::start()

@@ -84,6 +84,9 @@ class PredictionSearch
     void judge(const RunFit &fit, Hypothesis &out) const;
     // Mean over joints of the squared error over that of the readings' noise, on data left out.
     double times_noise() const;
+    // Mean over joints of the share of the refitted model's squared error that the causes close,
+    // on data left out.
+    double closed() const;
 
     std::vector<Carrier> causes;
     std::vector<Asked> suspects; // asked at the end, and not surely better

@@ -1,0 +1,27 @@
+// How sharply the motor joint's dry friction changes its sign: k in tanh(k v).
+//
+// k is a convention of the model, not a number that anybody measures. A rig's friction mostly
+// changes its sign faster, and what is left then looks like a friction that falls with speed.
+#ifndef MECHKIT_EXPLAIN_SEARCH_SHARPNESS_HPP
+#define MECHKIT_EXPLAIN_SEARCH_SHARPNESS_HPP
+
+#include "explain/search/search.hpp"
+
+namespace mk::sharpness
+{
+
+// Fits `h` with the k, near its own or far, of least nlml at its process noise, where that gains
+// policy::ACCEPT_FURTHER. True if so. `given`: the k to stay near, within factors of FEWEST and
+// MOST. It is found to within a factor of ROUGHLY, then FINELY.
+constexpr double FEWEST = 1.0 / 8.0, MOST = 64.0, ROUGHLY = 1.1, FINELY = 1.01;
+bool adapt(Search &search, double given, Hypothesis &h);
+// The same, and all parameters and the process noise fitted anew.
+bool adapt_and_refit(Search &search, double given, Hypothesis &h);
+// Goes to a better k near that of `h`, at its process noise: steps from a third down to `last`.
+void come_nearer(Search &search, Hypothesis &h, double last);
+// The model with k times as large: its own, and that of laws of friction of the same joint.
+mk_model with_sharpness(const mk_model &model, double times);
+bool has_dry_friction(const mk_model &model);
+
+} // namespace mk::sharpness
+#endif
