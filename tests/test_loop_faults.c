@@ -241,6 +241,26 @@ START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
 }
 END_TEST
 
+static enum mk_status deaf_to_safe(struct mk_board *board)
+{
+    (void)bench.own->safe_state(board);
+    return MK_ERR_TIMEOUT;
+}
+
+START_TEST(a_halt_that_the_board_does_not_confirm_is_told)
+{
+    struct mk_error err = MK_ERROR_INIT;
+    bench_build(NULL);
+    bench_override_board()->safe_state = deaf_to_safe;
+    bench_start();
+    ck_assert_int_eq(mk_loop_halt(bench.loop, &err), MK_ERR_IO);
+    ck_assert_msg(strstr(err.message, "not confirmed that the motor is off"), "%s", err.message);
+    bench_restore_board();
+    bench_start();
+    ck_assert_int_eq(mk_loop_halt(bench.loop, &err), MK_OK);
+}
+END_TEST
+
 START_TEST(counters_are_zeroed_again_after_faults_that_put_them_in_doubt)
 {
     static const enum mk_fault doubtful[] = {MK_FAULT_JUMP,      MK_FAULT_STUCK, MK_FAULT_RUNAWAY,
@@ -416,6 +436,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_halt_turns_the_motor_off_without_help_of_the_watchdog);
     tcase_add_test(t, the_stop_button_stops_the_motor);
     tcase_add_test(t, the_board_is_told_to_be_safe_in_the_tick_of_the_fault);
+    tcase_add_test(t, a_halt_that_the_board_does_not_confirm_is_told);
     tcase_add_test(t, counters_are_zeroed_again_after_faults_that_put_them_in_doubt);
     tcase_add_test(t, a_board_that_does_not_answer_has_no_tail);
     tcase_add_test(t, a_tail_ends_when_the_board_stops_answering);

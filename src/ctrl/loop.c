@@ -157,6 +157,10 @@ static enum mk_status end_run(struct mk_loop *loop, struct mk_error *err)
         struct mk_sample none = {0};
         mk_loop_take_mail(loop, &none);
     }
+    if (st == MK_OK && shown->unconfirmed && !shown->fault)
+        return mk_error_set(err, MK_ERR_IO,
+                            "the board has not confirmed that the motor is off, and its watchdog "
+                            "has to see to that; the log is complete");
     return st;
 }
 

@@ -408,6 +408,6 @@ enum mk_status mk_loop_begin_ticks(struct mk_loop *loop, struct mk_error *err)
 
 void mk_loop_end_ticks(struct mk_loop *loop)
 {
-    (void)loop->board->ops->safe_state(loop->board);
+    loop->run.shown.unconfirmed = loop->board->ops->safe_state(loop->board) != MK_OK;
     atomic_store_explicit(&loop->ended, true, memory_order_release);
 }
