@@ -134,6 +134,16 @@ START_TEST(a_mapping_without_a_unit_takes_that_of_the_header)
 }
 END_TEST
 
+START_TEST(an_infinite_value_is_refused)
+{
+    char out[2048];
+    const char *file = scratch_text("inf.csv", "t,q1,u\n0,0,0\n0.01,1,1e999\n0.02,2,1\n");
+    int status = run_mechkit(out, sizeof out, "import %s --rig pendulum --force --out %s", file,
+                             scratch("inf_log.csv"));
+    ck_assert_msg(status == 3 && strstr(out, "row 2: u is infinite"), "%d %s", status, out);
+}
+END_TEST
+
 START_TEST(a_mapping_takes_counts_of_an_encoder)
 {
     char out[2048];
@@ -591,6 +601,7 @@ Suite *suite_import(void)
     tcase_add_test(c, text_where_a_number_should_be_is_told_with_its_line);
     tcase_add_test(c, of_two_columns_of_one_name_the_mapping_says_which);
     tcase_add_test(c, a_column_is_found_without_the_unit_in_its_header);
+    tcase_add_test(c, an_infinite_value_is_refused);
     tcase_add_test(c, a_mapping_takes_counts_of_an_encoder);
     tcase_add_test(c, a_mapping_without_a_unit_takes_that_of_the_header);
     tcase_add_test(c, a_name_that_no_mapping_can_have_goes_by_its_number);

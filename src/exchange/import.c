@@ -320,6 +320,11 @@ static enum mk_status apply_column(const struct mk_table *table, const char *pat
         if (source[2])
             value -= source[2]->data[r];
         data[r] = c->sign * size * value + c->offset;
+        if (isinf(data[r]) && quantity != QUANTITY_TIME)
+            return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
+                               "row %zu: %s is infinite; a missing value is an empty field, nan "
+                               "or NA",
+                               r + 1, c->to);
     }
     return MK_OK;
 }

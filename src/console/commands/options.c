@@ -27,7 +27,7 @@ static bool in_range(const struct option_row *row, double x)
 {
     if (row->low == 0.0 && row->high == 0.0)
         return x > 0.0 && isfinite(x);
-    return x >= row->low && x <= row->high;
+    return x >= row->low && x <= row->high && isfinite(x);
 }
 
 static bool take_number(const struct option_row *row, const char *value, double *out)

@@ -61,7 +61,7 @@ static const struct option_row option_rows[] = {
     {"drift", OPTION_NUMBER(search.process_noise), "D",
      "process noise that the rig may have, rad/s per sqrt(s); default 1e-4; where a joint slides a "
      "hundredth of it, m/s per sqrt(s)",
-     0, INFINITY},
+     0, 1e6},
     {"spread", OPTION_NUMBER(search.spread), "P",
      "how far the parameters may be off, as 0.1; default 0: trust the model", 0, 1},
     {"fix", OPTION_TEXTS(fixed), "NAME", "a parameter that will not be fitted; may be repeated"},
