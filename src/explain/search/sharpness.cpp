@@ -74,7 +74,8 @@ bool adapt_and_refit(Search &search, double given, Hypothesis &h)
 {
     constexpr int ROUNDS = 3;
     Hypothesis nearer = h, next;
-    if (!adapt(search, given, nearer))
+    if (h.process_noise > policy::SAYS_NOTHING || !adapt(search, given, nearer) ||
+        h.quadratic.nlml - nearer.quadratic.nlml < policy::SHARPNESS_SAYS * search.readings())
         return false;
     bool adapted = false;
     for (int round = 0; round < ROUNDS; round++) {
