@@ -132,8 +132,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     drop_idle();
     sharpen_friction();
     simplify();
-    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++)
-        face_rivals(i);
+    face_all_rivals();
     return true;
 }
 
@@ -340,6 +339,32 @@ void CauseSearch::face_rivals(size_t cause)
         faced.push_back(std::move(h));
     }
     ranked = std::move(faced);
+}
+
+// All of them; one that is clearly likelier in its place,
+//     L(rival) < L(best) - policy::INSEPARABLE ,
+// takes it, and then the others are asked again.
+void CauseSearch::face_all_rivals()
+{
+    constexpr int PASSES = 2;
+    bool changed = true;
+    for (int pass = 0; pass < PASSES && changed; pass++) {
+        changed = false;
+        for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
+            face_rivals(i);
+            std::vector<Hypothesis> &ranked = rounds[i].ranked;
+            const auto likeliest = std::min_element(ranked.begin(), ranked.end(),
+                                                    [](const Hypothesis &a, const Hypothesis &b) {
+                                                        return a.penalised_nlml < b.penalised_nlml;
+                                                    });
+            if (likeliest->penalised_nlml >= best.penalised_nlml - policy::INSEPARABLE)
+                continue;
+            std::iter_swap(ranked.begin(), likeliest);
+            best = ranked[0];
+            forget_lacks();
+            changed = true;
+        }
+    }
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const

@@ -108,6 +108,7 @@ class CauseSearch
     void say_simpler(size_t cause, const Candidate &law, const Candidate &start);
     bool has_open_shape(size_t cause) const;
     void face_rivals(size_t cause);
+    void face_all_rivals();
     bool has_cause(const Candidate &c) const;
     bool choose(std::vector<Hypothesis> &ranked, double needed);
     bool consider_backlash(std::vector<Hypothesis> &ranked, double needed);

@@ -35,12 +35,13 @@ void CauseSearch::lead_latest()
 void CauseSearch::face_rivals_with_sharpness()
 {
     const double k = best.point.model.friction_sharpness;
-    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
-        const std::vector<Hypothesis> &ranked = rounds[i].ranked;
-        if (std::any_of(ranked.begin() + 1, ranked.end(),
-                        [&](const Hypothesis &h) { return h.point.model.friction_sharpness != k; }))
-            face_rivals(i);
-    }
+    const auto with_another = [&](const Hypothesis &h) {
+        return h.point.model.friction_sharpness != k;
+    };
+    if (std::any_of(rounds.begin(), rounds.end(), [&](const Round &r) {
+            return std::any_of(r.ranked.begin() + 1, r.ranked.end(), with_another);
+        }))
+        face_all_rivals();
 }
 
 // A model that comes from free runs, which hardly see how friction changes its sign, follows the
@@ -92,10 +93,11 @@ bool CauseSearch::fit_sharper_without(size_t cause, Hypothesis &sharper)
     return true;
 }
 
-// `best` with a larger k: as it is, or without one of its laws of friction, number `law` (the
-// number of causes: none), whichever is likelier. False where no k gains.
+// `best` with a larger k: as it is, or without one of the laws of the same friction, number `law`
+// (the number of causes: none), whichever is likelier. False where no k gains.
 bool CauseSearch::sharper_without_law(Hypothesis &sharper, size_t &law)
 {
+    const int motor = mk_plant(model.plant)->motor_joint + 1;
     law = rounds.size();
     sharper = best;
     bool found = sharpness::adapt(search, model.friction_sharpness, sharper);
@@ -103,8 +105,8 @@ bool CauseSearch::sharper_without_law(Hypothesis &sharper, size_t &law)
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
         const Candidate &cause = rounds[i].ranked[0].added;
         Hypothesis without;
-        if (!is_friction(cause.effect, cause.value) || !fit_sharper_without(i, without) ||
-            without.penalised_nlml >= least)
+        if (cause.joint != motor || !is_friction(cause.effect, cause.value) ||
+            !fit_sharper_without(i, without) || without.penalised_nlml >= least)
             continue;
         least = without.penalised_nlml;
         sharper = std::move(without);
