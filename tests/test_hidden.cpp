@@ -246,6 +246,22 @@ START_TEST(a_cause_is_found_beside_dry_friction_that_is_sharper_than_the_model_h
 }
 END_TEST
 
+// Nor does anything else stand in for it where nothing is missing, however far off the model is.
+START_TEST(nothing_is_found_where_dry_friction_alone_is_sharper_than_the_model_has_it)
+{
+    static const uint64_t seeds[] = {133519, 134528, 138564};
+    truth::Wish wish;
+    wish.kind = "none", wish.seed = seeds[_i];
+    truth::Case c = truth::make_case(wish);
+    c.given.friction_sharpness = 3.0;
+    const mk_explanation e = explained(c);
+    ck_assert_msg(e.verdict == MK_VERDICT_NONE || e.verdict == MK_VERDICT_PARAMETERS, "%s",
+                  mk_verdict_name(e.verdict));
+    ck_assert_int_eq(e.cause_count, 0);
+    ck_assert_double_eq_tol(e.refit.friction_sharpness, 15.0, 1.5);
+}
+END_TEST
+
 // Of more data than are searched, predictions are asked first; where the given values are far off
 // they find nothing, and that is not the last word.
 START_TEST(a_cause_is_found_in_more_data_than_are_searched)
@@ -727,6 +743,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_loop_test(off,
                         a_cause_is_found_beside_dry_friction_that_is_sharper_than_the_model_has_it,
                         0, (int)(sizeof beside_friction / sizeof beside_friction[0]));
+    tcase_add_loop_test(
+        off, nothing_is_found_where_dry_friction_alone_is_sharper_than_the_model_has_it, 0, 3);
     tcase_add_loop_test(off, a_cause_is_found_in_more_data_than_are_searched, 0, 2);
     suite_add_tcase(s, off);
     TCase *longest = tcase_create("one search of several causes that takes half a minute");

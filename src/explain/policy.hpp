@@ -34,9 +34,10 @@ constexpr double SHOWN_BY_TRIAL = 0.3;
 // A reading: a first cause that gains less, of a model that says nothing within a shooting
 // interval, leaves the choice to predictions.
 constexpr double LIKELIHOOD_SAYS_LITTLE = 0.5;
-// A reading: a sharper sign of dry friction that gains less explains nothing by itself. Looked at
-// on rigs with such friction (0.02 to 0.5) and on measured ones (0.001 to 0.003).
-constexpr double SHARPNESS_SAYS = 0.01;
+// A reading: a sharper sign of dry friction that gains less explains nothing by itself; and of a
+// model that says nothing within a shooting interval. Looked at on rigs with such friction (0.02 to
+// 0.5) and on measured ones (0.001 to 0.003, and up to 0.04).
+constexpr double SHARPNESS_SAYS = 0.01, SHARPNESS_SAYS_FAR = 0.1;
 
 // Standard error of a cause's size or shape, over its value, from which the data leave it open.
 constexpr double OPEN_SIZE = 0.5;

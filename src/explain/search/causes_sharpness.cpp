@@ -232,6 +232,11 @@ void CauseSearch::find_sharpness()
         return;
     }
     refit = std::move(again);
+    // A single cause that stood in for nothing but that.
+    if (rounds.size() == 1 && refit.penalised_nlml < best.penalised_nlml + policy::ACCEPT_FIRST) {
+        best = refit;
+        rounds.clear();
+    }
 }
 
 } // namespace mk

@@ -74,8 +74,10 @@ bool adapt_and_refit(Search &search, double given, Hypothesis &h)
 {
     constexpr int ROUNDS = 3;
     Hypothesis nearer = h, next;
-    if (h.process_noise > policy::SAYS_NOTHING || !adapt(search, given, nearer) ||
-        h.quadratic.nlml - nearer.quadratic.nlml < policy::SHARPNESS_SAYS * search.readings())
+    const double least = (h.process_noise > policy::SAYS_NOTHING ? policy::SHARPNESS_SAYS_FAR
+                                                                 : policy::SHARPNESS_SAYS) *
+                         search.readings();
+    if (!adapt(search, given, nearer) || h.quadratic.nlml - nearer.quadratic.nlml < least)
         return false;
     bool adapted = false;
     for (int round = 0; round < ROUNDS; round++) {

@@ -15,9 +15,8 @@ namespace mk::sharpness
 // MOST. It is found to within a factor of ROUGHLY, then FINELY.
 constexpr double FEWEST = 1.0 / 8.0, MOST = 64.0, ROUGHLY = 1.1, FINELY = 1.01;
 bool adapt(Search &search, double given, Hypothesis &h);
-// The same, and all parameters and the process noise fitted anew. Not of a model that says nothing
-// within a shooting interval, nor where k gains less than policy::SHARPNESS_SAYS a reading: that is
-// what a model gains by bending.
+// The same, and all parameters and the process noise fitted anew. Not where
+// k gains less than policy::SHARPNESS_SAYS a reading: that is what a model gains by bending.
 bool adapt_and_refit(Search &search, double given, Hypothesis &h);
 // Goes to a better k near that of `h`, at its process noise: steps from a third down to `last`.
 void come_nearer(Search &search, Hypothesis &h, double last);
