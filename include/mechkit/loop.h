@@ -120,8 +120,8 @@ MK_NODISCARD enum mk_status mk_loop_start(struct mk_loop *loop, const char *log_
                                           const struct mk_log_meta *meta, size_t meta_count,
                                           struct mk_error *err);
 /* Motor off, ticks ended, log complete and closed. MK_OK also when idle. MK_ERR_NOSPACE or
- * MK_ERR_IO when the log could not be completed (the motor is off all the same), MK_ERR_IO also
- * when the board has not answered that the motor is off. */
+ * MK_ERR_IO when the log could not be completed (the motor is off all the same); MK_ERR_IO too when
+ * the board has not answered that the motor is off, with a log that is complete. */
 MK_NODISCARD enum mk_status mk_loop_halt(struct mk_loop *loop, struct mk_error *err);
 
 /* Lets the run go on for `seconds` of its own time, or until `until` (may be NULL) returns true for
