@@ -2,6 +2,7 @@
 #include "console/commands/budget.h"
 #include "console/commands/data_checks.h"
 #include "explain/report/places_text.h"
+#include "explain/report/sharpness_text.h"
 #include "ident/input_report.h"
 
 #include <errno.h>
@@ -308,11 +309,10 @@ static void print_reservations(FILE *out, const struct mk_explanation *e)
         for (int j = 0; j < mk_model_joints(&e->given); j++)
             fprintf(out, "  residual torque in the equation of joint %d: %.3g %s rms\n", j + 1,
                     e->missing[j], mk_model_unit(&e->given, j, "N m"));
-    if (e->refit.friction_sharpness != e->given.friction_sharpness)
-        fprintf(out,
-                "  Dry friction changes its sign more sharply than the given model has it: "
-                "friction_sharpness = %.3g, given %.3g.\n",
-                e->refit.friction_sharpness, e->given.friction_sharpness);
+    char sharpness[160];
+    mk_sharpness_sentence(e, sharpness, sizeof sharpness);
+    if (sharpness[0])
+        fprintf(out, "  %s\n", sharpness);
     if (e->searched_s < 0.99 * e->given_s)
         fprintf(out, "Searched in %.0f of %.0f s of data (--seconds all: in everything).\n",
                 e->searched_s, e->given_s);

@@ -13,6 +13,7 @@
 #include "explain/report/append.hpp"
 #include "explain/report/budget_text.hpp"
 #include "explain/report/places_text.h"
+#include "explain/report/sharpness_text.h"
 #include "ident/input_report.h"
 #include "ident/owned_log.hpp"
 #include "mechkit/explain.h"
@@ -752,11 +753,10 @@ try {
     if (mk_explanation_doubts_logs(e))
         s += "<p>The given model predicts the held-out data better than the refitted one: are all "
              "logs of the same rig, with the same signs, units and columns?</p>";
-    if (e->refit.friction_sharpness != e->given.friction_sharpness)
-        add(s,
-            "<p>Dry friction changes its sign more sharply than the given model has it: "
-            "friction_sharpness = %.3g, given %.3g.</p>",
-            e->refit.friction_sharpness, e->given.friction_sharpness);
+    char sharpness[160];
+    mk_sharpness_sentence(e, sharpness, sizeof sharpness);
+    if (sharpness[0])
+        add(s, "<p>%s</p>", sharpness);
     if (mk_explanation_goes_beyond(e))
         add(s,
             "<p>Held-out data are predicted far worse than they are read, and their commands are "

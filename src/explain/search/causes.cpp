@@ -365,6 +365,10 @@ void CauseSearch::face_all_rivals()
             changed = true;
         }
     }
+    for (Round &round : rounds) { // what is `best` now leads them all
+        const Candidate cause = round.ranked[0].added;
+        round.ranked = led_by(cause, std::move(round.ranked));
+    }
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const

@@ -95,6 +95,7 @@ class CauseSearch
     bool follow_with_sharpness(const mk_model &model, Hypothesis &out);
     void sharpen_friction();
     void find_sharpness();
+    bool refit_with_sharpness();
     void lead_latest();
     void face_rivals_with_sharpness();
     bool fit_sharper_without(size_t cause, Hypothesis &sharper);

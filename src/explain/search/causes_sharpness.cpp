@@ -178,12 +178,31 @@ void CauseSearch::drop_idle_beside_sharpness(double step)
     }
 }
 
-// What stands in for a sharper sign of dry friction gives way to it.
+// What stands in for a sharper sign of dry friction gives way to it. Then k, which was followed
+// roughly while causes were added, is refined beside them, and `refit` gets it as well: what it
+// explains is no cause's share.
 void CauseSearch::sharpen_friction()
 {
     find_sharpness();
+    if (best.point.model.friction_sharpness != refit.point.model.friction_sharpness) {
+        sharpness::come_nearer(search, best, sharpness::FINELY);
+        search.polish(best, true);
+        refit_with_sharpness();
+    }
     lead_latest();
     face_rivals_with_sharpness();
+}
+
+// `refit` with the k of `best`. False where it cannot be fitted; then it stays.
+bool CauseSearch::refit_with_sharpness()
+{
+    mk_model with_k = refit.point.model;
+    with_k.friction_sharpness = best.point.model.friction_sharpness;
+    Hypothesis again;
+    if (!search.refit(with_k, &refit, again))
+        return false;
+    refit = std::move(again);
+    return true;
 }
 
 // Where a larger k gains beside the causes, or in the place of a law of friction among them, the
@@ -197,23 +216,17 @@ void CauseSearch::find_sharpness()
     if (rounds.empty() || best.process_noise >= policy::SAYS_NOTHING ||
         mk_model_hides_joint(&best.point.model))
         return;
-    Hypothesis sharper, again;
+    Hypothesis sharper;
     size_t law;
     if (!sharper_without_law(sharper, law))
         return;
     const std::vector<Round> kept = rounds;
     const Hypothesis kept_best = best, kept_refit = refit;
-    const auto with_k = [&](const Hypothesis &h) {
-        mk_model m = h.point.model;
-        m.friction_sharpness = best.point.model.friction_sharpness;
-        return m;
-    };
     best = std::move(sharper);
     if (law < rounds.size())
         rounds.erase(rounds.begin() + (std::ptrdiff_t)law);
     forget_lacks();
-    for (int i = 0; i < ROUNDS && search.refit(with_k(refit), &refit, again); i++) {
-        refit = std::move(again);
+    for (int i = 0; i < ROUNDS && refit_with_sharpness(); i++) {
         const bool changed = exchange_laws();
         sharpness::come_nearer(search, best, sharpness::FINELY);
         search.polish(best, true);
@@ -225,13 +238,12 @@ void CauseSearch::find_sharpness()
     const double gain = kept_best.penalised_nlml - best.penalised_nlml - search.penalty(1);
     if (!likelihood_counts(best) ||
         gain < (rounds.size() < kept.size() ? 0.0 : policy::ACCEPT_FURTHER) ||
-        !search.refit(with_k(refit), &refit, again)) {
+        !refit_with_sharpness()) {
         rounds = kept;
         best = kept_best;
         refit = kept_refit;
         return;
     }
-    refit = std::move(again);
     // A single cause that stood in for nothing but that.
     if (rounds.size() == 1 && refit.penalised_nlml < best.penalised_nlml + policy::ACCEPT_FIRST) {
         best = refit;

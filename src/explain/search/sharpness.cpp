@@ -12,7 +12,10 @@ mk_model with_sharpness(const mk_model &model, double times)
 {
     mk_model out = model;
     const double own = model.friction_sharpness;
+    const int motor = mk_plant(model.plant)->motor_joint + 1;
     for (int i = 0; i < out.effect_count; i++) {
+        if (out.effect[i].joint != motor)
+            continue;
         const mk_effect_info &info = *mk_effect(out.effect[i].index);
         for (int k = 0; k < info.parameter_count; k++)
             if (std::strcmp(info.parameter[k].name, "sharpness") == 0 &&

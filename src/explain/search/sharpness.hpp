@@ -10,17 +10,19 @@
 namespace mk::sharpness
 {
 
-// Fits `h` with the k, near its own or far, of least nlml at its process noise, where that gains
-// policy::ACCEPT_FURTHER. True if so. `given`: the k to stay near, within factors of FEWEST and
-// MOST. It is found to within a factor of ROUGHLY, then FINELY.
+// How far k goes, times what is given, and to within which factor it is found: at first, and where
+// it matters.
 constexpr double FEWEST = 1.0 / 8.0, MOST = 64.0, ROUGHLY = 1.1, FINELY = 1.01;
+// Fits `h` with the k of least nlml at its process noise, roughly, where that gains
+// policy::ACCEPT_FURTHER. True if so. `given`: what FEWEST and MOST are times of.
 bool adapt(Search &search, double given, Hypothesis &h);
-// The same, and all parameters and the process noise fitted anew. Not where
-// k gains less than policy::SHARPNESS_SAYS a reading: that is what a model gains by bending.
+// The same, then finely, and all parameters and the process noise fitted anew. Not where k gains
+// less than policy::SHARPNESS_SAYS a reading: that is what a model gains by bending.
 bool adapt_and_refit(Search &search, double given, Hypothesis &h);
-// Goes to a better k near that of `h`, at its process noise: steps from a third down to `last`.
+// Goes to a better k near that of `h`, at its process noise: by factors from 1.4 down to `last`.
 void come_nearer(Search &search, Hypothesis &h, double last);
-// The model with k times as large: its own, and that of laws of friction of the same joint.
+// The model with k times as large: its own, and that of laws of friction of the motor's joint that
+// have the same.
 mk_model with_sharpness(const mk_model &model, double times);
 bool has_dry_friction(const mk_model &model);
 
