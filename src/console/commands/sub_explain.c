@@ -46,7 +46,7 @@ static const struct option_row option_rows[] = {
      "length of the free runs that are compared, how far ahead the model has to predict; default "
      "1, "
      "better 0.25 for a rig that is held upright",
-     .low = 1e-3, .high = 1e6, .wants = "seconds, 0.001 at least"},
+     .low = 1e-3, .high = 1e6},
     {"seconds", OPTION_CALL(explain.most_s), "S|all",
      "most data to search in, in windows spread over the logs; default 30", .take = take_seconds,
      .wants = "seconds above 0, or all"},
