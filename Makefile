@@ -499,7 +499,8 @@ cov: ## lines and branches that the tests reach, by folder (needs gcovr)
 
 .PHONY: mutants
 MUTATED ?= $(wildcard src/driver/*.c) src/ctrl/safety.c src/ctrl/residual.c src/ctrl/board_watch.c \
-	$(wildcard src/ctrl/loop*.c) src/base/out_file.c $(wildcard src/base/log_write*.c)
+	$(wildcard src/ctrl/loop*.c) src/base/out_file.c src/base/temporary.c \
+	$(wildcard src/base/log_write*.c)
 MUTANTS ?= 60
 mutants: all tests ## changes one thing at a time in the code of the safety chain: does a test notice?
 	$(PYTHON) tools/mutate.py --sample $(MUTANTS) $(MUTATED)

@@ -4,15 +4,19 @@
 
 #include <dlfcn.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "mechkit/exchange.h"
 #include "mechkit/log.h"
 #include "mechkit/sim.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 #include "support/unzip.h"
 
 /* The exported C, driven by lines of text: "e t x.. u1 u2" evaluates the equations, "s x.." starts,
@@ -492,6 +496,39 @@ static const char *fmpy_python(void)
     return NULL;
 }
 
+/* A compiler that takes its time, and says when it has begun. */
+START_TEST(a_signal_while_the_fmu_is_built_leaves_no_folder)
+{
+    static const int numbers[] = {SIGTERM, SIGINT, SIGKILL};
+    char folder[256], out[256], err[256], fmu[256], cc[300], begun[300];
+    snprintf(folder, sizeof folder, "%s", scratch("."));
+    snprintf(out, sizeof out, "%s", scratch("out"));
+    snprintf(err, sizeof err, "%s", scratch("err"));
+    snprintf(fmu, sizeof fmu, "%s", scratch("ended.fmu"));
+    snprintf(begun, sizeof begun, "%s", scratch("begun"));
+    snprintf(cc, sizeof cc, "%s",
+             scratch_text("slow-cc", "#!/bin/sh\ntouch \"$TMPDIR/begun\"\nexec sleep 3\n"));
+    ck_assert_int_eq(chmod(cc, 0700), 0);
+    setenv("TMPDIR", folder, 1);
+    setenv("CC", cc, 1);
+    const char *const argv[] = {"mechkit", "export", "--model", MK_SOURCE_DIR "/models/furuta.ini",
+                                "--out",   fmu,      NULL};
+    pid_t child = spawn(argv, out, err);
+    for (int i = 0; i < 2000 && access(begun, F_OK) != 0; i++)
+        usleep(10000);
+    ck_assert_int_eq(count_files("mechkit-fmu*"), 1);
+    kill(child, numbers[_i]);
+    struct outcome o = finish(child, out, err);
+    ck_assert_int_eq(o.code, -numbers[_i]);
+    ck_assert_int_eq(count_files("mechkit-fmu*"), numbers[_i] == SIGKILL ? 1 : 0);
+    setenv("CC", "true", 1); /* makes nothing; what was left is gone all the same */
+    ck_assert_int_eq(run_mechkit(NULL, 0, "export --model models/furuta.ini --out %s", fmu), 1);
+    ck_assert_int_eq(count_files("mechkit-fmu*"), 0);
+    unsetenv("CC");
+    unsetenv("TMPDIR");
+}
+END_TEST
+
 START_TEST(fmpy_validates_the_fmu_and_predicts_what_simulate_predicts)
 {
     char out[8192];
@@ -612,6 +649,7 @@ Suite *suite_export_model(void)
     tcase_add_test(c, an_fmu_with_play_predicts_what_simulate_predicts);
     tcase_add_test(c, an_fmu_with_an_old_sensor_does_not_mind_tiny_steps);
     tcase_add_test(c, an_fmu_without_a_compiler_has_its_sources);
+    tcase_add_loop_test(c, a_signal_while_the_fmu_is_built_leaves_no_folder, 0, 3);
     tcase_add_test(c, fmpy_validates_the_fmu_and_predicts_what_simulate_predicts);
     suite_add_tcase(s, c);
     c = tcase_create("octave");

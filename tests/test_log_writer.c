@@ -4,6 +4,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -16,6 +17,7 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "base/temporary.h"
 #include "mechkit/log.h"
 #include "support/comma_locale.h"
 #include "support/files.h"
@@ -360,13 +362,76 @@ START_TEST(what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it)
     int fd = open(held, O_WRONLY | O_CREAT, 0600);
     ck_assert_int_eq(flock(fd, LOCK_EX | LOCK_NB), 0);
     ck_assert_int_eq(mkfifo(pipe_, 0600), 0);
-    mk_out_file_clean(path);
+    mk_temporary_clean(path);
     ck_assert_int_ne(access(left, F_OK), 0);
     ck_assert_int_eq(access(held, F_OK), 0);
     ck_assert_int_eq(access(pipe_, F_OK), 0);
     close(fd);
     unlink(held);
     unlink(pipe_);
+}
+END_TEST
+
+/* As the handler of a signal does that comes while a file is written. */
+START_TEST(a_program_that_ends_removes_what_is_temporary_and_nothing_else)
+{
+    char path[300], done[300];
+    snprintf(path, sizeof path, "%s", scratch("ended.txt"));
+    snprintf(done, sizeof done, "%s", scratch("done.txt"));
+    setenv("TMPDIR", scratch("."), 1);
+    pid_t child = fork();
+    if (child == 0) {
+        struct mk_out_file file;
+        struct mk_temporary_folder folder;
+        char inside[PATH_MAX];
+        bool good = mk_out_file_save(done, "all of it", 9, NULL) == MK_OK &&
+                    mk_out_file_open(&file, path, NULL) == MK_OK &&
+                    mk_temporary_folder_open(&folder, "ended", NULL) == MK_OK;
+        snprintf(inside, sizeof inside, "%s/file", folder.path);
+        mk_temporary_add(inside);
+        close(open(inside, O_WRONLY | O_CREAT, 0600));
+        good = good && access(file.temporary, F_OK) == 0 && access(inside, F_OK) == 0;
+        mk_temporary_remove();
+        _exit(good ? 0 : 1);
+    }
+    int status;
+    ck_assert_int_eq(waitpid(child, &status, 0), child);
+    ck_assert_int_eq(status, 0);
+    ck_assert_int_eq(count_files("ended*"), 0);
+    ck_assert_int_eq(count_files("done.txt*"), 1);
+    unsetenv("TMPDIR");
+}
+END_TEST
+
+/* The next folder of its name finds it; a link of that name leads elsewhere. */
+START_TEST(a_folder_that_a_dead_program_left_is_removed)
+{
+    struct mk_temporary_folder folder;
+    char left[320], linked[320], mine[320];
+    pid_t dead = fork();
+    if (dead == 0)
+        _exit(0);
+    ck_assert_int_eq(waitpid(dead, NULL, 0), dead);
+    setenv("TMPDIR", scratch("."), 1);
+    snprintf(mine, sizeof mine, "%s", scratch("mine"));
+    ck_assert_int_eq(mkdir(mine, 0700), 0);
+    snprintf(left, sizeof left, "%s/shop.%ld-0.tmp", scratch("."), (long)dead);
+    snprintf(linked, sizeof linked, "%s/shop.%ld-1.tmp", scratch("."), (long)dead);
+    ck_assert_int_eq(mkdir(left, 0700), 0);
+    ck_assert_int_eq(symlink(mine, linked), 0);
+    strcat(left, "/file");
+    close(open(left, O_WRONLY | O_CREAT, 0600));
+    ck_assert_int_eq(mk_temporary_folder_open(&folder, "shop", NULL), MK_OK);
+    ck_assert_int_eq(count_files("shop.*-0.tmp"), 1);
+    mk_temporary_folder_close(&folder);
+    ck_assert_int_eq(count_files("shop.*-0.tmp"), 0);
+    ck_assert_int_eq(count_files("shop.*-1.tmp"), 1);
+    ck_assert_int_eq(access(mine, F_OK), 0);
+    struct mk_error err = MK_ERROR_INIT;
+    setenv("TMPDIR", "/nowhere", 1);
+    ck_assert_int_eq(mk_temporary_folder_open(&folder, "shop", &err), MK_ERR_NOTFOUND);
+    ck_assert_str_eq(err.file, "/nowhere");
+    unsetenv("TMPDIR");
 }
 END_TEST
 
@@ -506,6 +571,8 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_locale_with_a_decimal_comma_does_not_matter);
     tcase_add_test(t, a_file_is_on_the_disk_before_it_gets_its_name);
     tcase_add_test(t, a_temporary_file_is_beside_its_target_and_names_its_maker);
+    tcase_add_test(t, a_program_that_ends_removes_what_is_temporary_and_nothing_else);
+    tcase_add_test(t, a_folder_that_a_dead_program_left_is_removed);
     tcase_add_test(t, what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it);
     tcase_add_test(t, a_program_without_standard_input_writes_its_files);
     tcase_add_test(t, a_copy_is_whole_or_is_not_there);

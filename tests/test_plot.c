@@ -2,14 +2,18 @@
 #include "suites.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "base/spectrum.h"
 #include "console/commands/step_response.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 
 enum { N = 16384 };
 
@@ -385,6 +389,33 @@ START_TEST(a_plot_that_cannot_be_written_says_so)
 }
 END_TEST
 
+/* A gnuplot that takes its time: by then the picture's file has been begun. */
+START_TEST(a_signal_while_it_is_drawn_leaves_nothing)
+{
+    static const int numbers[] = {SIGTERM, SIGINT, SIGHUP};
+    char folder[256], out[256], err[256], svg[256], begun[300], path[4096], log[256];
+    snprintf(folder, sizeof folder, "%s", scratch("."));
+    snprintf(out, sizeof out, "%s", scratch("out"));
+    snprintf(err, sizeof err, "%s", scratch("err"));
+    snprintf(svg, sizeof svg, "%s", scratch("ended.svg"));
+    snprintf(begun, sizeof begun, "%s", scratch("begun"));
+    snprintf(log, sizeof log, "%s", scratch_text("ended.csv", "t,q1,q2,u\n0,1,2,3\n1,2,3,4\n"));
+    snprintf(path, sizeof path, "#!/bin/sh\ntouch %s\nexec sleep 3\n", begun);
+    ck_assert_int_eq(chmod(scratch_text("gnuplot", path), 0700), 0);
+    snprintf(path, sizeof path, "%s:%s", folder, getenv("PATH"));
+    setenv("PATH", path, 1);
+    const char *const argv[] = {"mechkit", "plot", log, "--out", svg, NULL};
+    pid_t child = spawn(argv, out, err);
+    for (int i = 0; i < 2000 && access(begun, F_OK) != 0; i++)
+        usleep(10000);
+    ck_assert_int_eq(count_files("ended.svg*"), 1);
+    kill(child, numbers[_i]);
+    struct outcome o = finish(child, out, err);
+    ck_assert_int_eq(o.code, -numbers[_i]);
+    ck_assert_int_eq(count_files("ended.svg*"), 0);
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_is_refused_before_it_is_drawn)
 {
     const char *no_angle = scratch_text("no_angle.csv", "t,u\n0,1\n1,2\n");
@@ -434,6 +465,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
     tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
+    tcase_add_loop_test(c, a_signal_while_it_is_drawn_leaves_nothing, 0, 3);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);
     return s;

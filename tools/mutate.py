@@ -30,7 +30,7 @@ SUITES = [
     (r"src/ctrl/(safety|residual|board_watch)\.c", "safety loop_faults loop_lies loop_start residual"),
     (r"src/ctrl/loop_thread\.c", LOOP),
     (r"src/ctrl/loop.*\.c", LOOP + " bus_runs log_writer"),
-    (r"src/base/(out_file|log_write|log_writer)\.c", "log_writer log"),
+    (r"src/base/(out_file|temporary|log_write|log_writer)\.c", "log_writer log"),
     (r"src/driver/usb.*\.c", "usb bus_faults bus_runs"),
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
     (r"src/driver/standalone.*\.c", "standalone device"),

@@ -1,16 +1,16 @@
 #include "base/out_file.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "base/temporary.h"
 
 #define LINKS_MAX 40 /* one to the next, as the kernel follows them */
 
@@ -75,47 +75,6 @@ int mk_copy_new(const char *from, const char *to)
     return failure;
 }
 
-/* --- what a killed program left ------------------------------------------------------------- */
-
-/* "base.PID-WHATEVER.tmp": the process that made it, 0 when it is another file. */
-static pid_t maker_of(const char *name, const char *base)
-{
-    size_t n = strlen(base), size = strlen(name);
-    char *end;
-    if (size < n + 7 || strncmp(name, base, n) != 0 || name[n] != '.' || name[n + 1] < '1' ||
-        name[n + 1] > '9' || strcmp(name + size - 4, ".tmp") != 0)
-        return 0;
-    long pid = strtol(name + n + 1, &end, 10);
-    return *end == '-' && pid > 0 && pid < INT_MAX ? (pid_t)pid : 0;
-}
-
-/* A process elsewhere that shares the folder is none of ours: it holds a lock on its file. */
-static void remove_if_left(int folder, const char *name)
-{
-    struct stat info;
-    int fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0)
-        return;
-    if (fstat(fd, &info) == 0 && S_ISREG(info.st_mode) && flock(fd, LOCK_EX | LOCK_NB) == 0)
-        unlinkat(folder, name, 0);
-    close(fd);
-}
-
-void mk_out_file_clean(const char *target)
-{
-    const char *slash = strrchr(target, '/'), *base = slash ? slash + 1 : target;
-    char *folder = slash ? strndup(target, (size_t)(base - target)) : strdup(".");
-    DIR *all = folder ? opendir(folder) : NULL;
-    for (struct dirent *one; all && (one = readdir(all)) != NULL;) {
-        pid_t maker = maker_of(one->d_name, base);
-        if (maker && kill(maker, 0) != 0 && errno == ESRCH)
-            remove_if_left(dirfd(all), one->d_name);
-    }
-    if (all)
-        closedir(all);
-    free(folder);
-}
-
 /* A new file beside the target; O_EXCL finds a name that is free. */
 static int open_temporary(struct mk_out_file *file, mode_t mode)
 {
@@ -123,11 +82,12 @@ static int open_temporary(struct mk_out_file *file, mode_t mode)
     file->temporary = malloc(size);
     if (!file->temporary)
         return ENOMEM;
-    mk_out_file_clean(file->target);
+    mk_temporary_clean(file->target);
     for (unsigned attempt = 0; attempt < 1000; attempt++) {
         snprintf(file->temporary, size, "%s.%ld-%u.tmp", file->target, (long)getpid(), attempt);
         file->fd = open(file->temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
         if (file->fd >= 0) {
+            mk_temporary_add(file->temporary);
             (void)!flock(file->fd, LOCK_EX | LOCK_NB); /* where the file system has locks */
             return 0;
         }
@@ -206,7 +166,7 @@ enum mk_status mk_out_file_open(struct mk_out_file *file, const char *path, stru
     if (failure == 0)
         return MK_OK;
     free(file->target);
-    free(file->temporary);
+    mk_temporary_done(file->temporary);
     return mk_error_errno(err, failure, path, "cannot write");
 }
 
@@ -229,7 +189,7 @@ enum mk_status mk_out_file_commit(struct mk_out_file *file, struct mk_error *err
         mk_out_file_abandon(file);
         return mk_error_errno(err, failure, file->path, "cannot write");
     }
-    free(file->temporary);
+    mk_temporary_done(file->temporary);
     free(file->target);
     return MK_OK;
 }
@@ -240,7 +200,7 @@ void mk_out_file_abandon(struct mk_out_file *file)
         close(file->fd);
     if (file->temporary)
         unlink(file->temporary);
-    free(file->temporary);
+    mk_temporary_done(file->temporary);
     free(file->target);
 }
 

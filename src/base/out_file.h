@@ -21,7 +21,8 @@ struct mk_out_file {
     char *temporary;  /* NULL: written in place */
 };
 
-/* Opens for writing. On failure there is nothing to clean up. */
+/* Opens for writing, and removes what a killed program left beside the target. On failure there is
+ * nothing to clean up. */
 MK_NODISCARD enum mk_status mk_out_file_open(struct mk_out_file *file, const char *path,
                                              struct mk_error *err);
 MK_NODISCARD enum mk_status mk_out_file_write(struct mk_out_file *file, const char *data,
@@ -37,10 +38,6 @@ MK_NODISCARD enum mk_status mk_out_file_finish(struct mk_out_file *file, enum mk
 /* All of the above for what is there already. */
 MK_NODISCARD enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
                                              struct mk_error *err);
-
-/* Removes temporary files of this target that a killed program left: "TARGET.PID-WHATEVER.tmp"
- * whose process is gone and that nobody has locked. Opening does it. */
-void mk_out_file_clean(const char *target);
 
 /* The same for text that is printed: into memory first, so that a full disk fails in one place. */
 struct mk_out_text {

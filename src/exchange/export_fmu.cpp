@@ -10,6 +10,7 @@
 #include <unistd.h>
 #include <vector>
 
+#include "base/temporary.h"
 #include "base/zip.h"
 #include "exchange/export_file.hpp"
 #include "exchange/source_text.hpp"
@@ -22,36 +23,35 @@ using namespace mk;
 namespace
 {
 
-// A folder that is gone with its files when the object is.
+// A folder that is gone with its files when the object is, or when a signal ends the program.
 class Workshop
 {
   public:
-    Workshop()
-    {
-        const char *base = std::getenv("TMPDIR");
-        folder_ = std::string(base && *base ? base : "/tmp") + "/mechkit-fmu-XXXXXX";
-        if (!mkdtemp(folder_.data()))
-            folder_.clear();
-    }
+    Workshop() = default;
     ~Workshop()
     {
-        for (const std::string &file : files_)
-            unlink(file.c_str());
-        if (!folder_.empty())
-            rmdir(folder_.c_str());
+        if (folder_.path)
+            mk_temporary_folder_close(&folder_);
+        for (char *file : files_)
+            mk_temporary_done(file);
     }
     Workshop(const Workshop &) = delete;
     Workshop &operator=(const Workshop &) = delete;
-    bool open() const { return !folder_.empty(); }
+    enum mk_status open(mk_error *err)
+    {
+        return mk_temporary_folder_open(&folder_, "mechkit-fmu", err);
+    }
     std::string file(const std::string &name)
     {
-        files_.push_back(folder_ + "/" + name);
-        return files_.back();
+        const std::string path = folder_.path + ("/" + name);
+        files_.push_back(strdup(path.c_str()));
+        mk_temporary_add(files_.back());
+        return path;
     }
 
   private:
-    std::string folder_;
-    std::vector<std::string> files_;
+    mk_temporary_folder folder_ = {nullptr, -1};
+    std::vector<char *> files_;
 };
 
 // Runs the C compiler quietly. MK_ERR_NOTFOUND: there is none.
@@ -107,11 +107,12 @@ struct Sources {
 enum mk_status build(const Sources &s, std::string &library, mk_error *err)
 {
     Workshop shop;
-    if (!shop.open())
-        return mk_error_errno(err, errno, nullptr, "cannot make a temporary folder");
+    enum mk_status st = shop.open(err);
+    if (st != MK_OK)
+        return st;
     std::string model = shop.file(s.name + ".c"), wrapper = shop.file(s.name + "_fmu.c");
     std::string out = shop.file(s.name + ".so");
-    enum mk_status st = write_text(shop.file(s.name + ".h"), s.header, err);
+    st = write_text(shop.file(s.name + ".h"), s.header, err);
     if (st == MK_OK)
         st = write_text(model, s.model, err);
     if (st == MK_OK)

@@ -17,6 +17,7 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "base/temporary.h"
 #include "mechkit/exchange.h"
 #include "mechkit/number.h"
 
@@ -316,9 +317,12 @@ static int open_scratch(const char *path, char *name, size_t size)
     struct stat info;
     const char *folder = getenv("TMPDIR");
     if (stat(path, &info) == 0 && !S_ISREG(info.st_mode))
-        snprintf(name, size, "%s/mechkit-XXXXXX.tmp", folder && *folder ? folder : "/tmp");
+        snprintf(name, size, "%s/mechkit-mat", folder && *folder ? folder : "/tmp");
     else
-        snprintf(name, size, "%s.%ld-XXXXXX.tmp", path, (long)getpid());
+        snprintf(name, size, "%s", path);
+    mk_temporary_clean(name);
+    size_t n = strlen(name);
+    snprintf(name + n, size - n, ".%ld-XXXXXX.tmp", (long)getpid());
     return mkstemps(name, 4);
 }
 
@@ -341,12 +345,18 @@ static enum mk_status write_variable(const char *path, enum mk_mat_version versi
                                      struct mk_error *err)
 {
     enum { OVERHEAD = 1 << 17 }; /* bytes of a file beyond its numbers; HDF5's groups are large */
-    char name[PATH_MAX];
-    if (strlen(path) > sizeof name - 64)
+    if (strlen(path) > PATH_MAX - 64)
         return mk_error_errno(err, ENAMETOOLONG, path, "cannot write");
-    int fd = open_scratch(path, name, sizeof name);
-    if (fd < 0)
-        return mk_error_errno(err, errno, path, "cannot write");
+    char *name = malloc(PATH_MAX);
+    if (!name)
+        return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
+    int fd = open_scratch(path, name, PATH_MAX);
+    if (fd < 0) {
+        const int why = errno;
+        free(name);
+        return mk_error_errno(err, why, path, "cannot write");
+    }
+    mk_temporary_add(name);
     enum mk_status st = check_room(fd, 2 * Mat_VarGetSize(all) + OVERHEAD, path, err);
     close(fd);
     if (st == MK_OK)
@@ -354,6 +364,7 @@ static enum mk_status write_variable(const char *path, enum mk_mat_version versi
     if (st == MK_OK)
         st = copy_out(name, path, err);
     unlink(name);
+    mk_temporary_done(name);
     return st;
 }
 

@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/temporary.h"
 #include "console/commands/signals.h"
 #include "console/script/host.h"
 
@@ -121,6 +122,7 @@ static void end_without_screen(void)
     host_finish(guard.host);
     tcflush(STDOUT_FILENO, TCOFLUSH);
     guard.restore();
+    mk_temporary_remove();
     _exit(1);
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/text.h"
 #include "console/commands/options.h"
+#include "console/commands/signals.h"
 
 static void print_help(FILE *out)
 {
@@ -79,6 +80,7 @@ int main(int argc, char **argv)
     /* A full disk or a closed pipe must come back as an error, not end the program in mid run. */
     signal(SIGXFSZ, SIG_IGN);
     signal(SIGPIPE, SIG_IGN);
+    signals_clean_up();
     if (argc < 2) {
         print_help(stderr);
         return EXIT_WRONG_USAGE;

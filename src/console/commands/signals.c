@@ -4,6 +4,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "base/temporary.h"
+
 static const struct ending_signal enders[] = {{SIGHUP, "SIGHUP (the terminal was closed)"},
                                               {SIGTERM, "SIGTERM"},
                                               {SIGINT, "SIGINT"},
@@ -16,6 +18,23 @@ static const struct ending_signal enders[] = {{SIGHUP, "SIGHUP (the terminal was
 const struct ending_signal *signals_ending(int i)
 {
     return i >= 0 && (size_t)i < sizeof enders / sizeof enders[0] ? &enders[i] : NULL;
+}
+
+static void on_ending(int number)
+{
+    mk_temporary_remove();
+    signal(number, SIG_DFL);
+    raise(number); /* arrives when this function returns */
+}
+
+void signals_clean_up(void)
+{
+    struct sigaction before, action = {.sa_handler = on_ending};
+    const struct ending_signal *s;
+    sigemptyset(&action.sa_mask);
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        if (sigaction(s->number, NULL, &before) == 0 && before.sa_handler != SIG_IGN)
+            sigaction(s->number, &action, NULL);
 }
 
 void signals_catch(void (*handler)(int number))

@@ -12,6 +12,10 @@ struct ending_signal {
 /* The i-th of them, NULL behind the last. */
 const struct ending_signal *signals_ending(int i);
 
+/* Has those of them that are not ignored remove temporary files before they end the program. For
+ * commands that do not take them. */
+void signals_clean_up(void);
+
 /* Has all of them call `handler`. */
 void signals_catch(void (*handler)(int number));
 

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "base/origin.h"
+#include "base/temporary.h"
 #include "console/commands/data_checks.h"
 #include "console/commands/explanation.h"
 #include "console/commands/left_out.h"
@@ -111,30 +112,15 @@ static void warn_of_repeats(struct mk_log *const *logs, size_t count,
 
 /* --- the folder ----------------------------------------------------------------------------- */
 
-static const char *made_folder; /* by us, and nothing is in it yet */
-
-static void on_ending(int number)
-{
-    if (made_folder)
-        (void)rmdir(made_folder);
-    signal(number, SIG_DFL);
-    raise(number);
-}
+static char *made_folder; /* by us, and nothing is in it yet */
 
 /* The folder is there from now on; a search that is ended leaves none behind. */
 static enum mk_status make_folder(const char *path, struct mk_error *err)
 {
     bool made = false;
     enum mk_status st = explanation_make_folder(path, &made, err);
-    const struct ending_signal *s;
-    struct sigaction before, action = {.sa_handler = on_ending};
-    sigemptyset(&action.sa_mask);
-    if (!made)
-        return st;
-    made_folder = path;
-    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
-        if (sigaction(s->number, NULL, &before) == 0 && before.sa_handler != SIG_IGN)
-            sigaction(s->number, &action, NULL);
+    made_folder = made ? strdup(path) : NULL;
+    mk_temporary_add(made_folder);
     return st;
 }
 
@@ -142,6 +128,7 @@ static void remove_folder(void)
 {
     if (made_folder)
         (void)rmdir(made_folder);
+    mk_temporary_done(made_folder);
     made_folder = NULL;
 }
 

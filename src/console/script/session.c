@@ -13,6 +13,7 @@
 
 #include "base/log_copy.h"
 #include "base/out_file.h"
+#include "base/temporary.h"
 #include "console/script/log_origin.h"
 
 #include "mechkit/number.h"
@@ -619,7 +620,7 @@ static int replace(const char *log, const char *path)
         return EINVAL;
     char beside[SESSION_PATH + 32];
     snprintf(beside, sizeof beside, "%s.%ld-0.tmp", path, (long)getpid());
-    mk_out_file_clean(path);
+    mk_temporary_clean(path);
     int why = link_or_copy(log, beside, path);
     if (!why && rename(beside, path) != 0)
         why = errno;
