@@ -308,6 +308,24 @@ START_TEST(the_summary_of_a_log_has_its_command_whatever_it_is_called)
 }
 END_TEST
 
+START_TEST(the_summary_of_a_log_refuses_what_is_infinite)
+{
+    static const struct {
+        const char *log, *says;
+    } logs[] = {{"t,q1,u\n0,0,1\n1,0,inf\n", "c.csv:3: u is infinite; a missing value is"},
+                {"t,q1,tau2_cmd,tau1_cmd\n0,0,-inf,0\n1,0,0,0\n", "c.csv:2: tau2_cmd is infinite"},
+                {"t,q1,u\n0,1e999,1\n1,0,0\n", "c.csv:2: q1 is infinite"},
+                {"t,q1,u,spare\n0,0,1,inf\n1,0,0,1\n", NULL}};
+    char out[4096];
+    for (size_t i = 0; i < sizeof logs / sizeof logs[0]; i++) {
+        int code = run_mechkit(out, sizeof out, "summary %s", scratch_text("c.csv", logs[i].log));
+        ck_assert_msg(code == (logs[i].says ? 3 : 0), "%s: %d %s", logs[i].log, code, out);
+        ck_assert_msg(!logs[i].says || strstr(out, logs[i].says), "%s: %s", logs[i].log, out);
+        ck_assert_ptr_null(strstr(out, "<= inf"));
+    }
+}
+END_TEST
+
 START_TEST(what_a_log_says_of_itself_does_not_steer_the_terminal)
 {
     char out[4096];
@@ -460,6 +478,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, the_overshoot_of_a_step_has_its_textbook_s_size);
     tcase_add_test(c, a_ramp_is_no_step_and_what_never_arrives_is_not_settled);
     tcase_add_test(c, the_summary_of_a_run_has_its_steps);
+    tcase_add_test(c, the_summary_of_a_log_refuses_what_is_infinite);
     tcase_add_test(c, the_summary_of_a_log_has_its_command_whatever_it_is_called);
     tcase_add_test(c, what_a_log_says_of_itself_does_not_steer_the_terminal);
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);

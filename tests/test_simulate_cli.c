@@ -109,6 +109,34 @@ START_TEST(commands_that_are_missing_are_not_made_up)
 }
 END_TEST
 
+/* The sums that errors are made of would be no numbers. */
+START_TEST(simulate_refuses_a_log_with_an_infinite_reading_or_command)
+{
+    static const struct {
+        const char *row, *says;
+    } bad[] = {{"inf,1", ":102: q1 is infinite; a missing value is an empty field or nan"},
+               {"-inf,1", ":102: q1 is infinite; a missing value is an empty field or nan"},
+               {"1e999,1", ":102: q1"},
+               {"0,inf", ":102: the command is infinite; a missing value is an empty field or nan"},
+               {"nan,1", NULL},
+               {",1", NULL}};
+    static char text[400 * 40];
+    const char *model = MK_SOURCE_DIR "/models/pendulum.ini";
+    for (size_t b = 0; b < sizeof bad / sizeof bad[0]; b++) {
+        char *at = text + sprintf(text, "t,q1,u\n");
+        for (int i = 0; i < 400; i++)
+            at += i == 100 ? sprintf(at, "%.3f,%s\n", i * 0.002, bad[b].row)
+                           : sprintf(at, "%.3f,%.4f,1\n", i * 0.002, sin(i * 0.01));
+        struct outcome o =
+            MECHKIT("simulate", "--model", model, "--input", scratch_text("infinite.csv", text));
+        ck_assert_msg(o.code == (bad[b].says ? 3 : 0), "%s: %d %s", bad[b].row, o.code, o.err);
+        ck_assert_msg(!bad[b].says || (strstr(o.err, bad[b].says) && !*o.out), "%s: %s%s",
+                      bad[b].row, o.out, o.err);
+        ck_assert_ptr_null(strstr(o.out, "nan"));
+    }
+}
+END_TEST
+
 /* The log of a run as a motor with its wires turned round would have recorded it. */
 static const char *with_flipped_command(const char *path)
 {
@@ -183,6 +211,7 @@ Suite *suite_simulate_cli(void)
     tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, simulate_says_which_column_drives_the_model_and_doubts_metadata);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    tcase_add_test(t, simulate_refuses_a_log_with_an_infinite_reading_or_command);
     tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
     tcase_add_test(t, a_model_that_is_too_stiff_is_refused_with_what_makes_it_so);
     suite_add_tcase(s, t);

@@ -53,8 +53,10 @@ enum mk_status take_record(const mk_model &model, const mk_log &log, enum mk_dat
                            mk_record &record, mk_error *err)
 {
     const enum mk_status st = mk_record_from_log(&log, &model, &record, err);
-    if (st != MK_OK || use == MK_DATA_SIMULATE)
+    if (st != MK_OK)
         return st;
+    if (use == MK_DATA_SIMULATE)
+        return check_finite(record, model, log, err);
     const size_t fewest = use == MK_DATA_IDENTIFY ? FEWEST_ROWS : FEWEST_TO_EXPLAIN;
     return check_record(record, model, log, fewest, err);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "sim/period.hpp"
 
@@ -25,16 +26,24 @@ struct Column {
     const char *name;
 };
 
+// The columns of a record that a model of `joints` goes with.
+std::vector<Column> columns_of(const mk_record &record, int joints)
+{
+    std::vector<Column> all;
+    for (int j = 0; j < joints; j++)
+        all.push_back({record.q[j], mk_log_angle(j)});
+    for (int i = 0; i < MK_MAX_INPUTS; i++)
+        if (record.u[i])
+            all.push_back({record.u[i], i ? "the second command" : "the command"});
+    return all;
+}
+
 enum mk_status check_sizes(const Column &c, double most, const char *unit, const mk_log &log,
                            mk_error *err)
 {
     for (size_t k = 0; k < log.rows; k++) {
-        const int line = log.first_row_line + (int)k;
-        if (std::isinf(c.x[k]))
-            return mk_error_at(err, MK_ERR_RANGE, log.path, line, 0,
-                               "%s is infinite; a missing value is an empty field or nan", c.name);
         if (std::fabs(c.x[k]) > most)
-            return mk_error_at(err, MK_ERR_RANGE, log.path, line, 0,
+            return mk_error_at(err, MK_ERR_RANGE, log.path, log.first_row_line + (int)k, 0,
                                "%s is %.3g: no rig goes beyond %g%s; a missing value is an empty "
                                "field or nan",
                                c.name, c.x[k], most, unit);
@@ -63,6 +72,18 @@ double duration_of(const mk_record &record)
     return record.rows > 0 ? record.t[record.rows - 1] - record.t[0] : 0.0;
 }
 
+enum mk_status check_finite(const mk_record &record, const mk_model &model, const mk_log &log,
+                            mk_error *err)
+{
+    for (const Column &c : columns_of(record, mk_model_joints(&model)))
+        for (size_t k = 0; k < log.rows; k++)
+            if (std::isinf(c.x[k]))
+                return mk_error_at(err, MK_ERR_RANGE, log.path, log.first_row_line + (int)k, 0,
+                                   "%s is infinite; a missing value is an empty field or nan",
+                                   c.name);
+    return MK_OK;
+}
+
 enum mk_status check_record(const mk_record &record, const mk_model &model, const mk_log &log,
                             size_t fewest, mk_error *err)
 {
@@ -76,21 +97,15 @@ enum mk_status check_record(const mk_record &record, const mk_model &model, cons
                            "readings %.3g s apart show nothing of how a rig moves (%g s at most): "
                            "is t in seconds?",
                            period, LONGEST_PERIOD);
-    enum mk_status st = MK_OK;
-    for (int j = 0; j < mk_model_joints(&model) && st == MK_OK; j++) {
-        const Column c = {record.q[j], mk_log_angle(j)};
-        st = check_sizes(c, MOST_ANGLE, model.joint_linear[j] ? " m" : " rad", log, err);
+    enum mk_status st = check_finite(record, model, log, err);
+    const std::vector<Column> all = columns_of(record, mk_model_joints(&model));
+    for (int i = 0; i < (int)all.size() && st == MK_OK; i++) {
+        st = i < mk_model_joints(&model)
+                 ? check_sizes(all[i], MOST_ANGLE, model.joint_linear[i] ? " m" : " rad", log, err)
+                 : check_sizes(all[i], MOST_COMMAND * model.u_max,
+                               ", ten thousand times the model's u_max", log, err);
         if (st == MK_OK)
-            st = check_count(c, fewest, log, err);
-    }
-    for (int i = 0; i < MK_MAX_INPUTS && st == MK_OK; i++) {
-        const Column c = {record.u[i], i ? "the second command" : "the command"};
-        if (!c.x)
-            continue;
-        st = check_sizes(c, MOST_COMMAND * model.u_max, ", ten thousand times the model's u_max",
-                         log, err);
-        if (st == MK_OK)
-            st = check_count(c, fewest, log, err);
+            st = check_count(all[i], fewest, log, err);
     }
     return st;
 }

@@ -11,6 +11,11 @@ namespace mk
 // No wheel turns a hundred thousand times in a run.
 constexpr double MOST_ANGLE = 1e6; // rad
 
+// Refuses a log with a reading or a command that is infinite: MK_ERR_RANGE with file and line. A
+// missing one is a NaN.
+enum mk_status check_finite(const mk_record &record, const mk_model &model, const mk_log &log,
+                            mk_error *err);
+
 // Refuses a log with fewer rows, or values in a column, than `fewest`, rows too far apart for any
 // rig, a value that is infinite, or one that no rig reaches: MK_ERR_RANGE with file and line.
 enum mk_status check_record(const mk_record &record, const mk_model &model, const mk_log &log,

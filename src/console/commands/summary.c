@@ -151,12 +151,35 @@ static void summarise_command(const struct mk_log *log, struct run_summary *r)
     r->undriven = r->commands == 0 && input && strcmp(input, "none") == 0;
 }
 
+/* The largest or the mean of values with an infinite one among them says nothing. Columns that are
+ * not read here may have what they like. */
+static enum mk_status check_finite(const struct mk_log *log, struct mk_error *err)
+{
+    static const char *const read[] = {
+        "q1",   "q2",   "dq1",   "dq2",    "ref",    "u",       "u1",       "u2",       "tau",
+        "tau1", "tau2", "u_cmd", "u1_cmd", "u2_cmd", "tau_cmd", "tau1_cmd", "tau2_cmd", "late_us"};
+    for (size_t c = 0; c < sizeof read / sizeof read[0]; c++) {
+        const double *x = mk_log_get(log, read[c]);
+        for (size_t k = 0; x && k < log->rows; k++)
+            if (isinf(x[k]))
+                return mk_error_at(err, MK_ERR_RANGE, log->path, log->first_row_line + (int)k, 0,
+                                   "%s is infinite; a missing value is an empty field or nan",
+                                   read[c]);
+    }
+    return MK_OK;
+}
+
 enum mk_status summarise(const char *path, struct run_summary *out, struct mk_error *err)
 {
     struct mk_log *log;
     enum mk_status st = mk_log_read(path, &log, err);
     if (st != MK_OK)
         return st;
+    st = check_finite(log, err);
+    if (st != MK_OK) {
+        mk_log_free(log);
+        return st;
+    }
     memset(out, 0, sizeof *out);
     const double *t = mk_log_get(log, "t");
     out->caught_t = out->track_rms = out->rms[0] = out->rms[1] = (double)NAN;
