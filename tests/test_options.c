@@ -180,6 +180,9 @@ START_TEST(an_output_that_cannot_be_written_is_a_failure)
         "export --model $M --out $OUT.c",
         "identify --model $M --out $OUT.ini $LOG",
         "design --model $M --json $OUT.json",
+        "excite --model $M --out $OUT.cmd",
+        "robustness --setup furuta --json $OUT.json",
+        "sweep scripts/sweep-basin.ini --out $OUT.csv",
     };
     const char *log = open_loop_log("pendulum", "2*sin(5*t)", 2.0);
     char out[4096];

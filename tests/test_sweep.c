@@ -194,6 +194,25 @@ START_TEST(a_full_disk_keeps_what_was_done)
 }
 END_TEST
 
+/* Not after hours, when it is to be written. */
+START_TEST(an_output_that_cannot_be_written_is_refused_before_the_sweep)
+{
+    char out[4096], folder[512], spec[512];
+    snprintf(spec, sizeof spec, "%s", scratch_text("s.ini", small));
+    snprintf(folder, sizeof folder, "%s", scratch("folder"));
+    ck_assert_int_eq(mkdir(folder, 0700), 0);
+    int code = run_mechkit(out, sizeof out, "sweep %s --out %s", spec, folder);
+    ck_assert_msg(code == 1 && strstr(out, "folder: cannot write: Is a directory"), "%d %s", code,
+                  out);
+    code = run_mechkit(out, sizeof out, "sweep %s --out %s --plot %s/none/p.svg", spec,
+                       scratch("s.csv"), folder);
+    ck_assert_msg(code == 1 && strstr(out, "p.svg: cannot write: No such file"), "%d %s", code,
+                  out);
+    ck_assert_ptr_null(strstr(out, "runs"));
+    ck_assert_int_eq(count_files("*.journal") + count_files("*.tmp"), 0);
+}
+END_TEST
+
 START_TEST(processes_under_mpirun_write_the_same_file)
 {
     char out[4096];
@@ -464,7 +483,8 @@ START_TEST(bad_files_and_usage_have_their_exit_codes)
     ck_assert_int_eq(run_mechkit(out, sizeof out, "sweep a.ini b.ini"), 2);
     int code = run_mechkit(out, sizeof out, "sweep %s --out %s/none/x.csv",
                            scratch_text("s.ini", small), scratch("."));
-    ck_assert_msg(code == 1 && strstr(out, "cannot write the journal"), "%d: %s", code, out);
+    ck_assert_msg(code == 1 && strstr(out, "x.csv: cannot write: No such file"), "%d: %s", code,
+                  out);
 }
 END_TEST
 
@@ -602,6 +622,7 @@ Suite *suite_sweep(void)
     tcase_set_tags(t, "long");
     tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
     tcase_add_loop_test(t, a_signal_stops_a_sweep_which_says_what_is_kept, 0, 3);
+    tcase_add_test(t, an_output_that_cannot_be_written_is_refused_before_the_sweep);
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, a_hidden_delay_is_named_and_nothing_where_there_is_none);
     tcase_add_test(t, a_picture_is_drawn);

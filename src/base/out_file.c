@@ -222,6 +222,19 @@ enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
     return mk_out_file_finish(&file, mk_out_file_write(&file, data, size, err), err);
 }
 
+enum mk_status mk_out_file_check(const char *path, struct mk_error *err)
+{
+    struct mk_out_file file;
+    struct stat info;
+    if (!path || strcmp(path, "-") == 0 ||
+        (stat(path, &info) == 0 && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode)))
+        return MK_OK;
+    enum mk_status st = mk_out_file_open(&file, path, err);
+    if (st == MK_OK)
+        mk_out_file_abandon(&file);
+    return st;
+}
+
 enum mk_status mk_out_text_open(struct mk_out_text *out, const char *path, struct mk_error *err)
 {
     *out = (struct mk_out_text){.path = path};

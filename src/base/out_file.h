@@ -39,6 +39,10 @@ MK_NODISCARD enum mk_status mk_out_file_finish(struct mk_out_file *file, enum mk
 MK_NODISCARD enum mk_status mk_out_file_save(const char *path, const char *data, size_t size,
                                              struct mk_error *err);
 
+/* Whether it could be opened, before work that takes long; NULL: there is no such output. Devices,
+ * pipes and standard output ("-") are left alone. */
+MK_NODISCARD enum mk_status mk_out_file_check(const char *path, struct mk_error *err);
+
 /* The same for text that is printed: into memory first, so that a full disk fails in one place. */
 struct mk_out_text {
     FILE *stream;

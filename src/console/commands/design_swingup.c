@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/out_file.h"
 #include "console/commands/sub.h"
 #include "mechkit/json.h"
 #include "mechkit/sim.h"
@@ -94,6 +95,9 @@ int design_swingup(const struct swingup_request *request, const struct mk_model 
     int equilibrium = (int)(to - mk_plant(model->plant)->equilibrium), code = EXIT_OK;
     enum mk_status st = path_beside(request->model_path, to->name, beside, &err);
     const char *file = request->out ? request->out : beside;
+    if (st == MK_OK &&
+        (mk_out_file_check(file, &err) != MK_OK || mk_out_file_check(request->json, &err) != MK_OK))
+        return report_output_error(&err);
     if (st == MK_OK)
         st = mk_swingup_design(model, equilibrium, &request->options, &s, &err);
     if (st == MK_OK)

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/out_file.h"
 #include "console/commands/fix.h"
 #include "console/commands/options.h"
 #include "console/commands/progress.h"
@@ -213,6 +214,8 @@ static int run(int argc, char **argv)
     int code = parse(argc, argv, &o, &model);
     if (code != EXIT_OK)
         return code;
+    if (mk_out_file_check(o.out, &err) != MK_OK || mk_out_file_check(o.json, &err) != MK_OK)
+        return report_output_error(&err);
     if (progress_begin(&progress)) {
         o.search.progress = progress_show;
         o.search.progress_context = &progress;

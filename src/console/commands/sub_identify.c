@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/out_file.h"
@@ -323,20 +322,6 @@ static enum mk_status read_logs(struct job *j, struct mk_error *err)
     return st;
 }
 
-/* Before a fit that may take minutes; devices and pipes are left alone. */
-static enum mk_status check_output(const char *path, struct mk_error *err)
-{
-    struct mk_out_file file;
-    struct stat info;
-    if (!path || strcmp(path, "-") == 0 ||
-        (stat(path, &info) == 0 && !S_ISREG(info.st_mode) && !S_ISDIR(info.st_mode)))
-        return MK_OK;
-    enum mk_status st = mk_out_file_open(&file, path, err);
-    if (st == MK_OK)
-        mk_out_file_abandon(&file);
-    return st;
-}
-
 static bool all_have_both(const struct job *j)
 {
     bool both = true;
@@ -514,7 +499,7 @@ static int identify(struct job *j)
     rc = data_checks_say(&j->data_check, j->o.ident.force);
     if (rc != EXIT_OK)
         return rc;
-    if (check_output(j->o.out, &err) != MK_OK || check_output(j->o.json, &err) != MK_OK)
+    if (mk_out_file_check(j->o.out, &err) != MK_OK || mk_out_file_check(j->o.json, &err) != MK_OK)
         return report_output_error(&err);
     if (fit(j, &err) != MK_OK)
         return report_error(&err);

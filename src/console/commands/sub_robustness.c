@@ -5,6 +5,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "base/out_file.h"
 #include "console/commands/options.h"
 #include "ctrl/ctrl_rig.h"
 #include "experiment/linear.h"
@@ -245,6 +246,8 @@ static int run(int argc, char **argv)
     if (o.spread.swingup && !o.setup)
         return report_usage("robustness", "--swingup goes with --setup: it is a trajectory of one");
     struct mk_error err = MK_ERROR_INIT;
+    if (mk_out_file_check(o.json, &err) != MK_OK)
+        return report_output_error(&err);
     cJSON *root = cJSON_CreateArray();
     if (!is_standard_output(o.json))
         print_heading(&o);

@@ -8,6 +8,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/out_file.h"
 #include "console/commands/options.h"
 #include "console/commands/sweep_report.h"
 #include "experiment/sweep_journal.h"
@@ -213,6 +214,10 @@ static int lead(const struct options *o, struct sweep *s, struct sweep_ranks *ra
     const bool spec_is_good = st == MK_OK;
     struct sweep_journal j = {.fd = -1};
     struct progress p = {.journal = &j, .show = !o->quiet && isatty(STDERR_FILENO)};
+    if (st == MK_OK)
+        st = mk_out_file_check(o->out, err);
+    if (st == MK_OK)
+        st = mk_out_file_check(o->plot, err);
     if (st == MK_OK)
         st = sweep_journal_open(&j, s, o->out, err);
     if (!sweep_ranks_agree(ranks, st == MK_OK, s->fingerprint, threads) && st == MK_OK)
