@@ -10,6 +10,7 @@
 #include "console/commands/options.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 
 /* --- a table of every kind ------------------------------------------------------------------ */
 
@@ -194,6 +195,57 @@ START_TEST(an_output_that_cannot_be_written_is_a_failure)
 }
 END_TEST
 
+/* Names come from archives and from other people: they must not steer the terminal. */
+START_TEST(a_name_does_not_steer_the_terminal_whatever_prints_it)
+{
+    char log[300], ini[300], out[300], cmd[300], dir[300];
+    const char *plain = open_loop_log("pendulum", "2*sin(5*t)", 2.0);
+    char *text = slurp_file(plain), *model = slurp_file(MK_SOURCE_DIR "/models/pendulum.ini");
+    snprintf(log, sizeof log, "%s", scratch_text("l\x1b[31m\n.csv", text));
+    snprintf(ini, sizeof ini, "%s", scratch_text("m\x1b[31m.ini", model));
+    snprintf(cmd, sizeof cmd, "%s",
+             scratch_text("c\x1b[31m.cmd", "setup open-loop\necho \x1b]0;x\x07\nfly \x1b[2J\n"));
+    snprintf(out, sizeof out, "%s", scratch("o\x1b[31m.csv"));
+    snprintf(dir, sizeof dir, "%s", scratch("d\x1b[31m"));
+    const char *const lines[][10] = {
+        {"simulate", "--model", ini, "--input", log, "--out", out},
+        {"simulate", "--model", ini, "--input", out},
+        {"simulate", "--model", ini, "--input", ini},
+        {"summary", log, plain},
+        {"identify", "--model", ini, "--json", out, "--validate", log, log},
+        {"identify", "--model", ini, "--out", log, log},
+        {"explain", "--model", ini, "--out", dir, "--holdout", log, "--seconds", "1", plain},
+        {"import", log, "--rig", "pendulum", "--write-map", out},
+        {"export", log, "--out", log},
+        {"export", ini, "--out", "x.mat"},
+        {"export", "--model", ini, "--out", "\x1b[31m.c"},
+        {"plot", log, "--out", "\x1b[31m.pdf"},
+        {"measure", "\x1b[31m", "--model", ini, log},
+        {"sweep", ini, "--out", out},
+        {"design", "--model", ini, "--at", "\x1b[31m"},
+        {"run", cmd, "--model", ini, "--fast"},
+        {"doctor", "--board", "serial", "--device", "/dev/\x1b[31m"},
+        {"standalone", "\x1b[31m"},
+        {"robustness", "--setup", "\x1b[31m"},
+        {"--\x1b[31m"},
+        {"help", "\x1b[31m"},
+    };
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        const char *argv[12] = {"mechkit"};
+        memcpy(argv + 1, lines[i], sizeof lines[i]);
+        struct outcome o = mechkit(argv);
+        ck_assert_msg(!strchr(o.out, '\x1b') && !strchr(o.err, '\x1b'), "%s %zu: %s%s", argv[1], i,
+                      o.out, o.err);
+        ck_assert_msg(strstr(o.out, "\\x1b[31m") || strstr(o.err, "\\x1b[31m") || o.code == 0,
+                      "%s %zu: %s%s", argv[1], i, o.out, o.err);
+        ck_assert_msg(!strstr(o.out, "\n.csv") && !strstr(o.err, "\n.csv"), "%s %zu: %s%s", argv[1],
+                      i, o.out, o.err);
+    }
+    free(text);
+    free(model);
+}
+END_TEST
+
 /* --- the tables of the program -------------------------------------------------------------- */
 
 START_TEST(the_tables_are_sound)
@@ -308,6 +360,7 @@ Suite *suite_options(void)
     tcase_add_test(c, what_does_not_arrive_on_a_full_disk_is_a_failure);
     tcase_add_test(c, a_directory_in_place_of_a_file_is_named);
     tcase_add_test(c, an_output_that_cannot_be_written_is_a_failure);
+    tcase_add_test(c, a_name_does_not_steer_the_terminal_whatever_prints_it);
     tcase_add_test(c, the_tables_are_sound);
     tcase_add_test(c, help_and_man_page_have_every_option_and_lines_fit);
     tcase_add_test(c, completion_offers_every_command_and_option);

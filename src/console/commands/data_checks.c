@@ -10,7 +10,7 @@ enum mk_status log_read_all(const char *const *paths, size_t count, struct mk_lo
         st = mk_log_read(paths[i], &logs[i], err);
         if (st == MK_OK && logs[i]->truncated)
             fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n",
-                    paths[i]);
+                    show_name(paths[i]));
     }
     return st;
 }
@@ -18,10 +18,10 @@ enum mk_status log_read_all(const char *const *paths, size_t count, struct mk_lo
 static void print_finding(FILE *out, const char *before, const struct mk_data_finding *f,
                           const char *severity)
 {
-    fprintf(out, "%s%s: %s", before, severity, f->file);
+    fprintf(out, "%s%s: %s", before, severity, show_name(f->file));
     if (f->line > 0)
         fprintf(out, ":%d", f->line);
-    fprintf(out, ": %s\n%s  to do: %s\n", f->what, before, f->remedy);
+    fprintf(out, ": %s\n%s  to do: %s\n", show_name(f->what), before, show_name(f->remedy));
 }
 
 void data_checks_print(FILE *out, const struct mk_data_check *check)

@@ -81,8 +81,8 @@ static void print(const struct mk_swingup *s, const char *file, double off)
            s->limit, rms_command(s));
     printf("  integrated by SUNDIALS it ends %.2g %s from the equilibrium\n", off,
            mk_model_unit(&s->model, plant->motor_joint, "rad"));
-    printf("  wrote %s: `swingup %s` before `setup %s` follows it\n", file, file,
-           plant->equilibrium[s->equilibrium].setup);
+    printf("  wrote %s: `swingup %s` before `setup %s` follows it\n", show_name(file),
+           show_name(file), plant->equilibrium[s->equilibrium].setup);
 }
 
 int design_swingup(const struct swingup_request *request, const struct mk_model *model,

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "console/commands/sub.h"
 #include "mechkit/number.h"
 
 bool left_out_take_seconds(const char *value, void *target)
@@ -16,13 +17,14 @@ void left_out_warn(const struct mk_left_out *all, int count)
         if (all[i].joint > 0)
             fprintf(stderr,
                     "mechkit: %s: %.2f to %.2f s are left out: %s (--keep-all keeps them)\n",
-                    all[i].file, all[i].from_s, all[i].to_s, all[i].why);
+                    show_name(all[i].file), all[i].from_s, all[i].to_s, all[i].why);
 }
 
 void left_out_print(FILE *out, const struct mk_left_out *all, int count)
 {
     for (int i = 0; i < count; i++) {
-        fprintf(out, "Left out: %s, %.2f to %.2f s", all[i].file, all[i].from_s, all[i].to_s);
+        fprintf(out, "Left out: %s, %.2f to %.2f s", show_name(all[i].file), all[i].from_s,
+                all[i].to_s);
         if (all[i].joint > 0)
             fprintf(out, " (foreign contact at joint %d)", all[i].joint);
         fprintf(out, "\n");

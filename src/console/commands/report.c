@@ -6,15 +6,38 @@
 #include "base/text.h"
 #include "console/commands/sub.h"
 
+#define NAMES_SHOWN 8 /* at a time; more than any line has */
+
+const char *show_name(const char *name)
+{
+    static char shown[NAMES_SHOWN][2048];
+    static unsigned turn;
+    const unsigned i = turn++ % NAMES_SHOWN;
+    return mk_show_text(shown[i], sizeof shown[i], name);
+}
+
+void print_lines(FILE *out, const char *text)
+{
+    char line[4096], shown[4 * sizeof line];
+    for (const char *at = text; at; at = *at ? at + 1 : NULL) {
+        const size_t n = strcspn(at, "\n");
+        snprintf(line, sizeof line, "%.*s", (int)n, at);
+        fprintf(out, "%s\n", mk_show_text(shown, sizeof shown, line));
+        at += n;
+    }
+}
+
 /* What a file had in it may be part of the message: it must not steer the terminal, and must be
- * text. */
+ * text. A name is of one line, whatever is in it. */
 static void print(const struct mk_error *err)
 {
-    char text[1024], shown[4 * sizeof text], *rest = text, *line;
-    mk_error_format(err, text, sizeof text);
+    char text[1024];
+    struct mk_error one_line = *err;
+    if (strchr(err->file, '\n'))
+        mk_show_text(one_line.file, sizeof one_line.file, err->file);
+    mk_error_format(&one_line, text, sizeof text);
     fputs("mechkit: ", stderr);
-    while ((line = strsep(&rest, "\n")) != NULL)
-        fprintf(stderr, "%s\n", mk_show_text(shown, sizeof shown, line));
+    print_lines(stderr, text);
 }
 
 int report_output_error(const struct mk_error *err)
@@ -50,12 +73,13 @@ int report_error(const struct mk_error *err)
 
 int report_usage(const char *name, const char *fmt, ...)
 {
+    char text[1024], shown[4 * sizeof text];
     va_list args;
     va_start(args, fmt);
-    fputs("mechkit: ", stderr);
-    vfprintf(stderr, fmt, args);
+    vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
-    fprintf(stderr, " (see mechkit %s%s--help)\n", name, *name ? " " : "");
+    fprintf(stderr, "mechkit: %s (see mechkit %s%s--help)\n",
+            mk_show_text(shown, sizeof shown, text), name, *name ? " " : "");
     return EXIT_WRONG_USAGE;
 }
 

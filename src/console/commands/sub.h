@@ -3,6 +3,7 @@
 #define MECHKIT_CONSOLE_COMMANDS_SUB_H
 
 #include <stdbool.h>
+#include <stdio.h>
 
 #include "mechkit/status.h"
 
@@ -29,6 +30,12 @@ const struct subcommand *subcommand_at(int index);
 extern const struct subcommand sub_boards, sub_console, sub_design, sub_doctor, sub_excite,
     sub_explain, sub_export, sub_identify, sub_import, sub_investigate, sub_measure, sub_plot,
     sub_robustness, sub_run, sub_serve, sub_simulate, sub_standalone, sub_summary, sub_sweep;
+
+/* A name that comes from outside, as of a file or a column, as it may be printed: what a terminal
+ * would take for a command is written \x1b. Static storage of 8 names in turn, for one thread. */
+const char *show_name(const char *name);
+/* Prints lines with such names in them, and ends the last one. */
+void print_lines(FILE *out, const char *text);
 
 /* Prints "mechkit: FILE:LINE: message" to stderr and returns the exit code for that status: bad
  * input files give 3, the rest 1. */

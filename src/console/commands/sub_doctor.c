@@ -37,7 +37,7 @@ static int list_kind(const struct mk_board_ops *ops)
     }
     int n = ops->find(found, BOARDS_MAX, &err);
     if (n < 0) {
-        printf("%-8s %s\n", ops->name, err.message);
+        printf("%-8s %s\n", ops->name, show_name(err.message));
         return 0;
     }
     for (int i = 0; i < n && i < BOARDS_MAX; i++)
@@ -121,7 +121,7 @@ static void print_line(void *user, enum doctor_verdict verdict, const char *what
 {
     static const char *const word[] = {"ok", "problem", "skipped"};
     (void)user;
-    printf("%-8s %-20s %s\n", word[verdict], what, found);
+    printf("%-8s %-20s %s\n", word[verdict], what, show_name(found));
     if (advice[0])
         printf("%-8s %-20s -> %s\n", "", "", advice);
     fflush(stdout);

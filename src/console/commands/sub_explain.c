@@ -98,7 +98,7 @@ static void warn_of_repeats(struct mk_log *const *logs, size_t count,
         for (size_t i = 0; i < k; i++)
             if (same_data(logs[i], logs[k])) {
                 fprintf(stderr, "mechkit: %s: the same data as %s: they count twice\n",
-                        logs[k]->path, logs[i]->path);
+                        show_name(logs[k]->path), show_name(logs[i]->path));
                 break;
             }
     for (size_t i = 0; i < count; i++)
@@ -107,7 +107,7 @@ static void warn_of_repeats(struct mk_log *const *logs, size_t count,
                 fprintf(stderr,
                         "mechkit: %s: the same data as %s, which is learned from: what is measured "
                         "on it says nothing of other runs\n",
-                        holdouts[h]->path, logs[i]->path);
+                        show_name(holdouts[h]->path), show_name(logs[i]->path));
 }
 
 /* --- the folder ----------------------------------------------------------------------------- */

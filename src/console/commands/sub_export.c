@@ -81,7 +81,8 @@ static enum mk_status load(const struct options *o, const char *path, const stru
 {
     enum mk_status st = mk_log_read(path, log, err);
     if (st == MK_OK && (*log)->truncated)
-        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", path);
+        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n",
+                show_name(path));
     if (st == MK_OK)
         st = mk_table_from_log(*log, o->columns, mk_log_u_to_torque(*log, model), table, err);
     *run = (struct mk_mat_run){base_name(path), *log, *table, model};

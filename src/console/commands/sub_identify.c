@@ -119,8 +119,8 @@ static void print_own_values(const struct mk_ident_result *r, const char *const 
                r->parameter[i].name, spread, r->parameter[i].unit);
         for (int k = 0; k < r->own_count; k++)
             if (r->own[k].parameter == i)
-                printf("    %-40s %12.5g +- %.2g\n", files[r->own[k].log], r->own[k].value,
-                       r->own[k].std_error);
+                printf("    %-40s %12.5g +- %.2g\n", show_name(files[r->own[k].log]),
+                       r->own[k].value, r->own[k].std_error);
     }
 }
 
@@ -168,7 +168,7 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
            r->condition_number_scaled);
     print_correlation(r);
     for (int i = 0; i < r->warning_count; i++)
-        printf("  warning: %s\n", r->warning[i]);
+        printf("  warning: %s\n", show_name(r->warning[i]));
 }
 
 /* Free runs of the given (NULL: it has unknown values) and the fitted model over a log, or over the
@@ -195,7 +195,7 @@ static enum mk_status compare(const struct mk_model *const models[2], const char
             return st;
     }
     if (prints)
-        printf("  %s, free runs of 1 s%s, nrmse:", path,
+        printf("  %s, free runs of 1 s%s, nrmse:", show_name(path),
                beginning.rows < log->rows ? " over its first million rows" : "");
     for (size_t j = 0; j < n && prints; j++)
         printf("  q%zu %.4g -> %.4g", j + 1, f[0].nrmse[j], f[1].nrmse[j]);

@@ -110,7 +110,7 @@ static void print_column(const struct mk_import_column *c, const struct mk_impor
     if (c->sign != 1.0 && (*c->plus || *c->minus))
         fputs(")", stdout);
     if (*c->unit)
-        printf(" [%s]", c->unit);
+        printf(" [%s]", show_name(c->unit));
     if (c->offset != 0.0)
         printf(" %c %.6g", c->offset < 0.0 ? '-' : '+', c->offset < 0.0 ? -c->offset : c->offset);
     print_range(map, log, c->to);
@@ -120,24 +120,25 @@ static void print_column(const struct mk_import_column *c, const struct mk_impor
 static void print_map(const struct options *o, const struct mk_import_map *map,
                       const struct mk_table *table, const struct mk_log *log)
 {
-    printf("%s: %zu rows, taken for those of the %s%s\n", o->file, table->rows,
+    printf("%s: %zu rows, taken for those of the %s%s\n", show_name(o->file), table->rows,
            mk_plant(map->rig)->name, o->map ? "" : ", columns by their names");
     for (int i = 0; i < map->count; i++)
         print_column(&map->column[i], map, log);
     if (map->no_input)
         puts("  no command: nothing drove the rig");
     if (*table->left_out)
-        printf("  left out: %s\n", table->left_out);
+        printf("  left out: %s\n", show_name(table->left_out));
 }
 
 static void print_findings(const struct options *o, const struct mk_import_finding *findings,
                            int count)
 {
     for (int i = 0; i < count; i++) {
-        printf("%s: %s: %s\n", findings[i].certain ? "fatal" : "doubt", o->file, findings[i].what);
+        printf("%s: %s: %s\n", findings[i].certain ? "fatal" : "doubt", show_name(o->file),
+               show_name(findings[i].what));
         printf("  to do: %s%s\n",
                *findings[i].proposal ? "if so, change the mapping: " : "look at the data",
-               findings[i].proposal);
+               show_name(findings[i].proposal));
     }
 }
 

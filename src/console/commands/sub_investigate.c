@@ -123,7 +123,7 @@ static void say(void *user, const char *line)
         return;
     if (t->shows)
         progress_end(&t->progress);
-    puts(line);
+    print_lines(stdout, line);
     fflush(stdout);
     if (t->shows)
         t->shows = progress_begin(&t->progress);
@@ -174,7 +174,7 @@ static int finish(const struct journal *j, const struct options *o)
 {
     const bool well = strcmp(j->stopped, "validated") == 0;
     if (!o->quiet)
-        printf("%s/notebook.html, %s/model.ini\n", j->folder, j->folder);
+        printf("%s/notebook.html, %s/model.ini\n", show_name(j->folder), show_name(j->folder));
     return well ? EXIT_OK : EXIT_RUN_FAILED;
 }
 

@@ -71,7 +71,7 @@ static void print_measurement(const struct mk_measurement *m)
             printf("%-12.6g %s\n", q->given, q->unit);
     }
     for (int i = 0; i < m->warning_count; i++)
-        printf("  note: %s\n", m->warning[i]);
+        printf("  note: %s\n", show_name(m->warning[i]));
 }
 
 static void add_runs(cJSON *root, const struct options *o, const struct mk_measurement *m)

@@ -52,7 +52,7 @@ static void say(void *user, const char *line)
 {
     const struct options *o = user;
     if (!o->quiet) {
-        puts(line);
+        print_lines(stdout, line);
         fflush(stdout);
     }
 }
@@ -143,7 +143,7 @@ static int run(int argc, char **argv)
     if (cmdfile_read(o.script, &known, report_script_error, NULL, &file, &err) != MK_OK)
         return EXIT_BAD_FILE;
     if (o.check)
-        printf("%s: %zu commands, no errors\n", o.script, cmdfile_command_count(file));
+        printf("%s: %zu commands, no errors\n", show_name(o.script), cmdfile_command_count(file));
     else
         code = execute(&o, file);
     cmdfile_free(file);

@@ -60,7 +60,7 @@ static void say(void *user, const char *line)
     const struct options *o = user;
     if (o->quiet)
         return;
-    puts(line);
+    print_lines(stdout, line);
     fflush(stdout);
 }
 

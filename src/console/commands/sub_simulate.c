@@ -160,7 +160,8 @@ static void print_figures(const struct options *o, const struct mk_model *model,
                           const struct mk_log *log, const struct mk_predict_figures *f,
                           const double *noise, size_t failed)
 {
-    printf("%s: %zu rows, %zu window%s", o->input, f->rows, f->windows, f->windows == 1 ? "" : "s");
+    printf("%s: %zu rows, %zu window%s", show_name(o->input), f->rows, f->windows,
+           f->windows == 1 ? "" : "s");
     if (mk_log_has_both_inputs(log, model))
         printf(model->input == MK_INPUT_COMMANDED
                    ? ", driven by the command as it was sent (input = commanded in the model)"
@@ -249,7 +250,7 @@ static enum mk_status check_commands(const struct mk_model *model, const struct 
             fprintf(stderr,
                     "mechkit: %s: the command is missing in %zu of %zu rows: held from "
                     "before\n",
-                    log->path, missing, rows);
+                    show_name(log->path), missing, rows);
     }
     return st;
 }
@@ -284,7 +285,8 @@ static enum mk_status read_inputs(const struct options *o, struct mk_model *mode
     if (st == MK_OK)
         st = mk_log_read(o->input, log, err);
     if (st == MK_OK && (*log)->truncated)
-        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n", o->input);
+        fprintf(stderr, "mechkit: %s: the last line is incomplete and was left out\n",
+                show_name(o->input));
     if (st == MK_OK)
         st = say_extremes(model, *log, err);
     if (st == MK_OK)

@@ -260,7 +260,7 @@ static enum mk_status fetch(struct mk_wire *w, const struct mk_model *model,
             st = mk_log_write(o->out, log, err);
     }
     if (st == MK_OK)
-        printf("%u records are in %s, the last in phase %s\n", n, o->out,
+        printf("%u records are in %s, the last in phase %s\n", n, show_name(o->out),
                mk_phase_name(n > 0 ? (enum mk_phase)r[n - 1].phase : MK_PHASE_IDLE));
     mk_log_free(log);
     free(r);

@@ -27,7 +27,7 @@ static int run(int argc, char **argv)
             continue;
         }
         if (logs.count > 1)
-            printf("%s: ", logs.text[i]);
+            printf("%s: ", show_name(logs.text[i]));
         puts(summary_line(&r, line, sizeof line));
         print_steps(&r);
     }

@@ -197,7 +197,7 @@ static void sum_up(const struct options *o, const struct progress *p,
     if (o->quiet)
         return;
     sweep_report(j);
-    printf("%s: %zu runs", o->out, j->done);
+    printf("%s: %zu runs", show_name(o->out), j->done);
     if (p->before > 0)
         printf(", %zu of them from before", p->before);
     printf("; %.1f s, %.4g runs/s, %d thread%s", seconds, (double)ran / seconds, threads,
