@@ -187,7 +187,7 @@ START_TEST(what_cannot_be_designed_is_said_in_a_line)
         {"--model " MODELS "pendubot.ini --poles '-1 -2 -3+i -4'", 2, "expected 4 poles"},
         {"--model " MODELS "pendubot.ini --poles '-1 -2 -3+1i -4'", 1, "conjugate pairs"},
         {"--model " MODELS "pendubot.ini --lqr '1 1 1 1; 0'", 1, "r must be positive"},
-        {"--model " MODELS "pendubot.ini --lqr '1 1 1 1'", 2, "expected 4 for the states"},
+        {"--model " MODELS "pendubot.ini --lqr '1 1 1 1'", 2, "expected 4 weights for the states"},
         {"--model " MODELS "pendubot.ini --lqr '1 1 1 1 1' --gains '1 1 1 1'", 2, "at a time"},
         {"--model " MODELS "pendubot.ini --lqr '1 1 1 1 1' --delay", 2, "goes with --lqrd"},
         {"--model " MODELS "pendubot.ini --rate 0", 2, "samples per second"},

@@ -163,6 +163,8 @@ START_TEST(a_signal_that_is_no_number_during_the_run_is_refused_with_its_time)
         int line; /* 0: it is well */
         const char *says;
     } scripts[] = {
+        {"input 2+1e999\n", 2, "this number is too large at character 3"},
+        {"expect q1 < 1e999\n", 2, "this number is too large at character 6"},
         {"input 1/0\n", 2, "1/0 is not a finite number at t = 0 s"},
         {"input 0/0\nstart\nwait 1\nhalt\n", 2, "at t = 0 s"},
         {"input sqrt(0-t)\nstart\nwait 0.3\nhalt\n", 4, "at t = 0.001 s"},

@@ -84,6 +84,8 @@ static enum mk_status parse_number(struct parser *p)
     double value;
     if (!mk_parse_double(from, p->at, &value))
         return fail(p, from, "this is not a number");
+    if (!isfinite(value))
+        return fail(p, from, "this number is too large");
     return emit_number(p, value);
 }
 

@@ -409,8 +409,8 @@ enum mk_status check_figures(const mk_model &model, const mk_excite_options &o, 
         return mk_error_set(err, MK_ERR_RANGE, "%d tries: at least 100", o.evaluations);
     if (!(o.spread >= 0.0 && o.spread <= 0.5))
         return mk_error_set(err, MK_ERR_RANGE, "spread %g: from 0 to 0.5", o.spread);
-    if (!(o.process_noise >= 0.0))
-        return mk_error_set(err, MK_ERR_RANGE, "process noise %g: must be 0 or more",
+    if (!(o.process_noise >= 0.0 && std::isfinite(o.process_noise)))
+        return mk_error_set(err, MK_ERR_RANGE, "process noise %g: must be 0 or more, and finite",
                             o.process_noise);
     return MK_OK;
 }

@@ -49,6 +49,28 @@ static void what_fits(const struct option_row *row, char *text, size_t size)
         snprintf(text, size, "%s from %.15g to %.15g", what, row->low, row->high);
 }
 
+bool option_take_range(const char *value, void *target)
+{
+    struct option_range *r = target;
+    const char *colon = strchr(value, ':');
+    return colon && mk_parse_double(value, colon, &r->low) &&
+           mk_parse_double_z(colon + 1, &r->high) && isfinite(r->low) && isfinite(r->high) &&
+           r->low < r->high;
+}
+
+int option_numbers(const char *list, double *out, int most)
+{
+    int n = 0;
+    for (const char *at = list + strspn(list, " \t,"); *at; at += strspn(at, " \t,")) {
+        const size_t length = strcspn(at, " \t,");
+        if (n == most || !mk_parse_double(at, at + length, &out[n]) || !isfinite(out[n]))
+            return -1;
+        n++;
+        at += length;
+    }
+    return n;
+}
+
 static int take(const struct subcommand *sub, const struct option_row *row, const char *value,
                 void *target)
 {

@@ -63,6 +63,15 @@ struct option_row {
 #define OPTION_SEED(field) .kind = OPTION_KIND_SEED, .target = OPTION_FIELD(uint64_t, field)
 #define OPTION_CALL(field) .kind = OPTION_KIND_CALL, .target = offsetof(struct options, field)
 
+/* LOW:HIGH, finite and in this order; for OPTION_CALL. */
+struct option_range {
+    double low, high; /* low NaN: not given */
+};
+bool option_take_range(const char *value, void *target);
+/* Numbers of a list, divided by blanks and commas, all of them finite. How many; -1: something else
+ * is among them, or there are more than `most`. */
+int option_numbers(const char *list, double *out, int most);
+
 /* What is left of a command line: file names and the like. */
 struct arguments {
     char **text;

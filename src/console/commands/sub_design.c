@@ -107,8 +107,8 @@ static bool parse_complex(const char *text, double *re, double *im)
     return mk_parse_double(text + split, text + n - 1, im);
 }
 
-/* Reads up to `most` (complex, if im is given) numbers separated by blanks, commas or semicolons;
- * -1: bad. */
+/* Reads up to `most` finite (complex, if im is given) numbers separated by blanks, commas or
+ * semicolons; -1: bad. */
 static int parse_list(const char *text, int most, double *re, double *im)
 {
     char copy[256];
@@ -119,7 +119,8 @@ static int parse_list(const char *text, int most, double *re, double *im)
     char *save = NULL;
     for (char *word = strtok_r(copy, " ,;\t", &save); word; word = strtok_r(NULL, " ,;\t", &save)) {
         double x, y;
-        if (n == most || !parse_complex(word, &x, &y) || (!im && y != 0.0))
+        if (n == most || !parse_complex(word, &x, &y) || !isfinite(x) || !isfinite(y) ||
+            (!im && y != 0.0))
             return -1;
         re[n] = x;
         if (im)
@@ -169,8 +170,8 @@ static int design_lqr(const struct options *o, const struct linear *sys, struct 
     const char *text = o->lqr ? o->lqr : o->lqrd;
     double w[STATES + 1], q[STATES * STATES] = {0};
     if (parse_list(text, sys->n + 1, w, NULL) != sys->n + 1)
-        return report_usage("design", "weights '%s': expected %d for the states and one for u",
-                            text, sys->n);
+        return report_usage("design", "--%s '%s': expected %d weights for the states and one for u",
+                            o->lqr ? "lqr" : "lqrd", text, sys->n);
     for (int i = 0; i < sys->n; i++)
         q[i * sys->n + i] = w[i];
     r->sampled = o->lqrd != NULL;
@@ -192,7 +193,7 @@ static int find_gains(const struct options *o, const struct linear *sys, struct 
     if (o->gains) {
         r->n = parse_list(o->gains, sys->n, r->k, NULL);
         if (r->n != sys->n)
-            return report_usage("design", "--gains '%s': expected %d", o->gains, sys->n);
+            return report_usage("design", "--gains '%s': expected %d numbers", o->gains, sys->n);
     }
     return EXIT_OK;
 }

@@ -9,18 +9,15 @@
 #include "console/commands/fix.h"
 #include "console/commands/options.h"
 #include "console/commands/progress.h"
+#include "console/script/session.h"
 #include "mechkit/excite.h"
 #include "mechkit/json.h"
 #include "mechkit/number.h"
 
-struct range {
-    double low, high; /* low NaN: not given */
-};
-
 struct options {
     const char *model, *out, *json;
     struct option_texts fixed;
-    struct range q[MK_MAX_JOINTS];
+    struct option_range q[MK_MAX_JOINTS];
     struct mk_excite_options search;
 };
 
@@ -31,15 +28,7 @@ static bool take_criterion(const char *value, void *target)
     return criterion != MK_EXCITE_CRITERION_COUNT;
 }
 
-static bool take_range(const char *value, void *target)
-{
-    struct range *r = target;
-    const char *colon = strchr(value, ':');
-    return colon && mk_parse_double(value, colon, &r->low) &&
-           mk_parse_double_z(colon + 1, &r->high) && r->low < r->high;
-}
-
-#define RANGE .take = take_range, .wants = "LOW:HIGH in the joint's unit, as -1:0.5"
+#define RANGE .take = option_take_range, .wants = "LOW:HIGH in the joint's unit, as -1:0.5"
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig, as far as it is known", .required = true},
@@ -49,8 +38,8 @@ static const struct option_row option_rows[] = {
      "multisine. condition, condition-unscaled: of the regressor along a trajectory (rigs with a "
      "motor on every joint)\ndefault: condition where it can be, else worst",
      .take = take_criterion, .wants = "worst, a, d, condition or condition-unscaled"},
-    {"seconds", OPTION_NUMBER(search.seconds), "S", "default 10"},
-    {"rate", OPTION_NUMBER(search.rate_hz), "HZ", "of the loop; default 500"},
+    {"seconds", OPTION_NUMBER(search.seconds), "S", "default 10", 1, 600},
+    {"rate", OPTION_NUMBER(search.rate_hz), "HZ", "of the loop; default 500", 50, 10000},
     {"harmonics", OPTION_COUNT(search.harmonics), "N",
      "2 .. 12; default 5 for a trajectory, 8 for an input", 2, MK_EXCITE_MAX_HARMONICS},
     {"u-max", OPTION_NUMBER(search.u_max), "U", "limit of the command; default 70 % of the rig's"},
@@ -64,10 +53,10 @@ static const struct option_row option_rows[] = {
      "hundredth of it, m/s per sqrt(s)",
      0, 1e6},
     {"spread", OPTION_NUMBER(search.spread), "P",
-     "how far the parameters may be off, as 0.1; default 0: trust the model", 0, 1},
+     "how far the parameters may be off, as 0.1; default 0: trust the model", 0, 0.5},
     {"fix", OPTION_TEXTS(fixed), "NAME", "a parameter that will not be fitted; may be repeated"},
     {"against", OPTION_TEXT(search.against), "SIGNAL", "input to compare with; default U*sin(6*t)"},
-    {"tries", OPTION_COUNT(search.evaluations), "N", "inputs to try; default 9000", 0, 1e7},
+    {"tries", OPTION_COUNT(search.evaluations), "N", "inputs to try; default 9000", 100, 1e7},
     {"seed", OPTION_SEED(search.seed), "N", "of the search; default 1", 0, 9e15},
     {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
     {"threads", OPTION_COUNT(search.threads), "N", "default: all processors", 1, 256},
@@ -98,6 +87,30 @@ static void take_limits(struct options *o)
     }
 }
 
+/* What the model, and not the table, says of a value. */
+static int check_values(const struct options *o, const struct mk_model *model)
+{
+    const struct mk_plant_info *plant = mk_plant(model->plant);
+    struct mk_signal *signal = NULL;
+    struct mk_error err = MK_ERROR_INIT;
+    if (o->search.u_max > model->u_max)
+        return report_usage("excite", "--u-max %g: expected a number above 0, at most the rig's %g",
+                            o->search.u_max, model->u_max);
+    for (int j = 0; j < plant->joints; j++)
+        if (!plant->joint_is_wheel[j] && !isnan(o->q[j].low) &&
+            !(o->q[j].low < plant->rest[j] && plant->rest[j] < o->q[j].high))
+            return report_usage("excite", "--q%d %g:%g: rest at %.4g %s must lie within it", j + 1,
+                                o->q[j].low, o->q[j].high, plant->rest[j],
+                                mk_model_unit(model, j, "rad"));
+    if (!o->search.against)
+        return EXIT_OK;
+    enum mk_status st = mk_signal_create(o->search.against, &signal, &err);
+    if (st == MK_OK)
+        st = session_check_signal(signal, 0.0, o->search.seconds, &err);
+    mk_signal_destroy(signal);
+    return st == MK_OK ? EXIT_OK : report_usage("excite", "--against: %s", err.message);
+}
+
 /* The model says what the other options start from: the command line is read for it first, then
  * again. */
 static int parse(int argc, char **argv, struct options *o, struct mk_model *model)
@@ -115,6 +128,8 @@ static int parse(int argc, char **argv, struct options *o, struct mk_model *mode
     mk_excite_default(model, &o->search);
     code = options_parse(&sub_excite, argc, argv, o, &none);
     take_limits(o);
+    if (code == EXIT_OK)
+        code = check_values(o, model);
     return code == EXIT_OK ? fix_parameters("excite", &o->fixed, model, o->search.fixed) : code;
 }
 

@@ -21,28 +21,16 @@ static void on_signal(int number)
     cancelled = 1;
 }
 
-struct range {
-    double low, high; /* low NaN: not given */
-};
-
 struct options {
     const char *model, *out, *resume, *board, *device, *rig, *faults;
     bool fast, stream, control, quiet;
     int experiments, threads, tries;
     double minutes, seconds, rate_hz, u_max, v_max[MK_MAX_JOINTS], model_off;
-    struct range q[MK_MAX_JOINTS];
+    struct option_range q[MK_MAX_JOINTS];
     uint64_t seed;
 };
 
-static bool take_range(const char *value, void *target)
-{
-    struct range *r = target;
-    const char *colon = strchr(value, ':');
-    return colon && mk_parse_double(value, colon, &r->low) &&
-           mk_parse_double_z(colon + 1, &r->high) && r->low < r->high;
-}
-
-#define RANGE .take = take_range, .wants = "LOW:HIGH in the joint's unit, as -1:0.5"
+#define RANGE .take = option_take_range, .wants = "LOW:HIGH in the joint's unit, as -1:0.5"
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig as a textbook has it"},

@@ -34,9 +34,15 @@ static const struct setup {
 
 #define EVERY_MOST 255 /* samples a record: one byte of the protocol */
 
+struct gains {
+    float value[MK_STANDALONE_GAINS];
+    int count;
+};
+
 struct options {
     const struct setup *setup;
-    const char *board, *device, *model, *gains, *out;
+    const char *board, *device, *model, *out;
+    struct gains gains;
     double seconds, rate_hz;
     int every; /* 0: found out */
     bool fast;
@@ -53,14 +59,31 @@ static void on_signal(int number)
 /* --- options -----------------------------------------------------------------------------------
  */
 
+#define TEXT_OF_(x) #x
+#define TEXT_OF(x) TEXT_OF_(x)
+
+static bool take_gains(const char *value, void *target)
+{
+    struct gains *gains = target;
+    double x[MK_STANDALONE_GAINS];
+    bool fits = true;
+    gains->count = option_numbers(value, x, MK_STANDALONE_GAINS);
+    for (int i = 0; i < gains->count; i++) {
+        gains->value[i] = (float)x[i];
+        fits = fits && isfinite(gains->value[i]);
+    }
+    return fits && gains->count >= 0;
+}
+
 static const struct option_row option_rows[] = {
     {"board", OPTION_TEXT(board), "NAME", "usb, parport, tcp, serial, virtual (default)"},
     {"device", OPTION_TEXT(device), "NAME",
      "which board, when there are several; with tcp HOST:PORT"},
     {"model", OPTION_TEXT(model), "M.ini",
      "the rig; default: the rig of the setup with Meesters' parameters"},
-    {"gains", OPTION_TEXT(gains), "LIST",
-     "the first gains of the setup (docs/protocol.md); default: the board's"},
+    {"gains", OPTION_CALL(gains), "LIST",
+     "the first gains of the setup (docs/protocol.md); default: the board's", .take = take_gains,
+     .wants = "at most " TEXT_OF(MK_STANDALONE_GAINS) " numbers"},
     {"seconds", OPTION_NUMBER(seconds), "S", "how long; default 10", 0.01, 3600},
     {"rate", OPTION_NUMBER(rate_hz), "HZ", "samples per second; default 500", MK_LOOP_RATE_MIN_HZ,
      MK_LOOP_RATE_MAX_HZ},
@@ -100,26 +123,14 @@ static int find_setup(const char *name, struct options *o)
 /* --- the run -----------------------------------------------------------------------------------
  */
 
-static enum mk_status send_gains(struct mk_wire *w, const char *list, int count,
+/* The board says how many gains its setup has. */
+static enum mk_status send_gains(struct mk_wire *w, const struct gains *gains, int count,
                                  struct mk_error *err)
 {
-    float value[MK_STANDALONE_GAINS];
-    int n = 0;
-    for (const char *p = list; p && *p;) {
-        p += strspn(p, " \t,");
-        size_t length = strcspn(p, " \t,");
-        double x;
-        if (length == 0)
-            break;
-        if (n >= count || !mk_parse_double(p, p + length, &x))
-            return mk_error_set(err, MK_ERR_RANGE,
-                                "--gains: '%.*s' is no number, or beyond the %d "
-                                "gains of this setup",
-                                (int)length, p, count);
-        value[n++] = (float)x;
-        p += length;
-    }
-    return n > 0 ? mk_wire_gains(w, 0, value, n, err) : MK_OK;
+    if (gains->count > count)
+        return mk_error_set(err, MK_ERR_RANGE, "--gains: %d numbers, and the setup has %d gains",
+                            gains->count, count);
+    return gains->count > 0 ? mk_wire_gains(w, 0, gains->value, gains->count, err) : MK_OK;
 }
 
 /* So that the arrays last for the whole run, where nobody says otherwise. */
@@ -151,7 +162,7 @@ static enum mk_status prepare(struct mk_board *board, struct mk_wire *w, const s
     if (st == MK_OK)
         st = mk_wire_setup(w, (int)o->setup->controller, (uint32_t)lround(1e6 / o->rate_hz),
                            record_every(o), &gains, err);
-    return st == MK_OK ? send_gains(w, o->gains, gains, err) : st;
+    return st == MK_OK ? send_gains(w, &o->gains, gains, err) : st;
 }
 
 /* Looks after the run; the board stops by itself when nobody does. MK_ERR_INTR: a signal ended it.

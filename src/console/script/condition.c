@@ -122,6 +122,10 @@ static double literal(struct parser *p)
         p->at = from;
         return fail(p, "not a number");
     }
+    if (!isfinite(value)) {
+        p->at = from;
+        return fail(p, "this number is too large");
+    }
     return value;
 }
 
