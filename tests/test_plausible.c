@@ -11,6 +11,7 @@
 #include "mechkit/exchange.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 
 #define MAPS MK_SOURCE_DIR "/models/measured/"
 
@@ -359,6 +360,14 @@ START_TEST(what_cannot_be_is_not_written_unless_forced)
                       strstr(out, "change the mapping: [u] sign = 1"),
                   "%d %s", code, out);
     ck_assert_int_ne(access(to, F_OK), 0);
+    struct outcome o = MECHKIT("import", log, "--map", map, "--out", to);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "mechkit: fatal: ") && strstr(o.err, "  to do: ") &&
+                      strstr(o.err, "never.csv: not written: mend the map, or use --force\n"),
+                  "%d %s", o.code, o.err);
+    ck_assert_msg(strstr(o.out, " rows, taken for those of"), "%s", o.out);
+    ck_assert_ptr_null(strstr(o.out, "fatal"));
+    o = MECHKIT("import", log, "--map", map, "--json", "-");
+    ck_assert_msg(o.code == 1 && o.out[0] == '{' && strstr(o.err, "fatal: "), "%s%s", o.out, o.err);
     code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", log, mended, to);
     ck_assert_msg(code == 0 && access(to, F_OK) == 0, "%s", out);
     code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --force", log, map, to);

@@ -130,15 +130,16 @@ static void print_map(const struct options *o, const struct mk_import_map *map,
         printf("  left out: %s\n", show_name(table->left_out));
 }
 
+/* Where the doubts of other commands go: standard output is for what was taken from the file. */
 static void print_findings(const struct options *o, const struct mk_import_finding *findings,
                            int count)
 {
     for (int i = 0; i < count; i++) {
-        printf("%s: %s: %s\n", findings[i].certain ? "fatal" : "doubt", show_name(o->file),
-               show_name(findings[i].what));
-        printf("  to do: %s%s\n",
-               *findings[i].proposal ? "if so, change the mapping: " : "look at the data",
-               show_name(findings[i].proposal));
+        fprintf(stderr, "mechkit: %s: %s: %s\n", findings[i].certain ? "fatal" : "doubt",
+                show_name(o->file), show_name(findings[i].what));
+        fprintf(stderr, "mechkit:   to do: %s%s\n",
+                *findings[i].proposal ? "if so, change the mapping: " : "look at the data",
+                show_name(findings[i].proposal));
     }
 }
 
@@ -219,9 +220,11 @@ static enum mk_status write_outputs(const struct options *o, const struct mk_log
         st = mk_import_map_write(o->fixed, count > 0 ? &findings[count - 1].fixed : map, NULL, err);
     if (st == MK_OK && o->json)
         st = write_report(o, map, findings, count, err);
-    if (st == MK_OK && count > 0 && o->out && !is_standard_output(o->json))
-        puts(o->force || !is_fatal(findings, count) ? "written all the same"
-                                                    : "not written: mend the map, or use --force");
+    if (st == MK_OK && count > 0 && o->out)
+        fprintf(stderr, "mechkit: %s: %s\n", show_name(o->out),
+                o->force || !is_fatal(findings, count)
+                    ? "written all the same"
+                    : "not written: mend the map, or use --force");
     return st;
 }
 
@@ -249,10 +252,10 @@ static int run(int argc, char **argv)
     const bool writing = st == MK_OK;
     if (st == MK_OK) {
         count = mk_import_check(table, o.file, &map, findings);
-        if (!is_standard_output(o.json)) {
+        if (!is_standard_output(o.json))
             print_map(&o, &map, table, log);
-            print_findings(&o, findings, count);
-        }
+        fflush(stdout);
+        print_findings(&o, findings, count);
         st = write_outputs(&o, log, &map, findings, count, &err);
     }
     mk_log_free(log);
