@@ -496,6 +496,19 @@ static const char *fmpy_python(void)
     return NULL;
 }
 
+START_TEST(an_fmu_without_a_folder_to_be_built_in_names_it)
+{
+    char out[1024];
+    int code = run_command(out, sizeof out,
+                           "TMPDIR=/nowhere " MK_TEST_APP " export --model %s/models/furuta.ini "
+                           "--out %s",
+                           MK_SOURCE_DIR, scratch("nowhere.fmu"));
+    ck_assert_msg(code == 1 &&
+                      strstr(out, "/nowhere: cannot make a temporary folder here: No such"),
+                  "%d %s", code, out);
+}
+END_TEST
+
 /* A compiler that takes its time, and says when it has begun. */
 START_TEST(a_signal_while_the_fmu_is_built_leaves_no_folder)
 {
@@ -649,6 +662,7 @@ Suite *suite_export_model(void)
     tcase_add_test(c, an_fmu_with_play_predicts_what_simulate_predicts);
     tcase_add_test(c, an_fmu_with_an_old_sensor_does_not_mind_tiny_steps);
     tcase_add_test(c, an_fmu_without_a_compiler_has_its_sources);
+    tcase_add_test(c, an_fmu_without_a_folder_to_be_built_in_names_it);
     tcase_add_loop_test(c, a_signal_while_the_fmu_is_built_leaves_no_folder, 0, 3);
     tcase_add_test(c, fmpy_validates_the_fmu_and_predicts_what_simulate_predicts);
     suite_add_tcase(s, c);

@@ -434,6 +434,16 @@ START_TEST(a_signal_while_it_is_drawn_leaves_nothing)
 }
 END_TEST
 
+START_TEST(a_temporary_file_that_cannot_be_written_is_said_to_be_one)
+{
+    char out[1024];
+    const char *log = scratch_text("x.csv", "t,q1,q2,u\n0,0,0,0\n1,1,2,1\n");
+    int code = run_command(out, sizeof out, "ulimit -f 0; " MK_TEST_APP " plot %s", log);
+    ck_assert_msg(strstr(out, "cannot write a temporary file in /tmp: File too large"), "%d %s",
+                  code, out);
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_is_refused_before_it_is_drawn)
 {
     const char *no_angle = scratch_text("no_angle.csv", "t,u\n0,1\n1,2\n");
@@ -485,6 +495,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
     tcase_add_loop_test(c, a_signal_while_it_is_drawn_leaves_nothing, 0, 3);
+    tcase_add_test(c, a_temporary_file_that_cannot_be_written_is_said_to_be_one);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);
     return s;

@@ -156,7 +156,7 @@ static enum mk_status run(FILE *script, const char *path, struct mk_error *err)
 {
     FILE *complaints = tmpfile();
     if (!complaints)
-        return mk_error_errno(err, errno, NULL, "cannot make a temporary file");
+        return mk_error_errno(err, errno, NULL, "cannot make a temporary file in " P_tmpdir);
     enum mk_status st = path ? draw_to_file(script, path, complaints, err)
                              : draw_to_terminal(script, complaints, err);
     fclose(complaints);
@@ -169,10 +169,10 @@ enum mk_status gnuplot_run(const char *path,
 {
     FILE *script = tmpfile(); /* without a name: nothing is left of it, whatever happens */
     if (!script)
-        return mk_error_errno(err, errno, NULL, "cannot make a temporary file");
+        return mk_error_errno(err, errno, NULL, "cannot make a temporary file in " P_tmpdir);
     enum mk_status st = write(script, user, err);
     if (st == MK_OK && (fflush(script) != 0 || fseek(script, 0, SEEK_SET) != 0))
-        st = mk_error_errno(err, errno, NULL, "cannot write a temporary file");
+        st = mk_error_errno(err, errno, NULL, "cannot write a temporary file in " P_tmpdir);
     if (st == MK_OK)
         st = run(script, path, err);
     fclose(script);
