@@ -537,7 +537,7 @@ START_TEST(usage_errors_say_what_would_be_right)
     ck_assert_int_eq(run_mechkit(said, sizeof said, "investigate --model %s --out %s --board warp",
                                  model_of("pendulum"), scratch("warp")),
                      2);
-    ck_assert_says("no board 'warp'");
+    ck_assert_says("--board warp: there is no such board");
 }
 END_TEST
 

@@ -157,11 +157,12 @@ static enum mk_status open_board(struct investigation *v, struct mk_error *err)
     const struct journal_settings *s = &v->j->settings;
     const struct mk_board_ops *ops = mk_board_backend_by_name(s->board);
     if (!ops)
-        return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'", s->board);
+        return mk_error_set(err, MK_ERR_USAGE,
+                            "--board %s: there is no such board; `mechkit boards` lists them",
+                            s->board);
     const bool virtual = (ops->capabilities & MK_BOARD_CAP_SIMULATED) != 0;
     if (s->fast && !mk_board_may_be_fast(ops))
-        return mk_error_set(err, MK_ERR_USAGE, "board %s runs by the clock: without --fast",
-                            s->board);
+        return mk_error_set(err, MK_ERR_USAGE, "--fast: board %s runs by the clock", s->board);
     if (s->rig[0] && !virtual)
         return mk_error_set(err, MK_ERR_USAGE,
                             "--rig says what the virtual board simulates; board %s has a rig",

@@ -316,7 +316,8 @@ enum mk_status journal_open(struct journal *j, const char *folder, bool make, bo
     j->lock = -1;
     *found = false;
     if (!folder[0] || snprintf(j->folder, sizeof j->folder, "%s", folder) >= JOURNAL_PATH - 64)
-        return mk_error_set(err, MK_ERR_USAGE, "the folder's name is empty or too long");
+        return mk_error_set(err, MK_ERR_USAGE,
+                            "--out or --resume: the folder's name is empty or too long");
     enum mk_status st = make ? make_folder(folder, err) : MK_OK;
     if (st != MK_OK)
         return st;

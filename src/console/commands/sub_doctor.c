@@ -193,7 +193,8 @@ static int run_doctor(int argc, char **argv)
         return code;
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
-        return report_usage("doctor", "there is no board '%s'", o.board);
+        return report_usage(
+            "doctor", "--board %s: there is no such board; `mechkit boards` lists them", o.board);
     mk_model_default(mk_plant_by_name("pendubot")->kind, &model);
     if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
         return report_error(&err);

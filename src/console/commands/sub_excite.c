@@ -237,8 +237,10 @@ static int run(int argc, char **argv)
     }
     enum mk_status st = mk_excite(&model, &o.search, &result, &err);
     progress_end(&progress);
-    if (st == MK_ERR_RANGE || st == MK_ERR_NOTSUP)
-        return report_usage("excite", "%s", err.message);
+    if (st == MK_ERR_NOTSUP)
+        return report_usage("excite", "--criterion: %s", err.message);
+    if (st == MK_ERR_RANGE)
+        return report_usage("excite", o.fixed.count > 0 ? "--fix: %s" : "%s", err.message);
     const bool writing = st == MK_OK;
     if (st == MK_OK && o.out)
         st = mk_excitation_write(&result, o.out, o.model, &err);

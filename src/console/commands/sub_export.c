@@ -140,7 +140,7 @@ static int check_logs(const struct options *o)
     if (!csv && !ends_with(o->out, ".mat"))
         return report_usage("export", "--out %s: logs go to a .mat or .csv file", o->out);
     if (csv && o->logs.count > 1)
-        return report_usage("export", "one log a CSV file, please");
+        return report_usage("export", "--out %s: one log a CSV file, please", o->out);
     if (same_file(o->logs.text[0], o->out))
         return report_usage("export", "--out %s: that is the log to be read", o->out);
     return EXIT_OK;
@@ -173,8 +173,8 @@ static int run(int argc, char **argv)
                               : export_model(&o, &model, &err);
     if (st == MK_OK)
         return EXIT_OK;
-    if (st == MK_ERR_USAGE)
-        return report_usage("export", "%s", err.message);
+    if (st == MK_ERR_USAGE) /* of a log's columns, or of the name of a function */
+        return report_usage("export", o.logs.count > 0 ? "--columns: %s" : "--out %s", err.message);
     writing |= strcmp(err.file, o.out) == 0;
     return writing ? report_output_error(&err) : report_error(&err);
 }

@@ -189,7 +189,7 @@ static int run(int argc, char **argv)
     if (o.resume ? o.model || o.out : !o.model || !o.out)
         return report_usage("investigate", "give --model and --out, or --resume alone");
     if (!put_settings(&o, &io.settings))
-        return report_usage("investigate", "a name is too long");
+        return report_usage("investigate", "--board, --device or --rig: the name is too long");
     struct telling telling = {.quiet = o.quiet};
     telling.shows = progress_begin(&telling.progress);
     io.folder = o.resume ? o.resume : o.out;

@@ -339,7 +339,9 @@ static int run(int argc, char **argv)
         return code;
     const struct mk_board_ops *ops = mk_board_backend_by_name(o.board);
     if (!ops)
-        return report_usage("standalone", "there is no board '%s'", o.board);
+        return report_usage("standalone",
+                            "--board %s: there is no such board; `mechkit boards` lists them",
+                            o.board);
     mk_model_default(mk_ctrl_first_rig(mk_ctrl_setup_by_name(o.setup->name)), &model);
     if (o.model && mk_model_read(o.model, &model, &err) != MK_OK)
         return report_error(&err);

@@ -72,16 +72,10 @@ static enum mk_status open_board_kind(struct session *s, struct mk_error *err)
 {
     const char *name = s->options.board ? s->options.board : "virtual";
     s->backend = mk_board_backend_by_name(name);
-    if (!s->backend) {
-        char known[200] = "";
-        const struct mk_board_ops *ops;
-        for (int i = 0; (ops = mk_board_backend(i)) != NULL; i++) {
-            size_t used = strlen(known);
-            snprintf(known + used, sizeof known - used, "%s%s", i ? ", " : "", ops->name);
-        }
-        return mk_error_set(err, MK_ERR_USAGE, "there is no board '%s'; built in are %s", name,
-                            known);
-    }
+    if (!s->backend)
+        return mk_error_set(err, MK_ERR_USAGE,
+                            "--board %s: there is no such board; `mechkit boards` lists them",
+                            name);
     if (s->options.fast && !mk_board_may_be_fast(s->backend))
         return mk_error_set(err, MK_ERR_USAGE, "board %s runs in real time only: leave out --fast",
                             name);
