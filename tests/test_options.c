@@ -224,6 +224,32 @@ START_TEST(an_output_that_cannot_be_written_is_a_failure)
 }
 END_TEST
 
+/* No command makes a file or a folder named "-" of what a user takes for standard output. */
+START_TEST(a_dash_is_no_output_where_it_is_none)
+{
+    const struct subcommand *sub;
+    int outputs = 0;
+    char line[300], out[1024], says[100];
+    for (int i = 0; (sub = subcommand_at(i)) != NULL; i++)
+        for (const struct option_row *r = sub->options; r && r->name; r++) {
+            const bool named = strcmp(r->name, "out") == 0 || strcmp(r->name, "plot") == 0;
+            ck_assert_msg(!named || r->kind == OPTION_KIND_OUTPUT, "%s --%s", sub->name, r->name);
+            if (r->kind != OPTION_KIND_OUTPUT)
+                continue;
+            for (int empty = 0; empty < 2; empty++) {
+                snprintf(line, sizeof line, "%s --%s %s", sub->name, r->name, empty ? "''" : "-");
+                snprintf(says, sizeof says,
+                         empty ? "--%s: the name is empty" : "--%s -: expected a", r->name);
+                int code = run_mechkit(out, sizeof out, "%s", line);
+                ck_assert_msg(code == EXIT_WRONG_USAGE && strstr(out, says), "%s: %d %s", line,
+                              code, out);
+            }
+            outputs++;
+        }
+    ck_assert_int_ge(outputs, 14);
+}
+END_TEST
+
 /* Names come from archives and from other people: they must not steer the terminal. */
 START_TEST(a_name_does_not_steer_the_terminal_whatever_prints_it)
 {
@@ -390,6 +416,7 @@ Suite *suite_options(void)
     tcase_add_test(c, a_directory_in_place_of_a_file_is_named);
     tcase_add_test(c, an_output_that_cannot_be_written_is_a_failure);
     tcase_add_test(c, a_name_does_not_steer_the_terminal_whatever_prints_it);
+    tcase_add_test(c, a_dash_is_no_output_where_it_is_none);
     tcase_add_test(c, the_tables_are_sound);
     tcase_add_test(c, help_and_man_page_have_every_option_and_lines_fit);
     tcase_add_test(c, completion_offers_every_command_and_option);

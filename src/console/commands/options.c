@@ -85,6 +85,16 @@ static int take(const struct subcommand *sub, const struct option_row *row, cons
     case OPTION_KIND_TEXT:
         *(const char **)field = value;
         break;
+    case OPTION_KIND_OUTPUT:
+        if (!*value)
+            return report_usage(sub->name, "--%s: the name is empty", row->name);
+        if (is_standard_output(value))
+            return report_usage(sub->name,
+                                "--%s -: expected a name; this does not go to standard output "
+                                "(./- is a file of that name)",
+                                row->name);
+        *(const char **)field = value;
+        break;
     case OPTION_KIND_TEXTS:
         if (texts->count == OPTION_TEXTS_MAX)
             return report_usage(sub->name, "at most %d times --%s", OPTION_TEXTS_MAX, row->name);

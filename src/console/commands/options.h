@@ -4,7 +4,7 @@
  * A subcommand has a `struct options` that the rows fill in:
  *
  *     static const struct option_row option_rows[] = {
- *         {"out", OPTION_TEXT(out), "FILE", "where it goes", .required = true},
+ *         {"out", OPTION_OUTPUT(out), "FILE", "where it goes", .required = true},
  *         {"rate", OPTION_NUMBER(rate_hz), "HZ", "samples per second", 100, 2000},
  *         {"fast", OPTION_FLAG(fast), NULL, "in simulated time"},
  *         {0}};
@@ -23,6 +23,7 @@ enum option_kind {
     OPTION_KIND_FLAG,
     OPTION_KIND_TEXT,
     OPTION_KIND_TEXTS,
+    OPTION_KIND_OUTPUT,
     OPTION_KIND_NUMBER,
     OPTION_KIND_COUNT,
     OPTION_KIND_SEED,
@@ -56,6 +57,9 @@ struct option_row {
         0 * sizeof(char[_Generic(((struct options *)0)->field, type : 1)])
 #define OPTION_FLAG(field) .kind = OPTION_KIND_FLAG, .target = OPTION_FIELD(bool, field)
 #define OPTION_TEXT(field) .kind = OPTION_KIND_TEXT, .target = OPTION_FIELD(const char *, field)
+/* Path of a file or folder to be written: neither empty nor "-", which is no file. What goes to
+ * standard output too is an OPTION_TEXT, and its help says so. */
+#define OPTION_OUTPUT(field) .kind = OPTION_KIND_OUTPUT, .target = OPTION_FIELD(const char *, field)
 #define OPTION_TEXTS(field)                                                                        \
     .kind = OPTION_KIND_TEXTS, .target = OPTION_FIELD(struct option_texts, field)
 #define OPTION_NUMBER(field) .kind = OPTION_KIND_NUMBER, .target = OPTION_FIELD(double, field)

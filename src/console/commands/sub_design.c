@@ -43,7 +43,7 @@ static const struct option_row option_rows[] = {
      .wants = "samples per second above 0"},
     {"friction", OPTION_FLAG(friction), NULL,
      "keep the friction of the motor joint in the linearisation"},
-    {"out", OPTION_TEXT(swingup.out), "FILE",
+    {"out", OPTION_OUTPUT(swingup.out), "FILE",
      "swingup: the trajectory; default: beside the model, MODEL-AT-swingup.csv"},
     {"reserve", OPTION_NUMBER(swingup.options.reserve), "SHARE",
      "swingup: share of the command left to follow it; default 0.25", 0.0, 0.6},

@@ -32,7 +32,7 @@ static bool take_criterion(const char *value, void *target)
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig, as far as it is known", .required = true},
-    {"out", OPTION_TEXT(out), "NAME.cmd", "the command file"},
+    {"out", OPTION_OUTPUT(out), "NAME.cmd", "the command file"},
     {"criterion", OPTION_CALL(search.criterion), "NAME",
      "worst, a, d: largest standard error, trace or determinant of the covariance; the input is a "
      "multisine. condition, condition-unscaled: of the regressor along a trajectory (rigs with a "

@@ -39,7 +39,7 @@ static bool take_seconds(const char *value, void *target)
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the model as it is believed", .required = true},
-    {"out", OPTION_TEXT(out), "DIR", "where the reports go; made if missing", .required = true},
+    {"out", OPTION_OUTPUT(out), "DIR", "where the reports go; made if missing", .required = true},
     {"holdout", OPTION_TEXTS(holdout), "V.csv", "a log to measure on; may be repeated"},
     {"next", OPTION_FLAG(explain.next), NULL,
      "propose an experiment even where no rival is left open"},

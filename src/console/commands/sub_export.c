@@ -28,7 +28,7 @@ static bool take_separator(const char *value, void *target)
 }
 
 static const struct option_row option_rows[] = {
-    {"out", OPTION_TEXT(out), "FILE", "where it goes; its ending says what it is",
+    {"out", OPTION_OUTPUT(out), "FILE", "where it goes; its ending says what it is",
      .required = true},
     {"columns", OPTION_TEXT(columns), "LIST",
      "which, in which unit: t:ms,q1:deg,u:Nm; default: all, in the log's units"},

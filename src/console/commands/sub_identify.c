@@ -45,7 +45,7 @@ static bool take_column(const char *value, void *target)
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the model to fit; values may be orders off, or `?`",
      .required = true},
-    {"out", OPTION_TEXT(out), "FITTED.ini", "the fitted model, with standard errors"},
+    {"out", OPTION_OUTPUT(out), "FITTED.ini", "the fitted model, with standard errors"},
     {"method", OPTION_CALL(ident.method), "NAME",
      "output-error (default): maximum likelihood of the measured angles; olsen, swevers, wls, sls, "
      "energy: linear, base parameters only",

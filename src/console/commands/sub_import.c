@@ -18,8 +18,8 @@ static const struct option_row option_rows[] = {
     {"map", OPTION_TEXT(map), "M.map", "what the columns mean (docs/formats.md)"},
     {"rig", OPTION_TEXT(rig), "KIND",
      "instead of a mapping: the kind of rig (docs/formats.md); the columns go by their names"},
-    {"out", OPTION_TEXT(out), "LOG.csv", "the log"},
-    {"write-map", OPTION_TEXT(fixed), "M.map", "the mapping, with what is proposed"},
+    {"out", OPTION_OUTPUT(out), "LOG.csv", "the log"},
+    {"write-map", OPTION_OUTPUT(fixed), "M.map", "the mapping, with what is proposed"},
     {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
     {"json", OPTION_TEXT(json), "FILE", "what was assumed and found; \"-\": standard output"},
     {0}};

@@ -34,7 +34,7 @@ struct options {
 
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig as a textbook has it"},
-    {"out", OPTION_TEXT(out), "DIR",
+    {"out", OPTION_OUTPUT(out), "DIR",
      "where journal, logs, models and notebook go; made if missing; the same command again goes on "
      "where it was"},
     {"resume", OPTION_TEXT(resume), "DIR",

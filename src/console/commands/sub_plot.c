@@ -30,7 +30,7 @@ static bool take_size(const char *value, void *target)
 }
 
 static const struct option_row option_rows[] = {
-    {"out", OPTION_TEXT(out), "FILE", "a .svg or .png; default: drawn in the terminal"},
+    {"out", OPTION_OUTPUT(out), "FILE", "a .svg or .png; default: drawn in the terminal"},
     {"with", OPTION_TEXT(with), "PRED.csv",
      "a prediction over the angles (mechkit simulate), and its error"},
     {"spectrum", OPTION_FLAG(spectrum), NULL,

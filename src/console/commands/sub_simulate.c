@@ -38,7 +38,7 @@ static bool take_solver(const char *value, void *target)
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the rig", .required = true},
     {"input", OPTION_TEXT(input), "LOG.csv", "the log whose command drives it", .required = true},
-    {"out", OPTION_TEXT(out), "PRED.csv", "the prediction, on the log's own time base"},
+    {"out", OPTION_OUTPUT(out), "PRED.csv", "the prediction, on the log's own time base"},
     {"window", OPTION_NUMBER(predict.window_s), "S",
      "start again from the data every S seconds; adds a column window", .low = 1e-3, .high = 1e6},
     LEFT_OUT_OPTIONS(rows),

@@ -89,7 +89,7 @@ static const struct option_row option_rows[] = {
      MK_LOOP_RATE_MAX_HZ},
     {"every", OPTION_COUNT(every), "N", "samples a record; default: so that the arrays last", 1,
      EVERY_MOST},
-    {"out", OPTION_TEXT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
+    {"out", OPTION_OUTPUT(out), "LOG.csv", "where the recorded arrays go; default: standalone.csv"},
     {"fast", OPTION_FLAG(fast), NULL,
      "in simulated time: the virtual board, or one that says it is simulated"},
     {0}};

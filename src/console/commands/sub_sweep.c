@@ -41,9 +41,9 @@ static void catch_signals(void)
 }
 
 static const struct option_row option_rows[] = {
-    {"out", OPTION_TEXT(out), "FILE.csv",
+    {"out", OPTION_OUTPUT(out), "FILE.csv",
      "default: the spec's name with .csv, in the current directory"},
-    {"plot", OPTION_TEXT(plot), "FILE",
+    {"plot", OPTION_OUTPUT(plot), "FILE",
      "the share of good outcomes over what varies, .svg or .png (needs gnuplot)"},
     {"threads", OPTION_COUNT(threads), "N", "of each process; default: the processors it may use",
      1, 1024},

@@ -16,7 +16,7 @@
     {"believe", OPTION_TEXT(session.believe), "M.ini",                                             \
      "what the controller believes; default: the same model"},                                     \
     {"fast", OPTION_FLAG(session.fast), NULL, fast_help},                                          \
-    {"out", OPTION_TEXT(session.out), "DIR",                                                       \
+    {"out", OPTION_OUTPUT(session.out), "DIR",                                                       \
      "where logs go; made if missing; default: the current directory"},                            \
     {"rate", OPTION_NUMBER(session.rate_hz), "HZ",                                                 \
      "samples per second, 100 .. 2000; default 500", MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ},    \
