@@ -267,6 +267,7 @@ static enum mk_status answer_in_version(void *link, const uint8_t **bytes, size_
     const struct mk_frame f = {*(const uint8_t *)link, asked_type | MK_MSG_ANSWER, sizeof hello,
                                asked, hello};
     (void)deadline_ns;
+    hello[MK_HELLO_VERSION] = MK_FRAME_VERSION;
     hello[MK_HELLO_COUNTER_BITS] = 24;
     *n = mk_frame_encode(&f, said);
     *bytes = said;
@@ -283,6 +284,50 @@ START_TEST(a_hello_in_a_frame_of_another_version_is_refused)
     version++;
     ck_assert_int_eq(mk_wire_open(&wire, &ops, &version, &err), MK_ERR_NOTSUP);
     ck_assert_ptr_nonnull(strstr(err.message, "protocol version 2"));
+}
+END_TEST
+
+/* A board whose identity says another version than its frames; `link` is the identity's length. */
+static uint8_t identity_version;
+
+static enum mk_status answer_with_identity(void *link, const uint8_t **bytes, size_t *n,
+                                           int64_t deadline_ns)
+{
+    static uint8_t said[MK_FRAME_MAX], hello[MK_HELLO_SIZE];
+    const struct mk_frame f = {MK_FRAME_VERSION, asked_type | MK_MSG_ANSWER,
+                               *(const uint16_t *)link, asked, hello};
+    (void)deadline_ns;
+    hello[MK_HELLO_VERSION] = identity_version;
+    hello[MK_HELLO_COUNTER_BITS] = 24;
+    *n = mk_frame_encode(&f, said);
+    *bytes = said;
+    return MK_OK;
+}
+
+START_TEST(an_identity_of_another_version_is_refused_whatever_its_length)
+{
+    static const struct mk_link_ops ops = {note_request, answer_with_identity};
+    static const struct {
+        uint8_t version;
+        uint16_t length;
+        enum mk_status st;
+        const char *says;
+    } boards[] = {
+        {MK_FRAME_VERSION, MK_HELLO_SIZE, MK_OK, ""},
+        {MK_FRAME_VERSION, MK_HELLO_SIZE - 1, MK_ERR_PROTO, "hello is malformed"},
+        {MK_FRAME_VERSION, 0, MK_ERR_PROTO, "hello is malformed"},
+        {MK_FRAME_VERSION + 1, MK_HELLO_SIZE, MK_ERR_NOTSUP, "speaks protocol version 2, this"},
+        {MK_FRAME_VERSION + 1, 4, MK_ERR_NOTSUP, "speaks protocol version 2, this"},
+        {0, MK_HELLO_SIZE, MK_ERR_NOTSUP, "speaks protocol version 0, this"},
+    };
+    for (size_t i = 0; i < sizeof boards / sizeof boards[0]; i++) {
+        struct mk_wire wire;
+        struct mk_error err = MK_ERROR_INIT;
+        uint16_t length = boards[i].length;
+        identity_version = boards[i].version;
+        ck_assert_int_eq(mk_wire_open(&wire, &ops, &length, &err), boards[i].st);
+        ck_assert_msg(strstr(err.message, boards[i].says) != NULL, "%s", err.message);
+    }
 }
 END_TEST
 
@@ -344,6 +389,7 @@ Suite *suite_frame(void)
     tcase_add_test(t, noise_is_never_taken_for_a_frame);
     tcase_add_loop_test(t, a_board_that_never_stops_talking_does_not_hold_the_host, 0, BABBLES);
     tcase_add_test(t, a_hello_in_a_frame_of_another_version_is_refused);
+    tcase_add_test(t, an_identity_of_another_version_is_refused_whatever_its_length);
     tcase_add_test(t, an_answer_or_a_sample_in_another_version_is_no_reading_even_in_mid_run);
     tcase_add_test(t, garbage_past_the_deadline_is_looked_at_a_few_times_only);
     tcase_add_test(t, a_board_cannot_promise_more_gains_than_there_are);

@@ -301,6 +301,16 @@ static void copy_text(char *to, size_t size, const uint8_t *from)
     to[n] = '\0';
 }
 
+/* The version comes first, in an identity of any length: what follows it is of that version. */
+static enum mk_status check_hello(struct mk_wire *w, const struct mk_frame *f)
+{
+    if (f->length > MK_HELLO_VERSION && f->payload[MK_HELLO_VERSION] != MK_FRAME_VERSION)
+        return other_version(w, f->payload[MK_HELLO_VERSION]);
+    if (f->length < MK_HELLO_SIZE)
+        return mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's hello is malformed");
+    return MK_OK;
+}
+
 enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, void *link,
                             struct mk_error *err)
 {
@@ -311,8 +321,8 @@ enum mk_status mk_wire_open(struct mk_wire *w, const struct mk_link_ops *ops, vo
     w->sequence = (uint32_t)(monotonic_ns() >> 10);
     struct mk_frame f;
     enum mk_status st = mk_wire_request(w, MK_MSG_HELLO, NULL, 0, REQUEST_TRIES, HELLO_NS, &f);
-    if (st == MK_OK && f.length < MK_HELLO_SIZE)
-        st = mk_error_set(&w->trouble, MK_ERR_PROTO, "the board's hello is malformed");
+    if (st == MK_OK)
+        st = check_hello(w, &f);
     if (st != MK_OK) {
         if (err)
             *err = w->trouble;
