@@ -102,7 +102,10 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
     if (!p.finite || !std::isfinite(p.cost))
         return false;
     point.cost = start_cost = p.cost;
+    bool moved = false; // since p was taken
     while (iterations < options.max_iterations && !converged && work_done < d.most_work) {
+        if (moved && !(p = quadratic(point, free)).finite)
+            return false;
         left = promise(point.model, free, p);
         converged = left < 0.1 * options.tolerance;
         if (converged)
@@ -116,7 +119,8 @@ bool Fit::minimise(FitPoint &point, const std::vector<int> &free)
             converged = work_done < d.most_work; // no way down at this precision, or out of work
             break;
         }
-        if (is_hopeless(point, d) || (!converged && !(p = quadratic(point, free)).finite))
+        moved = true;
+        if (is_hopeless(point, d))
             return false;
     }
     return true;

@@ -163,7 +163,7 @@ bool CauseSearch::is_done() const
 //     usual      all but backlash, and nothing that is slow to fit where `best` follows its data ,
 //     thorough   what is slow to fit as well, if something was found without it ,
 //     rare       at a process noise below what matters, if nothing earned a name (find_rare) ,
-//     backlash   unless what was found explains the data .
+//     backlash   unless what was found explains the data, or leads on to what does .
 // The last two are asked only where what is missing is not small. Where the result is true
 // ranked[0] is the choice, polished.
 bool CauseSearch::find_next(std::vector<Hypothesis> &ranked)
@@ -184,9 +184,22 @@ bool CauseSearch::find_next(std::vector<Hypothesis> &ranked)
     }
     most_tried = std::max(most_tried, search.tried());
     bool found = choose(ranked, needed) || (!how.small && find_rare(how, needed, ranked));
-    if (how.thorough && !how.small && !(found && search.complete(ranked[0])))
+    if (how.thorough && !how.small && !(found && leaves_no_backlash(ranked[0])))
         found = consider_backlash(ranked, needed) || found;
     return found;
+}
+
+// Whether backlash need not be asked beside what leads: that explains the data, or is a further
+// cause that has brought the model much nearer to them. Backlash hides in no such model, and is
+// asked again where one stays as far as it was.
+bool CauseSearch::leaves_no_backlash(const Hypothesis &leader) const
+{
+    return search.complete(leader) || (!rounds.empty() && is_nearer(leader, best));
+}
+
+bool CauseSearch::is_nearer(const Hypothesis &h, const Hypothesis &earlier)
+{
+    return h.process_noise < policy::NEARER * earlier.process_noise;
 }
 
 // Trials that leave a model more process noise than it needs do not show what is rare and small. At
@@ -224,7 +237,7 @@ void CauseSearch::add_causes(size_t most)
             first = round.ranked;
         before = best;
         best = round.ranked[0];
-        nearer = best.process_noise < policy::NEARER * before.process_noise;
+        nearer = is_nearer(best, before);
         forget_lacks();
         rounds.push_back(std::move(round));
         adapt_sharpness();

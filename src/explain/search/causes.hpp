@@ -125,6 +125,8 @@ class CauseSearch
     void look_further();
     bool is_done() const;
     bool find_next(std::vector<Hypothesis> &ranked);
+    bool leaves_no_backlash(const Hypothesis &leader) const;
+    static bool is_nearer(const Hypothesis &h, const Hypothesis &earlier);
     bool find_rare(ExtendOptions how, double needed, std::vector<Hypothesis> &ranked);
     void add_causes(size_t most);
     void try_runners_up();

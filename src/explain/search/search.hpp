@@ -123,9 +123,9 @@ class Search
         Candidate candidate = {};
         FitPoint point;
         double gain = -HUGE_VAL;
+        double hope = -HUGE_VAL; // gain, and what the last iteration promises of the next
         double work = 0.0;
         bool begun = false;
-        bool half_way = false; // one of several starts of its cause
     };
     struct TryOptions {
         int iterations;
@@ -154,7 +154,10 @@ class Search
                  Trial &trial);
     static std::vector<int> without_shape(std::vector<int> free, const mk_model &model,
                                           const Candidate &candidate);
-    void thin_out(std::vector<Trial> &trials);
+    void come_to_size(Fit &fit, FitPoint &point, const std::vector<int> &free,
+                      const Candidate &candidate);
+    void thin_out(std::vector<Trial> &trials, size_t most);
+    static bool has_others_beside(const std::vector<Trial> &trials, size_t one);
     void try_backlash(const Hypothesis &start, const FitOptions &loose,
                       const std::vector<Candidate> &backlashes, const ExtendOptions &how,
                       std::vector<Trial> &trials);

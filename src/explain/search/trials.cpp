@@ -25,10 +25,12 @@ namespace mk
 namespace
 {
 
-// Iterations of a cause's starts that have others beside them, and of those that go on.
+// Iterations of all starts, and further ones of those that go on.
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
-// Iterations of a resonance's size alone.
-constexpr int ITERATIONS_OF_SIZE = 3;
+// Iterations of a size alone, from next to nothing: of a law that is linear in it, of a resonance.
+constexpr int ITERATIONS_OF_SIZE = 1, ITERATIONS_OF_RESONANCE = 3;
+// Share of a candidate's size that is next to nothing.
+constexpr double NEXT_TO_NOTHING = 1e-3;
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
 FitPoint with_states(const FitPoint &from, const mk_model &model)
@@ -174,87 +176,103 @@ double Search::promised(const QuadraticModel &p, const std::vector<int> &free,
     return 0.5 * scaled.dot(dense::solve_symmetric(unit, scaled));
 }
 
-// Numbers of `free` less those of the candidate, the model's last effect, but its size.
+// Numbers of `free` less the shape of the candidate, the model's last effect: its parameters but
+// its size, and what makes one vector with that (a phase, a centre).
 std::vector<int> Search::without_shape(std::vector<int> free, const mk_model &model,
                                        const Candidate &candidate)
 {
-    const int first = mk_model_parameter_count(&model) - candidate.effect->parameter_count;
-    free.erase(std::remove_if(
-                   free.begin(), free.end(),
-                   [&](int number) { return number >= first && number != first + candidate.size; }),
-               free.end());
+    const mk_effect_info &info = *candidate.effect;
+    const int first = mk_model_parameter_count(&model) - info.parameter_count;
+    const auto is_shape = [&](int number) {
+        const int k = number - first;
+        return k >= 0 && k != candidate.size && info.parameter[k].fit == MK_FIT_FREE;
+    };
+    free.erase(std::remove_if(free.begin(), free.end(), is_shape), free.end());
     return free;
+}
+
+// A candidate's size from next to nothing, where the cost is that of the base: the step that its
+// slope promises. Its shape is as it starts; both at once go astray along the valley in which they
+// make up for each other.
+void Search::come_to_size(Fit &fit, FitPoint &point, const std::vector<int> &free,
+                          const Candidate &candidate)
+{
+    const std::vector<int> some = without_shape(free, point.model, candidate);
+    const bool resonance = candidate.effect->state_count > 0;
+    if (some.size() == free.size())
+        return;
+    fit.options.max_iterations = resonance ? ITERATIONS_OF_RESONANCE : ITERATIONS_OF_SIZE;
+    fit.minimise(point, some);
 }
 
 // A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.
 // False, with a gain of -infinity, where the candidate does not fit in or the fit fails. Else
 // `trial` has the point and
-//     gain = cost(base) - cost(trial) - k/2 log N .
+//     gain = cost(base) - cost(trial) - k/2 log N ,
+//     hope = gain + what the last quadratic model still promises .
 bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                      Trial &trial)
 {
-    const Candidate &candidate = trial.candidate;
+    Candidate start = trial.candidate;
+    if (start.linear)
+        start.value[start.size] *= NEXT_TO_NOTHING;
     mk_model model;
-    if (!with_candidate(base.point.model, candidate, model))
+    trial.gain = trial.hope = -HUGE_VAL;
+    if (!with_candidate(base.point.model, start, model))
         return false;
     std::vector<int> free = fitted_parameters(model);
     // k, the parameters that the candidate adds, whether or not they are all free in this trial.
     const int extra = (int)(free.size() - fitted_parameters(base.point.model).size());
-    if (how.size_only && candidate.shape > 0) {
-        int shape =
-            mk_model_parameter_count(&model) - candidate.effect->parameter_count + candidate.shape;
+    if (how.size_only && start.shape > 0) {
+        int shape = mk_model_parameter_count(&model) - start.effect->parameter_count + start.shape;
         free.erase(std::remove(free.begin(), free.end(), shape), free.end());
     }
     Fit fit(logs, loose);
     // A second call goes on from where the first one ended.
     FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
-    fit.options.max_iterations = how.iterations;
-    // A resonance comes to its size first, where its frequency starts; both at once go astray along
-    // the valley in which they make up for each other. Then it goes from one optimum to the next.
-    if (candidate.linear && candidate.effect->state_count > 0) {
-        fit.options.max_iterations = ITERATIONS_OF_SIZE;
-        fit.minimise(p, without_shape(free, model, candidate));
-        fit.options.max_iterations = 2 * how.iterations;
-    }
+    if (start.linear && !trial.begun)
+        come_to_size(fit, p, free, start);
+    // A resonance goes from one optimum to the next.
+    const bool resonance = start.linear && start.effect->state_count > 0;
+    fit.options.max_iterations = resonance ? 2 * how.iterations : how.iterations;
     const bool fitted = fit.minimise(p, free);
     trial.work += fit.work_done;
-    trial.gain = -HUGE_VAL;
     if (!fitted || !std::isfinite(p.cost))
         return false;
     // Costs, not nlml: both are at the same process noise and reading noise.
     trial.gain = base.point.cost - p.cost - penalty(extra);
+    trial.hope = trial.gain + fit.left;
     trial.point = std::move(p);
     trial.begun = true;
     return true;
 }
 
-// Of several starts of one cause those that came furthest go on, and none that came nowhere beside
-// the best of all. Contact may begin far off.
-void Search::thin_out(std::vector<Trial> &trials)
+// Who goes on, by what is to be hoped for. Of several starts of one cause those that are near the
+// best of them, and none that is to come to nothing beside the best of all; of what is left the
+// first `most`. Contact may begin far off: two starts of it go on in any case.
+void Search::thin_out(std::vector<Trial> &trials, size_t most)
 {
-    // A start is behind where it gained less than the best start of its cause by CLOSE (log
-    // likelihood) and by SHARE of that gain.
+    // A start is behind where it has less to hope for than the best start of its cause by CLOSE
+    // (log likelihood) and by SHARE of that.
     constexpr double SHARE = 0.5, CLOSE = 20.0;
-    // Share of the best gain of all, below which further starts of a cause are given up.
+    // Share of the best of all, below which further starts of a cause are given up.
     constexpr double HOPELESS = 0.03;
     std::sort(trials.begin(), trials.end(),
-              [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
-    const double least = trials.empty() ? 0.0 : HOPELESS * trials[0].gain;
+              [](const Trial &a, const Trial &b) { return a.hope > b.hope; });
+    const double least = trials.empty() ? 0.0 : HOPELESS * trials[0].hope;
     std::vector<Trial> left;
     for (Trial &t : trials) {
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
         auto best = std::find_if(left.begin(), left.end(), beside);
         const bool first = best == left.end();
-        // `best` is the first of its cause in `left`, since trials are sorted by gain.
-        const double ahead = first ? 0.0 : best->gain;
+        // `best` is the first of its cause in `left`, since trials are sorted.
+        const double ahead = first ? 0.0 : best->hope;
         bool behind =
-            !first && t.gain < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
-        // The best start of a cause goes on all the same: a lag first undoes what a fit without it
-        // has bent to.
-        behind = behind || (!first && t.gain < least && least > CLOSE);
+            !first && t.hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
+        behind = behind || (!first && t.hope < least && least > CLOSE) || left.size() >= most;
         bool touches = t.candidate.effect->event_count > 0 &&
                        std::count_if(left.begin(), left.end(), beside) < 2;
-        if (t.half_way && behind && !touches)
+        if (behind && !touches)
             work += t.work;
         else
             left.push_back(std::move(t));
@@ -262,47 +280,40 @@ void Search::thin_out(std::vector<Trial> &trials)
     trials = std::move(left);
 }
 
-// All starts: those that have others beside them first for little, the promising ones for more.
-// Trials are in another order afterwards, and those that thin_out() gave up are gone; their work is
-// counted. Gains are of QUICK_ITERATIONS, whether a start had FIRST_ITERATIONS before or not.
+// Whether a start that is not linear is one of several of its cause.
+bool Search::has_others_beside(const std::vector<Trial> &trials, size_t one)
+{
+    const Candidate &c = trials[one].candidate;
+    return !c.linear && std::count_if(trials.begin(), trials.end(), [&](const Trial &other) {
+                            return same_cause(other.candidate, c);
+                        }) > 1;
+}
+
+// All starts for little, then the promising ones for more. Trials are in another order afterwards,
+// and those that thin_out() gave up are gone; their work is counted.
 void Search::try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials)
 {
-    for (Trial &t : trials)
-        // Half way: one of several starts of a cause, which first get FIRST_ITERATIONS.
-        t.half_way = !t.candidate.linear &&
-                     std::count_if(trials.begin(), trials.end(), [&](const Trial &other) {
-                         return same_cause(other.candidate, t.candidate);
-                     }) > 1;
-    // What takes longest goes first, so that no thread is left with it alone at the end.
-    auto sort = [&] {
+    // So many times those that get a full fit: what a few iterations promise is not what more give.
+    constexpr size_t GO_ON = 2;
+    std::atomic<size_t> done{0};
+    const auto go = [&](const TryOptions &how, double from, double to) {
+        // What takes longest goes first, so that no thread is left with it alone at the end.
         std::stable_sort(trials.begin(), trials.end(), [](const Trial &a, const Trial &b) {
             const mk_effect_info *one = a.candidate.effect, *other = b.candidate.effect;
             return one->event_count + one->state_count > other->event_count + other->state_count;
         });
+        done = 0;
+        parallel_for(options.threads, trials.size(), [&](size_t k) {
+            TryOptions one = how;
+            one.size_only = how.size_only && has_others_beside(trials, k);
+            if (!cancelled)
+                try_out(start, loose, one, trials[k]);
+            tick(from + (to - from) * (double)++done / (double)trials.size(), "trying causes");
+        });
     };
-    std::atomic<size_t> done{0};
-    const size_t steps = trials.size();
-    auto go = [&](Trial &t, const TryOptions &how) {
-        if (cancelled)
-            return;
-        try_out(start, loose, how, t);
-        tick(0.3 + 0.4 * (double)done / (double)steps, "trying causes");
-        done += !t.half_way;
-    };
-    sort();
-    parallel_for(options.threads, trials.size(), [&](size_t k) {
-        Trial &t = trials[k];
-        go(t,
-           t.half_way ? TryOptions{FIRST_ITERATIONS, true} : TryOptions{QUICK_ITERATIONS, false});
-    });
-    thin_out(trials);
-    sort();
-    parallel_for(options.threads, trials.size(), [&](size_t k) {
-        Trial &t = trials[k];
-        if (!t.half_way)
-            return;
-        go(t, {QUICK_ITERATIONS, false});
-    });
+    go({FIRST_ITERATIONS, true}, 0.3, 0.5);
+    thin_out(trials, GO_ON * (size_t)options.full_fits);
+    go({QUICK_ITERATIONS, false}, 0.5, 0.7);
     for (const Trial &t : trials)
         work += t.work;
 }
