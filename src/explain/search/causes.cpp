@@ -32,6 +32,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 
 #include "explain/policy.hpp"
 
@@ -179,8 +180,11 @@ bool CauseSearch::find_next(std::vector<Hypothesis> &ranked)
     // If something little is there, what is slow to fit may be it as well.
     if (!how.thorough && !ranked.empty() &&
         ranked[0].penalised_nlml < best.penalised_nlml - needed) {
-        how.thorough = true;
-        ranked = search.extend(best, how);
+        how.thorough = how.slow_only = true;
+        std::vector<Hypothesis> slow = search.extend(best, how);
+        std::move(slow.begin(), slow.end(), std::back_inserter(ranked));
+        ranked = Search::best_of_each(std::move(ranked));
+        how.slow_only = false;
     }
     most_tried = std::max(most_tried, search.tried());
     bool found = choose(ranked, needed) || (!how.small && find_rare(how, needed, ranked));

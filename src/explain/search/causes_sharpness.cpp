@@ -15,7 +15,7 @@ namespace mk
 void CauseSearch::adapt_sharpness()
 {
     if (best.process_noise > policy::FAR_FROM_DATA ||
-        !sharpness::adapt(search, model.friction_sharpness, best))
+        !sharpness::adapt(search, model.friction_sharpness, policy::ACCEPT_FURTHER, best))
         return;
     search.polish(best, true);
     lead_latest();
@@ -100,7 +100,8 @@ bool CauseSearch::sharper_without_law(Hypothesis &sharper, size_t &law)
     const int motor = mk_plant(model.plant)->motor_joint + 1;
     law = rounds.size();
     sharper = best;
-    bool found = sharpness::adapt(search, model.friction_sharpness, sharper);
+    bool found =
+        sharpness::adapt(search, model.friction_sharpness, policy::ACCEPT_FURTHER, sharper);
     double least = found ? sharper.penalised_nlml : best.penalised_nlml + policy::NO_DOUBT;
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
         const Candidate &cause = rounds[i].ranked[0].added;

@@ -132,23 +132,15 @@ struct Search::FullFits {
         for (One &f : fits)
             f.running = f.running && f.now < lead + FAR_BEHIND;
     }
-    // Best first; of several starts of one cause the best.
     std::vector<Hypothesis> ranked()
     {
-        std::vector<Hypothesis> all, one_each;
+        std::vector<Hypothesis> all;
         for (One &f : fits) {
             search.work += f.work;
             if (std::isfinite(f.best.penalised_nlml) && !discredited(f.best))
                 all.push_back(std::move(f.best));
         }
-        std::sort(all.begin(), all.end(), [](const Hypothesis &a, const Hypothesis &b) {
-            return a.penalised_nlml < b.penalised_nlml;
-        });
-        for (Hypothesis &h : all)
-            if (std::none_of(one_each.begin(), one_each.end(),
-                             [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
-                one_each.push_back(std::move(h));
-        return one_each;
+        return best_of_each(std::move(all));
     }
 };
 

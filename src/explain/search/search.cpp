@@ -244,10 +244,18 @@ double Search::penalty(int parameters) const
 
 // A model that follows its data most likely lacks nothing that stores or strikes; of what remains,
 // the mildest start will do.
-bool Search::worth_trying(const std::vector<Candidate> &all, size_t i, const ExtendOptions &how)
+bool Search::is_slow(const std::vector<Candidate> &all, size_t i)
 {
     const bool first = i == 0 || !same_cause(all[i - 1], all[i]);
-    return how.only || how.thorough || (first && all[i].effect->state_count == 0);
+    return !first || all[i].effect->state_count > 0;
+}
+
+// Of a candidate that is not linear.
+bool Search::worth_trying(const std::vector<Candidate> &all, size_t i, const ExtendOptions &how)
+{
+    if (how.only)
+        return true;
+    return is_slow(all, i) ? how.thorough : !how.slow_only;
 }
 
 // Of a trial: one thread, since trials run side by side; a tolerance of 0.3 in log likelihood,
@@ -285,7 +293,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
         trial_options(how.small ? small : std::max(base.process_noise, TRIAL_NOISE));
     const Hypothesis start = at_minimum(base, loose);
     std::vector<double> gain(all.size(), -HUGE_VAL);
-    screen(start, loose, all, gain);
+    if (!how.slow_only)
+        screen(start, loose, all, gain);
     std::vector<Trial> trials;
     std::vector<Candidate> backlashes;
     for (size_t i : worth_a_trial(all, gain, how)) {
@@ -301,6 +310,19 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     return compete(base.penalised_nlml, how.acceptance,
                    how.small ? small : std::max(base.process_noise, 0.1),
                    worth_a_full_fit(trials, how));
+}
+
+std::vector<Hypothesis> Search::best_of_each(std::vector<Hypothesis> all)
+{
+    std::vector<Hypothesis> one_each;
+    std::stable_sort(all.begin(), all.end(), [](const Hypothesis &a, const Hypothesis &b) {
+        return a.penalised_nlml < b.penalised_nlml;
+    });
+    for (Hypothesis &h : all)
+        if (std::none_of(one_each.begin(), one_each.end(),
+                         [&](const Hypothesis &o) { return same_cause(o.added, h.added); }))
+            one_each.push_back(std::move(h));
+    return one_each;
 }
 
 // `only`: those, whatever kind they are, and none of them by its slope: all are tried.

@@ -40,6 +40,7 @@ struct ExtendOptions {
     Kind kind = Kind::all_but_backlash;
     const std::vector<Candidate> *only = nullptr; // no others than these
     bool thorough = true;                         // else without those that are slow to fit
+    bool slow_only = false;                       // no others than what is left out else
     bool afresh = true; // backlash: from values far from the fit, too (BacklashSearch::afresh)
     // The base follows its data: what it lacks is small, and shows in a few iterations from there.
     // Only what gains this much (log likelihood, after the penalty) by then is fitted in full.
@@ -71,6 +72,8 @@ class Search
     // The best hypotheses with one effect more than `base`, best first, one entry for an effect at
     // a joint.
     std::vector<Hypothesis> extend(const Hypothesis &base, const ExtendOptions &how);
+    // A ranking, best first, with one entry for each cause: the best of its starts.
+    static std::vector<Hypothesis> best_of_each(std::vector<Hypothesis> all);
     // Gain in log likelihood that the slope promises of each linear one of some candidates, after
     // the penalty; -infinity for others.
     std::vector<double> promises(const Hypothesis &base, const std::vector<Candidate> &some);
@@ -147,6 +150,7 @@ class Search
                 std::vector<double> &gain);
     static double promised(const QuadraticModel &quadratic, const std::vector<int> &free,
                            const std::vector<int> &wanted);
+    static bool is_slow(const std::vector<Candidate> &all, size_t i);
     static bool worth_trying(const std::vector<Candidate> &all, size_t i, const ExtendOptions &how);
     void polish(Fit &fit, Hypothesis &h, bool process_noise_too) const;
     void try_all(const Hypothesis &start, const FitOptions &loose, std::vector<Trial> &trials);

@@ -1,5 +1,6 @@
 #include "explain/search/sharpness.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -49,23 +50,30 @@ void come_nearer(Search &search, Hypothesis &h, double last)
             }
 }
 
-// By factors of two, first up, as long as nlml falls; then nearer.
-bool adapt(Search &search, double given, Hypothesis &h)
+// By factors of two, first up, as long as nlml falls; then nearer. What an error of the model cost
+// goes with 1/k, so that the first factor gains half of what there is: where it gains less than
+// FIRST_SHARE of what is asked for, the others are not asked.
+bool adapt(Search &search, double given, double least, Hypothesis &h)
 {
+    constexpr double FIRST_SHARE = 0.25;
     if (!has_dry_friction(h.point.model) || mk_model_hides_joint(&h.point.model))
         return false;
     Hypothesis best = h, next;
     const auto in_range = [&](double k) {
         return k >= FEWEST * given * (1.0 - 1e-9) && k <= MOST * given * (1.0 + 1e-9);
     };
+    const auto gain = [&] { return h.quadratic.nlml - best.quadratic.nlml; };
     for (const double times : {2.0, 0.5}) {
-        while (in_range(best.point.model.friction_sharpness * times) &&
-               fit_with(search, best, times, next) && next.quadratic.nlml < best.quadratic.nlml)
+        bool goes_on = true;
+        while (goes_on && in_range(best.point.model.friction_sharpness * times) &&
+               fit_with(search, best, times, next) && next.quadratic.nlml < best.quadratic.nlml) {
             best = std::move(next);
-        if (best.quadratic.nlml < h.quadratic.nlml)
+            goes_on = gain() >= FIRST_SHARE * least;
+        }
+        if (gain() > 0.0)
             break;
     }
-    if (h.quadratic.nlml - best.quadratic.nlml < policy::ACCEPT_FURTHER)
+    if (gain() < least)
         return false;
     h = std::move(best);
     come_nearer(search, h, ROUGHLY);
@@ -77,10 +85,10 @@ bool adapt_and_refit(Search &search, double given, Hypothesis &h)
 {
     constexpr int ROUNDS = 3;
     Hypothesis nearer = h, next;
-    const double least = (h.process_noise > policy::SAYS_NOTHING ? policy::SHARPNESS_SAYS_FAR
-                                                                 : policy::SHARPNESS_SAYS) *
-                         search.readings();
-    if (!adapt(search, given, nearer) || h.quadratic.nlml - nearer.quadratic.nlml < least)
+    const double a_reading = h.process_noise > policy::SAYS_NOTHING ? policy::SHARPNESS_SAYS_FAR
+                                                                    : policy::SHARPNESS_SAYS;
+    const double least = std::max(policy::ACCEPT_FURTHER, a_reading * search.readings());
+    if (!adapt(search, given, least, nearer))
         return false;
     bool adapted = false;
     for (int round = 0; round < ROUNDS; round++) {

@@ -13,9 +13,9 @@ namespace mk::sharpness
 // How far k goes, times what is given, and to within which factor it is found: at first, and where
 // it matters.
 constexpr double FEWEST = 1.0 / 8.0, MOST = 64.0, ROUGHLY = 1.1, FINELY = 1.01;
-// Fits `h` with the k of least nlml at its process noise, roughly, where that gains
-// policy::ACCEPT_FURTHER. True if so. `given`: what FEWEST and MOST are times of.
-bool adapt(Search &search, double given, Hypothesis &h);
+// Fits `h` with the k of least nlml at its process noise, roughly, where that gains `least` (log
+// likelihood). True if so. `given`: what FEWEST and MOST are times of.
+bool adapt(Search &search, double given, double least, Hypothesis &h);
 // The same, then finely, and all parameters and the process noise fitted anew. Not where k gains
 // less than policy::SHARPNESS_SAYS a reading: that is what a model gains by bending.
 bool adapt_and_refit(Search &search, double given, Hypothesis &h);
