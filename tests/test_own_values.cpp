@@ -216,6 +216,65 @@ START_TEST(explain_claims_no_zeros_where_logs_do_not_differ)
 }
 END_TEST
 
+// A wheel whose amplifier has this much more gain than its model in each log; the last is held out.
+std::unique_ptr<mk_explanation> explained_wheel(const std::vector<double> &gain)
+{
+    std::vector<truth::OwnedLog> logs;
+    std::vector<const mk_log *> view;
+    mk_model m;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &m);
+    for (size_t i = 0; i < gain.size(); i++) {
+        truth::Rig rig;
+        truth::Recording how;
+        rig.kind = "inertia-wheel";
+        rig.p.assign(m.parameter, m.parameter + mk_plant(m.plant)->parameter_count);
+        rig.effects.push_back({"torque-scale", 0, {{"ratio", gain[i]}}});
+        how.seconds = 6.0;
+        how.input = i % 2 ? "multisine" : "chirp";
+        how.seed = 51 + i;
+        logs.push_back(truth::as_log(truth::record(rig, how), rig, how));
+    }
+    for (size_t i = 0; i + 1 < gain.size(); i++)
+        view.push_back(logs[i].get());
+    const mk_log *held = logs.back().get();
+    auto e = std::make_unique<mk_explanation>();
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_explain(&m, view.data(), view.size(), &held, 1, nullptr, e.get(), &err) ==
+                      MK_OK,
+                  "%s", err.message);
+    return e;
+}
+
+// The parameters of a wheel in units of the command scale with the gain, so that its mean is open.
+START_TEST(explain_finds_a_gain_of_every_log_where_its_mean_is_another_unit_of_torque)
+{
+    const std::vector<double> gain = {0.0, -0.15, 0.0, -0.07};
+    const auto e = explained_wheel(gain);
+    ck_assert_int_eq(e->verdict, MK_VERDICT_EFFECT);
+    ck_assert_int_eq(e->cause_count, 0);
+    ck_assert_int_eq(e->log_value_count, 1);
+    ck_assert_str_eq(e->log_value[0].effect->name, "torque-scale");
+    ck_assert_int_eq(e->per_log_count, 3);
+    for (int i = 0; i < 3; i++) {
+        ck_assert(e->per_log[i].mean_open);
+        ck_assert_double_lt(e->per_log[i].std_error, 0.02);
+        const double ratio = (1.0 + e->per_log[i].value) / (1.0 + e->per_log[0].value);
+        ck_assert_double_eq_tol(ratio, (1.0 + gain[e->per_log[i].log]) / (1.0 + gain[0]), 2e-3);
+    }
+    ck_assert_double_lt(e->after[0], 0.1 * e->refitted[0]);
+    // One-step predictions are made with each log's own gain.
+    ck_assert_double_lt(e->one_step_extended[0], 1.2);
+}
+END_TEST
+
+START_TEST(explain_claims_no_gains_where_logs_do_not_differ)
+{
+    const auto e = explained_wheel({-0.1, -0.1, -0.1, -0.1});
+    ck_assert_int_eq(e->log_value_count, 0);
+    ck_assert_int_eq(e->verdict, MK_VERDICT_PARAMETERS);
+}
+END_TEST
+
 } // namespace
 
 Suite *suite_own_values(void)
@@ -232,6 +291,8 @@ Suite *suite_own_values(void)
     tcase_add_test(t, logs_that_do_not_differ_are_left_without_a_spread);
     tcase_add_test(t, explain_tells_zeros_of_every_log_from_a_cause);
     tcase_add_test(t, explain_claims_no_zeros_where_logs_do_not_differ);
+    tcase_add_test(t, explain_finds_a_gain_of_every_log_where_its_mean_is_another_unit_of_torque);
+    tcase_add_test(t, explain_claims_no_gains_where_logs_do_not_differ);
     suite_add_tcase(s, t);
     return s;
 }

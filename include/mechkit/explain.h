@@ -56,6 +56,9 @@ struct mk_per_log {
     const struct mk_effect_info *effect;
     int joint, parameter;    /* of the effect */
     double value, std_error; /* of this log, in the parameter's unit */
+    /* Only how far the logs are apart is known, and std_error is of that: what they have in common
+     * stands for other parameters of the model as well. */
+    bool mean_open;
 };
 #define MK_MAX_PER_LOG 128
 

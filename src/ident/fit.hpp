@@ -111,6 +111,10 @@ struct OwnValue {
     int number, source;
     double deviation, deviation_error;
     double value, std_error;
+    // Of how far it is from the others' average, the means held. A torque scale that all logs share
+    // is nothing but another unit of torque, which leaves its mean and what the values have in
+    // common open; how far they are apart is known all the same.
+    double apart_error;
 };
 
 class Fit
@@ -231,6 +235,7 @@ class Fit
     void eliminate_own(const FitPoint &point, const std::vector<int> &free, QuadraticModel &out);
     const mk_model &model_of(const FitPoint &point, size_t log) const;
     double own_cost(const FitPoint &point) const;
+    Eigen::MatrixXd with_means_held(const Eigen::MatrixXd &information) const;
     void substitute(FitPoint &point, const Eigen::VectorXd &step, double length) const;
 
   public:

@@ -110,9 +110,59 @@ void Fit::eliminate_own(const FitPoint &point, const std::vector<int> &free, Qua
     }
 }
 
+// Covariance of the parameters where the means of own values are known: inverse of the information
+// without their rows and columns, which are 0 in it.
+MatrixXd Fit::with_means_held(const MatrixXd &information) const
+{
+    std::vector<bool> is_mean((size_t)information.rows(), false);
+    for (const Source &s : sources)
+        for (long at : s.place)
+            is_mean[(size_t)at] = true;
+    std::vector<long> others;
+    for (long i = 0; i < information.rows(); i++)
+        if (!is_mean[(size_t)i])
+            others.push_back(i);
+    MatrixXd all = MatrixXd::Zero(information.rows(), information.cols());
+    all(others, others) = inverse_of(information(others, others));
+    return all;
+}
+
+namespace
+{
+
+// What the error of an own value is made of: b = P (beta - K'p), M = -P K'. Scaled units.
+struct Shares {
+    double P, unit;
+    VectorXd M;
+};
+
+// Of values b_1 .. b_n of one parameter, with C the covariance of what is not a mean, the
+// difference from their average has
+//     var (b_l - mean b) = (1 - 1/n)^2 P_l + sum_(k != l) P_k / n^2 + m C m' ,   m = M_l - mean M .
+void add_apart_errors(const MatrixXd &C, const std::vector<Shares> &shares,
+                      std::vector<OwnValue> &all)
+{
+    for (size_t l = 0; l < all.size(); l++) {
+        double n = 0.0, others = 0.0;
+        VectorXd mean = VectorXd::Zero(C.rows());
+        for (size_t k = 0; k < all.size(); k++)
+            if (all[k].number == all[l].number) {
+                n += 1.0, mean += shares[k].M;
+                others += k == l ? 0.0 : shares[k].P;
+            }
+        const VectorXd m = shares[l].M - mean / n;
+        const double variance = (1.0 - 1.0 / n) * (1.0 - 1.0 / n) * shares[l].P + others / (n * n) +
+                                m.dot(dense::product(C, m));
+        all[l].apart_error = shares[l].unit * std::sqrt(std::max(variance, 0.0));
+    }
+}
+
+} // namespace
+
 std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticModel &quadratic) const
 {
     std::vector<OwnValue> all;
+    std::vector<Shares> shares; // in the order of `all`
     const std::vector<int> own = own_parameters(point.model);
     const MatrixXd cov = own.empty() ? MatrixXd() : inverse_of(quadratic.information);
     for (size_t n = 0; n < sources.size(); n++) {
@@ -133,15 +183,18 @@ std::vector<OwnValue> Fit::own_values(const FitPoint &point, const QuadraticMode
             v.number = own[s.which[i]];
             v.source = (int)n;
             v.deviation = point.own[n]((long)s.which[i]);
-            v.deviation_error =
-                unit * std::sqrt(std::max(s.P(k, k) + of_b.dot(dense::product(cov, of_b)), 0.0));
+            const auto error = [&](const VectorXd &of) {
+                return unit * std::sqrt(std::max(s.P(k, k) + of.dot(dense::product(cov, of)), 0.0));
+            };
+            v.deviation_error = error(of_b);
             v.value = mk_model_parameter(&point.model, v.number) + v.deviation;
-            v.std_error =
-                unit *
-                std::sqrt(std::max(s.P(k, k) + of_value.dot(dense::product(cov, of_value)), 0.0));
+            v.std_error = error(of_value);
             all.push_back(v);
+            shares.push_back({s.P(k, k), unit, of_b});
         }
     }
+    if (!all.empty())
+        add_apart_errors(with_means_held(quadratic.information), shares, all);
     return all;
 }
 

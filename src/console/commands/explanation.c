@@ -1,6 +1,7 @@
 #include "console/commands/explanation.h"
 #include "console/commands/budget.h"
 #include "console/commands/data_checks.h"
+#include "explain/report/log_value_text.h"
 #include "explain/report/places_text.h"
 #include "explain/report/sharpness_text.h"
 #include "ident/input_report.h"
@@ -56,8 +57,9 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
         fprintf(out, "  %s", c->effect->name);
         if (c->joint > 0)
             fprintf(out, " at joint %d", c->joint);
-        fprintf(out, " has another %s in every log, %.2g %s apart (standard deviation):\n   ",
-                info->name, c->spread[k], mk_effect_parameter_unit(&e->given, c->joint, info));
+        const char *unit = mk_effect_parameter_unit(&e->given, c->joint, info);
+        fprintf(out, " has another %s in every log, %.2g%s%s apart (standard deviation):\n   ",
+                info->name, c->spread[k], *unit ? " " : "", unit);
         const char *between = "";
         for (int i = 0; i < e->per_log_count; i++)
             if (e->per_log[i].effect == c->effect && e->per_log[i].joint == c->joint) {
@@ -65,6 +67,9 @@ static void print_log_value(FILE *out, const struct mk_explanation *e, const str
                         e->per_log[i].value, e->per_log[i].std_error);
                 between = ",";
             }
+        const char *apart = mk_apart_sentence(e, c);
+        if (*apart)
+            fprintf(out, "\n    %s", apart);
         fprintf(out, "\n    evidence: BIC %.0f better than one value for all logs\n", c->delta_bic);
         const double held = c->joint > 0 ? e->held_off[c->joint - 1] : 0.0;
         if (strcmp(c->effect->name, "encoder-offset") == 0 && held > 0.0)

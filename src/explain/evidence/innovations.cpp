@@ -74,14 +74,15 @@ static_assert(MK_MAX_JOINTS * (1 + std::size(regressors)) <= MK_MAX_RESIDUAL_TES
 
 // The filter over one log. `noise` is sigma_j by joint, rad; `process_noise` the intensity of the
 // speeds, rad/s per sqrt(s). The kernel's weights are 1 for a reading and 0 for a missing one, so
-// that its residuals are y - h(x) in rad.
+// that its residuals are y - h(x) in rad. A log's own values are in its model.
 class Filter
 {
   public:
     Filter(const FitLog &log_in, const Hypothesis &h, const double *noise_in,
            double process_noise_in)
-        : log(log_in), model(h.point.model), noise(noise_in), process_noise(process_noise_in),
-          joints(mk_model_joints(&model)), ns(mk_model_state_count(&model))
+        : log(log_in), model(model_of_source(h.point, log_in.source)), noise(noise_in),
+          process_noise(process_noise_in), joints(mk_model_joints(&model)),
+          ns(mk_model_state_count(&model))
     {
         data = {};
         data.rows = log.rows();
@@ -119,7 +120,7 @@ class Filter
 
   private:
     const FitLog &log;
-    const mk_model &model;
+    const mk_model model;
     const double *noise;
     double process_noise;
     int joints, ns;

@@ -12,6 +12,7 @@
 #include "base/out_file.h"
 #include "explain/report/append.hpp"
 #include "explain/report/budget_text.hpp"
+#include "explain/report/log_value_text.h"
 #include "explain/report/places_text.h"
 #include "explain/report/sharpness_text.h"
 #include "ident/input_report.h"
@@ -475,6 +476,9 @@ std::string log_value_row(const mk_explanation &e, const mk_cause &c)
                 add(s, "<br>log %d: %.3g &plusmn; %.1g %s", e.per_log[i].log + 1,
                     e.per_log[i].value, e.per_log[i].std_error, unit);
     }
+    const char *apart = mk_apart_sentence(&e, &c);
+    if (*apart)
+        add(s, "<br>%s", apart);
     add(s, "</td><td>%.0f better than one for all</td><td>", c.delta_bic);
     return s + standing(e, c) + "</td></tr>";
 }

@@ -52,6 +52,8 @@ void add_own_values(cJSON *parameters, const mk_explanation &e, const mk_cause &
             cJSON_AddItemToObject(one, "log", cJSON_CreateNumber(v.log + 1));
             cJSON_AddItemToObject(one, "value", mk_json_number(v.value));
             cJSON_AddItemToObject(one, "stderr", mk_json_number(v.std_error));
+            if (v.mean_open)
+                cJSON_AddTrueToObject(one, "mean_open");
             cJSON_AddItemToArray(values, one);
         }
     }

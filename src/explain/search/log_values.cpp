@@ -7,7 +7,7 @@
 // and a group is accepted if three things agree:
 //     gain     L(one value) - L(own values) >= policy::ACCEPT_FIRST ,
 //     size     spread > policy::SPREAD_SIGNIFICANT times the largest standard error of a log's
-//     value,
+//              value apart from the mean,
 //              and > policy::SPREAD_NO_SIZE of the usual one ,
 //     predict  values from first halves of logs predict second halves surely better
 //              (ident/held_out.hpp) ,
@@ -119,9 +119,9 @@ double least_spread(const mk_effect_info *effect)
 
 } // namespace
 
-// By effect of the model. An effect's error is the largest standard error of its values, so that
-// one log that says little of its value counts against the whole. All false where the quadratic
-// model cannot be made.
+// By effect of the model. An effect's error is the largest standard error of its values apart from
+// what they have in common, so that one log that says little of its value counts against the whole.
+// All false where the quadratic model cannot be made.
 std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
                          const FitOptions &options)
 {
@@ -139,7 +139,7 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     std::vector<double> error(yes.size(), 0.0), spread(yes.size(), 0.0);
     for (const OwnValue &v : fit.own_values(h.point, quadratic)) {
         const size_t e = (size_t)effect_of(m, v.number);
-        error[e] = std::max(error[e], v.std_error);
+        error[e] = std::max(error[e], v.apart_error);
         spread[e] = mk_model_parameter_spread(&m, v.number);
     }
     for (size_t e = 0; e < yes.size(); e++)
@@ -158,6 +158,24 @@ bool with_own_place(const mk_model &model, mk_model &out)
         return false;
     latest.spread[parameter] = spread;
     return true;
+}
+
+// Which of a model's effects differ. With its own values a model may need far less process noise
+// than the one that it was compared with, and they are known by as much better: where one does not
+// seem to differ, `own` is fitted there first.
+static std::vector<bool> differ_at_best(Search &search, Hypothesis &own)
+{
+    const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
+    const std::vector<int> numbers = own_parameters(own.point.model);
+    const bool all = std::all_of(numbers.begin(), numbers.end(), [&](int number) {
+        return keep[(size_t)effect_of(own.point.model, number)];
+    });
+    Hypothesis nearer;
+    if (all || !search.refit(own.point.model, &own, nearer) ||
+        nearer.penalised_nlml >= own.penalised_nlml)
+        return keep;
+    own = std::move(nearer);
+    return differ(search.training(), own, search.usual_options());
 }
 
 // Asks for values of their own in every log of `added`, beside what was found, and takes them into
@@ -181,7 +199,7 @@ static bool ask_group(const mk_model &given, const HeldOut &halves, Search &sear
     if (gain < policy::ACCEPT_FIRST)
         return false;
     // The members are the last effects of the model, in the order of `added`.
-    const std::vector<bool> keep = differ(search.training(), own, search.usual_options());
+    const std::vector<bool> keep = differ_at_best(search, own);
     const size_t first = keep.size() - added.size();
     std::vector<Candidate> fewer;
     for (size_t i = 0; i < added.size(); i++)
@@ -329,15 +347,21 @@ static mk_cause as_cause(const LogValue &found, const mk_effect_use &use, const 
 }
 
 // What each log has of its own of an effect whose parameters have the numbers from `first` on.
+// Where the data leave open what the logs have in common, by more than they are apart, the error is
+// that of how far the log is from the others.
 static void add_own_values(const std::vector<OwnValue> &own, const mk_effect_use &use, int first,
                            mk_explanation &out)
 {
     const mk_effect_info *info = mk_effect(use.index);
     for (const OwnValue &o : own) {
         const bool its = o.number >= first && o.number < first + info->parameter_count;
-        if (its && out.per_log_count < MK_MAX_PER_LOG)
-            out.per_log[out.per_log_count++] = {o.source,         info,    use.joint,
-                                                o.number - first, o.value, o.std_error};
+        if (!its || out.per_log_count == MK_MAX_PER_LOG)
+            continue;
+        const int parameter = o.number - first;
+        const bool open = o.std_error > use.spread[parameter];
+        out.per_log[out.per_log_count++] = {o.source,  info,    use.joint,
+                                            parameter, o.value, open ? o.apart_error : o.std_error,
+                                            open};
     }
 }
 
