@@ -29,8 +29,15 @@ mk_model model_of(enum mk_plant_kind kind)
     return m;
 }
 
+// Of row k, -1 to 1, as random as it need be.
+double random_of(size_t k)
+{
+    return std::remainder(0.6180339887 * (double)(k * k % 1009), 1.0) * 2.0;
+}
+
 // A motion of the model under sums of sines, one for each of its motors, read by its encoders.
-Log record(const mk_model &m, double seconds, int motors = 1)
+// Times are off even steps by up to `uneven` of one.
+Log record(const mk_model &m, double seconds, int motors = 1, double uneven = 0.0)
 {
     const size_t rows = (size_t)(seconds * RATE);
     mk_log *made = nullptr;
@@ -40,7 +47,7 @@ Log record(const mk_model &m, double seconds, int motors = 1)
     double *u = mk_log_add_column(made, motors > 1 ? "u1" : "u");
     double *second = motors > 1 ? mk_log_add_column(made, "u2") : nullptr;
     for (size_t k = 0; k < rows; k++) {
-        t[k] = (double)k / RATE;
+        t[k] = ((double)k + uneven * random_of(k)) / RATE;
         u[k] = m.u_max * (0.3 * std::sin(5.0 * t[k]) + 0.2 * std::sin(13.0 * t[k]));
         if (second)
             second[k] = std::sin(4.0 * t[k]) + 0.5 * std::sin(11.0 * t[k]);
@@ -304,6 +311,64 @@ START_TEST(thinned_logs_and_rounded_times_are_named)
 }
 END_TEST
 
+// Rows that were taken evenly and stamped by another clock; one reading is off, which says nothing.
+static Log stamped_late(const mk_model &m)
+{
+    Log log = record(m, 6.0);
+    for (size_t k = 0; k < log->rows; k++)
+        column(log, "t")[k] += 0.2 * random_of(k) / RATE;
+    column(log, "q1")[700] += 0.3;
+    return log;
+}
+
+START_TEST(times_that_scatter_where_the_readings_do_not_are_doubted_and_made_even)
+{
+    const mk_model m = model_of((enum mk_plant_kind)_i);
+    const Log log = stamped_late(m);
+    ck_assert(says(*check_of(m, log), "scatter by"));
+    ck_assert(mk_data_take_even_times(&m, log.get()));
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_double_eq_tol(column(log, "t")[k], (double)k / RATE, 5e-5);
+    ck_assert(!says(*check_of(m, log), "scatter by"));
+    ck_assert(!mk_data_take_even_times(&m, log.get()));
+    // Of rows that were dropped, the others stay where they are.
+    const Log fewer = stamped_late(m);
+    for (size_t k = 0; k < fewer->rows; k++)
+        column(fewer, "t")[k] += (double)(k / 500) * 7.0 / RATE;
+    ck_assert(mk_data_take_even_times(&m, fewer.get()));
+    for (size_t k = 0; k < fewer->rows; k++)
+        ck_assert_double_eq_tol(column(fewer, "t")[k], (double)(k + 7 * (k / 500)) / RATE, 5e-5);
+}
+END_TEST
+
+START_TEST(times_at_which_a_rig_was_read_unevenly_are_kept)
+{
+    const mk_model m = model_of((enum mk_plant_kind)_i);
+    const Log log = record(m, 6.0, 1, 0.2);
+    ck_assert(!says(*check_of(m, log), "scatter by"));
+    ck_assert(!mk_data_take_even_times(&m, log.get()));
+}
+END_TEST
+
+START_TEST(identify_takes_even_times_unless_all_is_kept)
+{
+    char out[16384], model[512], log[512];
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log run = stamped_late(m);
+    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    snprintf(log, sizeof log, "%s", scratch("late.csv"));
+    ck_assert_int_eq(mk_model_write(model, &m, nullptr, nullptr), MK_OK);
+    ck_assert_int_eq(mk_log_write(log, run.get(), nullptr), MK_OK);
+    int code = run_mechkit(out, sizeof out, "identify --out %s --model %s %s", scratch("fit.ini"),
+                           model, log);
+    ck_assert_msg(code == 0 && strstr(out, "even times are taken (--keep-all"), "%d %s", code, out);
+    code = run_mechkit(out, sizeof out, "identify --keep-all --out %s --model %s %s",
+                       scratch("kept.ini"), model, log);
+    ck_assert_msg(code == 0 && strstr(out, "scatter by") && !strstr(out, "even times are taken"),
+                  "%d %s", code, out);
+}
+END_TEST
+
 START_TEST(one_row_is_said_to_be_too_few)
 {
     const mk_model m = model_of(MK_PLANT_PENDULUM);
@@ -430,6 +495,10 @@ extern "C" Suite *suite_data_check(void)
     tcase_add_test(t, findings_are_in_the_order_of_the_logs_on_any_number_of_threads);
     tcase_add_test(t, two_tenths_of_a_second_explain_nothing);
     tcase_add_test(t, thinned_logs_and_rounded_times_are_named);
+    tcase_add_loop_test(t, times_that_scatter_where_the_readings_do_not_are_doubted_and_made_even,
+                        0, MK_PLANT_COUNT);
+    tcase_add_loop_test(t, times_at_which_a_rig_was_read_unevenly_are_kept, 0, MK_PLANT_COUNT);
+    tcase_add_test(t, identify_takes_even_times_unless_all_is_kept);
     suite_add_tcase(s, t);
     t = tcase_create("searches");
     tcase_set_timeout(t, 240);

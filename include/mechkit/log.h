@@ -70,6 +70,8 @@ double *mk_log_add_column(struct mk_log *log, const char *name);
 const double *mk_log_get(const struct mk_log *log, const char *name);
 /* Adds `by` to all values of a number column; a column that is not there stays so. */
 void mk_log_shift(struct mk_log *log, const char *name, double by);
+/* Writes log->rows values over those of a number column; a column that is not there stays so. */
+void mk_log_replace(struct mk_log *log, const char *name, const double *values);
 
 /* The column of a joint's angle, "q1" for joint 0; "" for a joint that no log has. Static. */
 const char *mk_log_angle(int joint);

@@ -87,6 +87,13 @@ void mk_log_shift(struct mk_log *log, const char *name, double by)
                 log->columns[c].data[k] += by;
 }
 
+void mk_log_replace(struct mk_log *log, const char *name, const double *values)
+{
+    for (size_t c = 0; c < log->column_count; c++)
+        if (strcmp(log->columns[c].name, name) == 0 && log->columns[c].data)
+            memcpy(log->columns[c].data, values, log->rows * sizeof *values);
+}
+
 static const char *const joint_column[][2] = {{"q1", "dq1"}, {"q2", "dq2"}};
 
 static const char *of_joint(int joint, int which)

@@ -249,6 +249,102 @@ void check_time_grid(const CheckedLog &c, Findings &out)
     }
 }
 
+// How far four readings are from any parabola over their times, sum_i w_i q_i with
+//     w_i = prod_(k != i) 1 / (t_i - t_k) ,   |w| = 1 :
+// the divided difference of third order, which is 0 of a parabola.
+double roughness(const double *q, const double *t)
+{
+    double sum = 0.0, squares = 0.0;
+    for (int i = 0; i < 4; i++) {
+        double w = 1.0;
+        for (int k = 0; k < 4; k++)
+            w /= k == i ? 1.0 : t[i] - t[k];
+        sum += w * q[i];
+        squares += w * w;
+    }
+    return sum / std::sqrt(squares);
+}
+
+// Mean of all but the largest tenth, which a single reading that is off would make up.
+double trimmed_mean(std::vector<double> values)
+{
+    const size_t kept = values.size() - values.size() / 10;
+    std::nth_element(values.begin(), values.begin() + (std::ptrdiff_t)(kept - 1), values.end());
+    double sum = 0.0;
+    for (size_t i = 0; i < kept; i++)
+        sum += values[i];
+    return sum / (double)kept;
+}
+
+// Mean square of the roughness at the times as they are over that at even steps; NaN where too few
+// rows are evenly spaced but for a scatter, or nothing moves.
+double rougher_as_stamped(const double *q, const double *t, size_t rows, double period)
+{
+    constexpr size_t FEW = 200;
+    constexpr double SAME_STEP = 0.5; // of the period
+    std::vector<double> stamped, even;
+    for (size_t k = 0; k + 3 < rows; k++) {
+        double at[4];
+        bool one_each = true;
+        for (size_t i = 0; i < 4; i++) {
+            at[i] = period * (double)i;
+            one_each = one_each && std::isfinite(q[k + i]) &&
+                       (i == 0 || std::fabs(t[k + i] - t[k + i - 1] - period) < SAME_STEP * period);
+        }
+        if (!one_each || q[k] == q[k + 3])
+            continue;
+        stamped.push_back(std::pow(roughness(q + k, t + k), 2));
+        even.push_back(std::pow(roughness(q + k, at), 2));
+    }
+    if (even.size() < FEW)
+        return std::nan("");
+    const double least = trimmed_mean(std::move(even));
+    return least > 0.0 ? trimmed_mean(std::move(stamped)) / least : std::nan("");
+}
+
+// Times that scatter about even steps where the readings do not: they were taken evenly, and
+// stamped by another clock when they arrived. A rig that really was read at uneven times is smooth
+// at those.
+struct Scatter {
+    double period;  // s
+    double rms;     // of the times, s
+    double rougher; // times, as stamped, in the rms
+};
+
+bool times_scatter(const CheckedLog &c, Scatter &out)
+{
+    constexpr double ROUGHER = 2.0;
+    constexpr double CONTRARY = 0.8; // mean square: this joint was read when the times say
+    const double *t = c.record.t;
+    const size_t rows = c.record.rows;
+    out.period = median_period(t, rows);
+    out.rougher = 0.0;
+    for (int j = 0; j < mk_model_joints(&c.model); j++) {
+        const double ratio = rougher_as_stamped(c.record.q[j], t, rows, out.period);
+        if (ratio < CONTRARY) // not of NaN
+            return false;
+        out.rougher = std::fmax(out.rougher, std::sqrt(ratio));
+    }
+    double squares = 0.0;
+    for (size_t k = 1; k < rows; k++)
+        squares += std::pow(std::remainder(t[k] - t[k - 1], out.period), 2);
+    // A step has the scatter of two times.
+    out.rms = std::sqrt(0.5 * squares / (double)(rows - 1));
+    return out.rougher >= ROUGHER;
+}
+
+void check_scattered_times(const CheckedLog &c, Findings &out)
+{
+    Scatter s;
+    if (times_scatter(c, s))
+        out.doubt(text("the times of the rows scatter by %.2g ms about even steps of %.4g ms, but "
+                       "the readings are %.2g times as smooth at even steps: they were not read "
+                       "when the times say",
+                       1e3 * s.rms, 1e3 * s.period, s.rougher),
+                  "identify and explain take even steps, unless --keep-all; better write the times "
+                  "of the clock that the rig was read by");
+}
+
 } // namespace
 
 void check_columns(const CheckedLog &log, Findings &out)
@@ -261,6 +357,7 @@ void check_columns(const CheckedLog &log, Findings &out)
     check_missing(log, out);
     check_rate(log, out);
     check_time_grid(log, out);
+    check_scattered_times(log, out);
 }
 
 namespace
@@ -361,3 +458,31 @@ void check_metadata(const CheckedLog &c, Findings &out)
 }
 
 } // namespace mk
+
+// Least squares of t_k = a + b n_k, n_k the number of steps before row k: no drift is added.
+bool mk_data_take_even_times(const mk_model *model, mk_log *log)
+try {
+    using namespace mk;
+    mk_record record;
+    Scatter s;
+    if (mk_record_from_log(log, model, &record, nullptr) != MK_OK || record.rows < 2 ||
+        !times_scatter({*log, *model, record}, s))
+        return false;
+    std::vector<double> n(record.rows, 0.0), t(record.t, record.t + record.rows);
+    double mean_n = 0.0, mean_t = 0.0, nn = 0.0, nt = 0.0;
+    for (size_t k = 0; k < record.rows; k++) {
+        if (k > 0)
+            n[k] = n[k - 1] + std::fmax(1.0, std::round((t[k] - t[k - 1]) / s.period));
+        mean_n += n[k] / (double)record.rows, mean_t += t[k] / (double)record.rows;
+    }
+    for (size_t k = 0; k < record.rows; k++) {
+        nn += (n[k] - mean_n) * (n[k] - mean_n);
+        nt += (n[k] - mean_n) * (t[k] - mean_t);
+    }
+    for (size_t k = 0; k < record.rows; k++)
+        t[k] = mean_t + nt / nn * (n[k] - mean_n);
+    mk_log_replace(log, "t", t.data());
+    return true;
+} catch (const std::bad_alloc &) {
+    return false; // the times stay as they are
+}

@@ -15,6 +15,14 @@ enum mk_status log_read_all(const char *const *paths, size_t count, struct mk_lo
     return st;
 }
 
+void log_take_even_times(struct mk_log **logs, size_t count, const struct mk_model *model)
+{
+    for (size_t i = 0; i < count; i++)
+        if (mk_data_take_even_times(model, logs[i]))
+            fprintf(stderr, "mechkit: %s: even times are taken (--keep-all keeps its own)\n",
+                    show_name(logs[i]->path));
+}
+
 static void print_finding(FILE *out, const char *before, const struct mk_data_finding *f,
                           const char *severity)
 {

@@ -11,6 +11,9 @@
 MK_NODISCARD enum mk_status log_read_all(const char *const *paths, size_t count,
                                          struct mk_log **logs, struct mk_error *err);
 
+/* Even times for logs whose times the check doubts for their scatter. */
+void log_take_even_times(struct mk_log **logs, size_t count, const struct mk_model *model);
+
 /* Two lines a finding: what is wrong, where, and what to do. Nothing where there is none. */
 void data_checks_print(FILE *out, const struct mk_data_check *check);
 

@@ -19,7 +19,8 @@
          "only rows up to S seconds after a log's first one", .wants = "seconds above 0"},         \
     {                                                                                              \
         "keep-all", OPTION_FLAG(field.keep_all), NULL,                                             \
-            "also stretches in which somebody's hand, or a collision, takes part"                  \
+            "also stretches in which somebody's hand, or a collision, takes part, and times that " \
+            "scatter"                                                                              \
     }
 bool left_out_take_seconds(const char *value, void *target);
 

@@ -188,7 +188,12 @@ static int check_input(struct job *j)
     if (st != MK_OK)
         return report_error(&err);
     j->o.explain.data_check = &j->data_check;
-    return data_checks_say(&j->data_check, j->o.explain.force);
+    const int code = data_checks_say(&j->data_check, j->o.explain.force);
+    if (code == EXIT_OK && !j->o.explain.rows.keep_all) {
+        log_take_even_times(j->logs, (size_t)j->o.input.count, &j->model);
+        log_take_even_times(j->holdouts, j->o.holdout.count, &j->model);
+    }
+    return code;
 }
 
 /* Hold-out logs that are left out are none. */

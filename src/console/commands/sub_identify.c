@@ -319,6 +319,10 @@ static enum mk_status read_logs(struct job *j, struct mk_error *err)
         st = mk_data_check_logs(&j->model, (const struct mk_log *const *)j->validation, checks,
                                 MK_DATA_HOLD_OUT, j->o.ident.threads, &j->data_check, err);
     j->o.ident.data_check = &j->data_check;
+    if (st == MK_OK && !j->o.ident.rows.keep_all) {
+        log_take_even_times(j->logs, count, &j->model);
+        log_take_even_times(j->validation, checks, &j->model);
+    }
     return st;
 }
 
