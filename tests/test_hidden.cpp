@@ -91,6 +91,10 @@ mk_explanation explained(const truth::Case &c, double most_s = 0.0)
     // What was added is what is named. In none of these rigs anything differs from log to log.
     ck_assert_int_eq(e.extended.effect_count - e.given.effect_count, e.offered ? e.cause_count : 0);
     ck_assert_int_eq(e.log_value_count, 0);
+    // What explains less than nothing is no rival of a cause.
+    for (int i = 0; i < e.rival_count; i++)
+        ck_assert(!e.rival[i].distinguishable || e.rival[i].instead_of >= e.cause_count ||
+                  e.rival[i].delta_bic < e.cause[e.rival[i].instead_of].delta_bic);
     return e;
 }
 

@@ -327,8 +327,13 @@ void Verdict::describe_rivals()
             if (is_library(ranked[i].added.effect) && out.verdict != MK_VERDICT_UNKNOWN &&
                 behind > policy::INSEPARABLE)
                 continue;
-            Entry e = {{ranked[i].added.effect, ranked[i].added.joint, place_of(ranked[0].added),
-                        2.0 * behind, behind > policy::INSEPARABLE},
+            const int cause = place_of(ranked[0].added);
+            // Worse than nothing in the cause's place: its fit has not come to anything.
+            if (cause < out.cause_count && 2.0 * behind >= out.cause[cause].delta_bic &&
+                behind > policy::INSEPARABLE)
+                continue;
+            Entry e = {{ranked[i].added.effect, ranked[i].added.joint, cause, 2.0 * behind,
+                        behind > policy::INSEPARABLE},
                        behind,
                        &ranked[i]};
             all.push_back(e);
