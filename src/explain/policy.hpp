@@ -138,6 +138,8 @@ constexpr double TELLING = 3.0;
 
 // Least spread over the standard error of a log's value, and over the group's usual spread.
 constexpr double SPREAD_SIGNIFICANT = 3.0, SPREAD_NO_SIZE = 5e-3;
+// Of the gain of a drive, which nobody sets again to less.
+constexpr double SPREAD_OF_A_GAIN = 5e-3;
 // Where counters were zeroed: a shift in standard errors that is one, and how far the amplitudes of
 // what repeats with the angle may be apart in different logs.
 constexpr double PLACE_SIGNIFICANT = 5.0, ALIKE = 2.0;

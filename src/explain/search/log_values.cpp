@@ -6,8 +6,8 @@
 //     theta_l = theta + b_l ,   b_l ~ N(0, spread^2) ,   l the log (ident/fit.hpp),
 // and a group is accepted if three things agree:
 //     gain     L(one value) - L(own values) >= policy::ACCEPT_FIRST ,
-//     size     spread > policy::SPREAD_SIGNIFICANT times the largest standard error of a log's
-//              value apart from the mean,
+//     size     values apart by > policy::SPREAD_SIGNIFICANT times the largest standard error of a
+//              log's distance from the average,
 //              and > policy::SPREAD_NO_SIZE of the usual one ,
 //     predict  values from first halves of logs predict second halves surely better
 //              (ident/held_out.hpp) ,
@@ -36,10 +36,11 @@ struct Group {
     const char *effect, *parameter;
     bool hanging_joints; // at each joint with a zero that matters; else at the motor's, or the rig
     double spread;       // in the parameter's unit
+    double least;        // spread that has a physical size
 };
 constexpr Group groups[] = {
-    {"encoder-offset", "offset", true, 0.02},
-    {"torque-scale", "ratio", false, 0.05},
+    {"encoder-offset", "offset", true, 0.02, policy::SPREAD_NO_SIZE * 0.02},
+    {"torque-scale", "ratio", false, 0.05, policy::SPREAD_OF_A_GAIN},
 };
 
 // `joint` is 1-based; 0 of an effect of the rig.
@@ -105,16 +106,30 @@ int effect_of(const mk_model &m, int number)
 }
 
 // The least spread that has a physical size.
-// SPREAD_NO_SIZE times the spread that is usual in its group, or at a place that is set by hand; 0
-// for any other effect.
+// That of its group, or SPREAD_NO_SIZE times the usual one at a place that is set by hand; 0 for
+// any other effect.
 double least_spread(const mk_effect_info *effect)
 {
     for (const Group &group : groups)
         if (std::strcmp(group.effect, effect->name) == 0)
-            return policy::SPREAD_NO_SIZE * group.spread;
+            return group.least;
     int parameter;
     double spread;
     return place_set_by_hand(effect, parameter, spread) ? policy::SPREAD_NO_SIZE * spread : 0.0;
+}
+
+// How far a parameter's values in the logs are from their average, rms with n - 1: the fitted
+// spread is that from their mean, to which the data may add what all of them share.
+double apart_from_average(const std::vector<OwnValue> &own, int number)
+{
+    double n = 0.0, sum = 0.0, squares = 0.0;
+    for (const OwnValue &v : own)
+        if (v.number == number)
+            n += 1.0, sum += v.deviation;
+    for (const OwnValue &v : own)
+        if (v.number == number)
+            squares += (v.deviation - sum / n) * (v.deviation - sum / n);
+    return n > 1.0 ? std::sqrt(squares / (n - 1.0)) : 0.0;
 }
 
 } // namespace
@@ -136,15 +151,18 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     const QuadraticModel quadratic = fit.quadratic(h.point, free);
     if (!quadratic.finite)
         return yes;
-    std::vector<double> error(yes.size(), 0.0), spread(yes.size(), 0.0);
-    for (const OwnValue &v : fit.own_values(h.point, quadratic)) {
+    const std::vector<OwnValue> own = fit.own_values(h.point, quadratic);
+    std::vector<double> error(yes.size(), 0.0);
+    for (const OwnValue &v : own) {
         const size_t e = (size_t)effect_of(m, v.number);
         error[e] = std::max(error[e], v.apart_error);
-        spread[e] = mk_model_parameter_spread(&m, v.number);
     }
-    for (size_t e = 0; e < yes.size(); e++)
-        yes[e] = spread[e] > least_spread(mk_effect(m.effect[e].index)) &&
-                 spread[e] > policy::SPREAD_SIGNIFICANT * error[e];
+    for (const OwnValue &v : own) {
+        const size_t e = (size_t)effect_of(m, v.number);
+        const double apart = apart_from_average(own, v.number);
+        yes[e] = apart > least_spread(mk_effect(m.effect[e].index)) &&
+                 apart > policy::SPREAD_SIGNIFICANT * error[e];
+    }
     return yes;
 }
 
