@@ -6,8 +6,9 @@
 //     theta_l = theta + b_l ,   b_l ~ N(0, spread^2) ,   l the log (ident/fit.hpp),
 // and a group is accepted if three things agree:
 //     gain     L(one value) - L(own values) >= policy::ACCEPT_FIRST ,
-//     size     values apart by > policy::SPREAD_SIGNIFICANT times the largest standard error of a
-//              log's distance from the average,
+//     size     spread > policy::SPREAD_SIGNIFICANT times the largest standard error of a log's
+//              value; or, of a model that is near its data, values that are apart by that many of
+//              a log's distance from their average (their mean may be open),
 //              and > policy::SPREAD_NO_SIZE of the usual one ,
 //     predict  values from first halves of logs predict second halves surely better
 //              (ident/held_out.hpp) ,
@@ -134,9 +135,11 @@ double apart_from_average(const std::vector<OwnValue> &own, int number)
 
 } // namespace
 
-// By effect of the model. An effect's error is the largest standard error of its values apart from
-// what they have in common, so that one log that says little of its value counts against the whole.
-// All false where the quadratic model cannot be made.
+// By effect of the model. An effect's error is the largest standard error of its values, so that
+// one log that says little of its value counts against the whole. What is known only apart from
+// what the values have in common counts where the model is near its data: of one that is far from
+// them a gain of each log stands in for whatever goes with the amplitude (a saturation, a dead
+// zone). All false where the quadratic model cannot be made.
 std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypothesis &h,
                          const FitOptions &options)
 {
@@ -152,16 +155,21 @@ std::vector<bool> differ(const std::vector<const FitLog *> &training, const Hypo
     if (!quadratic.finite)
         return yes;
     const std::vector<OwnValue> own = fit.own_values(h.point, quadratic);
-    std::vector<double> error(yes.size(), 0.0);
+    std::vector<double> error(yes.size(), 0.0), apart_error(yes.size(), 0.0);
     for (const OwnValue &v : own) {
         const size_t e = (size_t)effect_of(m, v.number);
-        error[e] = std::max(error[e], v.apart_error);
+        error[e] = std::max(error[e], v.std_error);
+        apart_error[e] = std::max(apart_error[e], v.apart_error);
     }
     for (const OwnValue &v : own) {
         const size_t e = (size_t)effect_of(m, v.number);
-        const double apart = apart_from_average(own, v.number);
-        yes[e] = apart > least_spread(mk_effect(m.effect[e].index)) &&
-                 apart > policy::SPREAD_SIGNIFICANT * error[e];
+        const double least = least_spread(mk_effect(m.effect[e].index));
+        const auto is_spread = [&](double by, double known_to) {
+            return by > least && by > policy::SPREAD_SIGNIFICANT * known_to;
+        };
+        yes[e] = is_spread(mk_model_parameter_spread(&m, v.number), error[e]) ||
+                 (h.process_noise <= policy::FAR_FROM_DATA &&
+                  is_spread(apart_from_average(own, v.number), apart_error[e]));
     }
     return yes;
 }

@@ -158,8 +158,6 @@ class Search
                  Trial &trial);
     static std::vector<int> without_shape(std::vector<int> free, const mk_model &model,
                                           const Candidate &candidate);
-    void come_to_size(Fit &fit, FitPoint &point, const std::vector<int> &free,
-                      const Candidate &candidate);
     void thin_out(std::vector<Trial> &trials, size_t most);
     static bool has_others_beside(const std::vector<Trial> &trials, size_t one);
     void try_backlash(const Hypothesis &start, const FitOptions &loose,

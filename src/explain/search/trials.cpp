@@ -27,10 +27,8 @@ namespace
 
 // Iterations of all starts, and further ones of those that go on.
 constexpr int FIRST_ITERATIONS = 2, QUICK_ITERATIONS = 5;
-// Iterations of a size alone, from next to nothing: of a law that is linear in it, of a resonance.
-constexpr int ITERATIONS_OF_SIZE = 1, ITERATIONS_OF_RESONANCE = 3;
-// Share of a candidate's size that is next to nothing.
-constexpr double NEXT_TO_NOTHING = 1e-3;
+// Iterations of a resonance's size alone.
+constexpr int ITERATIONS_OF_SIZE = 3;
 
 // A point with the states of further effects, at rest; the others stay as they were fitted.
 FitPoint with_states(const FitPoint &from, const mk_model &model)
@@ -191,20 +189,6 @@ std::vector<int> Search::without_shape(std::vector<int> free, const mk_model &mo
     return free;
 }
 
-// A candidate's size from next to nothing, where the cost is that of the base: the step that its
-// slope promises. Its shape is as it starts; both at once go astray along the valley in which they
-// make up for each other.
-void Search::come_to_size(Fit &fit, FitPoint &point, const std::vector<int> &free,
-                          const Candidate &candidate)
-{
-    const std::vector<int> some = without_shape(free, point.model, candidate);
-    const bool resonance = candidate.effect->state_count > 0;
-    if (some.size() == free.size())
-        return;
-    fit.options.max_iterations = resonance ? ITERATIONS_OF_RESONANCE : ITERATIONS_OF_SIZE;
-    fit.minimise(point, some);
-}
-
 // A few iterations of a full fit from a candidate's start, or from where an earlier trial left it.
 // False, with a gain of -infinity, where the candidate does not fit in or the fit fails. Else
 // `trial` has the point and
@@ -213,9 +197,7 @@ void Search::come_to_size(Fit &fit, FitPoint &point, const std::vector<int> &fre
 bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryOptions &how,
                      Trial &trial)
 {
-    Candidate start = trial.candidate;
-    if (start.linear)
-        start.value[start.size] *= NEXT_TO_NOTHING;
+    const Candidate &start = trial.candidate;
     mk_model model;
     trial.gain = trial.hope = -HUGE_VAL;
     if (!with_candidate(base.point.model, start, model))
@@ -230,10 +212,13 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
     Fit fit(logs, loose);
     // A second call goes on from where the first one ended.
     FitPoint p = trial.begun ? trial.point : fit.adopt(base.point, model);
-    if (start.linear && !trial.begun)
-        come_to_size(fit, p, free, start);
-    // A resonance goes from one optimum to the next.
+    // A resonance comes to its size first, where its frequency starts; both at once go astray along
+    // the valley in which they make up for each other. Then it goes from one optimum to the next.
     const bool resonance = start.linear && start.effect->state_count > 0;
+    if (resonance && !trial.begun) {
+        fit.options.max_iterations = ITERATIONS_OF_SIZE;
+        fit.minimise(p, without_shape(free, model, start));
+    }
     fit.options.max_iterations = resonance ? 2 * how.iterations : how.iterations;
     const bool fitted = fit.minimise(p, free);
     trial.work += fit.work_done;
@@ -247,31 +232,37 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
     return true;
 }
 
-// Who goes on, by what is to be hoped for. Of several starts of one cause those that are near the
-// best of them, and none that is to come to nothing beside the best of all; of what is left the
-// first `most`. Contact may begin far off: two starts of it go on in any case.
+// Whether a start has less to hope for than the best start of its cause, which hopes for `ahead`,
+// by CLOSE (log likelihood) and by SHARE of that, or comes to nothing beside the best of all.
+static bool is_behind(double hope, double ahead, double best_of_all)
+{
+    constexpr double SHARE = 0.5, CLOSE = 20.0;
+    constexpr double HOPELESS = 0.03; // of the best of all
+    const double least = HOPELESS * best_of_all;
+    return hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0) ||
+           (hope < least && least > CLOSE);
+}
+
+// Who goes on, by what is to be hoped for. Of several starts of one cause those that are not
+// behind; of what is left the first `most`, and all resonances, which are few. Starts of a law that
+// is linear in its size are apart (frequencies, places) and not held against each other. Contact
+// may begin far off: two starts of it go on in any case.
 void Search::thin_out(std::vector<Trial> &trials, size_t most)
 {
-    // A start is behind where it has less to hope for than the best start of its cause by CLOSE
-    // (log likelihood) and by SHARE of that.
-    constexpr double SHARE = 0.5, CLOSE = 20.0;
-    // Share of the best of all, below which further starts of a cause are given up.
-    constexpr double HOPELESS = 0.03;
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.hope > b.hope; });
-    const double least = trials.empty() ? 0.0 : HOPELESS * trials[0].hope;
+    const double best_of_all = trials.empty() ? 0.0 : trials[0].hope;
     std::vector<Trial> left;
     for (Trial &t : trials) {
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
+        // The first of its cause in `left` is the best, since trials are sorted.
         auto best = std::find_if(left.begin(), left.end(), beside);
-        const bool first = best == left.end();
-        // `best` is the first of its cause in `left`, since trials are sorted.
-        const double ahead = first ? 0.0 : best->hope;
-        bool behind =
-            !first && t.hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
-        behind = behind || (!first && t.hope < least && least > CLOSE) || left.size() >= most;
-        bool touches = t.candidate.effect->event_count > 0 &&
-                       std::count_if(left.begin(), left.end(), beside) < 2;
+        const bool several = !t.candidate.linear && best != left.end();
+        const bool resonance = t.candidate.linear && t.candidate.effect->state_count > 0;
+        const bool touches = t.candidate.effect->event_count > 0 &&
+                             std::count_if(left.begin(), left.end(), beside) < 2;
+        const bool behind = (several && is_behind(t.hope, best->hope, best_of_all)) ||
+                            (left.size() >= most && !resonance);
         if (behind && !touches)
             work += t.work;
         else
