@@ -1,11 +1,13 @@
 // Data checks: one list of findings, what is fatal ends a run, still and short logs are left out.
 #include "suites.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "mechkit/data_check.h"
 #include "mechkit/explain.h"
@@ -341,6 +343,25 @@ START_TEST(times_that_scatter_where_the_readings_do_not_are_doubted_and_made_eve
 }
 END_TEST
 
+START_TEST(rows_that_come_more_than_half_a_step_late_keep_their_place_among_even_times)
+{
+    const mk_model m = model_of(MK_PLANT_PENDULUM);
+    const Log log = stamped_late(m);
+    for (size_t k = 97; k < log->rows; k += 97)
+        column(log, "t")[k] += 0.55 / RATE;
+    ck_assert(mk_data_take_even_times(&m, log.get()));
+    for (size_t k = 0; k < log->rows; k++)
+        ck_assert_double_eq_tol(column(log, "t")[k], (double)k / RATE, 1e-4);
+    // A clock that was set while it ran is no scatter.
+    const Log set = stamped_late(m);
+    for (size_t k = 600; k < set->rows; k++)
+        column(set, "t")[k] += 3.4 / RATE * std::sin((double)k / 300.0);
+    const std::vector<double> before(column(set, "t"), column(set, "t") + set->rows);
+    ck_assert(!mk_data_take_even_times(&m, set.get()));
+    ck_assert(std::equal(before.begin(), before.end(), column(set, "t")));
+}
+END_TEST
+
 START_TEST(times_at_which_a_rig_was_read_unevenly_are_kept)
 {
     const mk_model m = model_of((enum mk_plant_kind)_i);
@@ -497,6 +518,7 @@ extern "C" Suite *suite_data_check(void)
     tcase_add_test(t, thinned_logs_and_rounded_times_are_named);
     tcase_add_loop_test(t, times_that_scatter_where_the_readings_do_not_are_doubted_and_made_even,
                         0, MK_PLANT_COUNT);
+    tcase_add_test(t, rows_that_come_more_than_half_a_step_late_keep_their_place_among_even_times);
     tcase_add_loop_test(t, times_at_which_a_rig_was_read_unevenly_are_kept, 0, MK_PLANT_COUNT);
     tcase_add_test(t, identify_takes_even_times_unless_all_is_kept);
     suite_add_tcase(s, t);

@@ -68,8 +68,8 @@ bool mk_data_check_uses(const struct mk_model *model, const struct mk_log *log,
 
 /* Gives the rows of a log even times where the check doubts theirs: where they scatter about even
  * steps and the readings are at least twice as smooth at those. Steps over rows that were dropped
- * stay. False: the log is as it was; it does not fit the model, its times are right, or there is no
- * memory. */
+ * stay. False: the log is as it was; it does not fit the model, its times are right, one would move
+ * by more than a step, or there is no memory. */
 bool mk_data_take_even_times(const struct mk_model *model, struct mk_log *log);
 
 /* The first fatal finding, NULL: there is none. Of `check`. */

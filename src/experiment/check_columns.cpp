@@ -333,16 +333,65 @@ bool times_scatter(const CheckedLog &c, Scatter &out)
     return out.rougher >= ROUGHER;
 }
 
+// Number of steps of about `period` before each row: 0, and rising by one at least. A row that was
+// stamped so late that it seems to be the next one goes back when that comes.
+// The times are followed by their phase, which a single late row hardly moves.
+std::vector<double> numbers_of(const std::vector<double> &t, double period)
+{
+    constexpr double FOLLOW = 0.05, MOST = 0.5; // of an error; of the period
+    std::vector<double> n(t.size(), 0.0);
+    double at = t[0]; // where row k - 1 is expected
+    for (size_t k = 1; k < t.size(); k++) {
+        const double steps = std::round((t[k] - at) / period);
+        n[k] = n[k - 1] + steps;
+        for (size_t i = k; i > 1 && n[i] <= n[i - 1] && n[i - 1] > n[i - 2] + 1.0; i--)
+            n[i - 1] -= 1.0;
+        n[k] = std::fmax(n[k], n[k - 1] + 1.0);
+        at += steps * period;
+        const double off = t[k] - at;
+        at += FOLLOW * std::fmin(std::fmax(off, -MOST * period), MOST * period);
+    }
+    return n;
+}
+
+// Least squares of t_k = a + b n_k: no drift is added. Empty where a time would move by more than a
+// step, as where a clock was set while it ran.
+std::vector<double> even_times(const std::vector<double> &t, double period)
+{
+    // The median of steps that were rounded may be well off their mean.
+    double steps = 0.0;
+    for (size_t k = 1; k < t.size(); k++)
+        steps += std::fmax(1.0, std::round((t[k] - t[k - 1]) / period));
+    const std::vector<double> n = numbers_of(t, (t.back() - t[0]) / steps);
+    const double rows = (double)t.size();
+    double mean_n = 0.0, mean_t = 0.0, nn = 0.0, nt = 0.0;
+    for (size_t k = 0; k < t.size(); k++)
+        mean_n += n[k] / rows, mean_t += t[k] / rows;
+    for (size_t k = 0; k < t.size(); k++) {
+        nn += (n[k] - mean_n) * (n[k] - mean_n);
+        nt += (n[k] - mean_n) * (t[k] - mean_t);
+    }
+    std::vector<double> even(t.size());
+    for (size_t k = 0; k < t.size(); k++) {
+        even[k] = mean_t + nt / nn * (n[k] - mean_n);
+        if (std::fabs(even[k] - t[k]) > period)
+            return {};
+    }
+    return even;
+}
+
 void check_scattered_times(const CheckedLog &c, Findings &out)
 {
     Scatter s;
-    if (times_scatter(c, s))
-        out.doubt(text("the times of the rows scatter by %.2g ms about even steps of %.4g ms, but "
-                       "the readings are %.2g times as smooth at even steps: they were not read "
-                       "when the times say",
-                       1e3 * s.rms, 1e3 * s.period, s.rougher),
-                  "identify and explain take even steps, unless --keep-all; better write the times "
-                  "of the clock that the rig was read by");
+    if (!times_scatter(c, s))
+        return;
+    const bool can = !even_times({c.record.t, c.record.t + c.record.rows}, s.period).empty();
+    out.doubt(text("the times of the rows scatter by %.2g ms about even steps of %.4g ms, but the "
+                   "readings are %.2g times as smooth at even steps: they were not read when the "
+                   "times say",
+                   1e3 * s.rms, 1e3 * s.period, s.rougher),
+              text("%swrite the times of the clock that the rig was read by",
+                   can ? "identify and explain take even steps, unless --keep-all; better " : ""));
 }
 
 } // namespace
@@ -459,7 +508,6 @@ void check_metadata(const CheckedLog &c, Findings &out)
 
 } // namespace mk
 
-// Least squares of t_k = a + b n_k, n_k the number of steps before row k: no drift is added.
 bool mk_data_take_even_times(const mk_model *model, mk_log *log)
 try {
     using namespace mk;
@@ -468,20 +516,10 @@ try {
     if (mk_record_from_log(log, model, &record, nullptr) != MK_OK || record.rows < 2 ||
         !times_scatter({*log, *model, record}, s))
         return false;
-    std::vector<double> n(record.rows, 0.0), t(record.t, record.t + record.rows);
-    double mean_n = 0.0, mean_t = 0.0, nn = 0.0, nt = 0.0;
-    for (size_t k = 0; k < record.rows; k++) {
-        if (k > 0)
-            n[k] = n[k - 1] + std::fmax(1.0, std::round((t[k] - t[k - 1]) / s.period));
-        mean_n += n[k] / (double)record.rows, mean_t += t[k] / (double)record.rows;
-    }
-    for (size_t k = 0; k < record.rows; k++) {
-        nn += (n[k] - mean_n) * (n[k] - mean_n);
-        nt += (n[k] - mean_n) * (t[k] - mean_t);
-    }
-    for (size_t k = 0; k < record.rows; k++)
-        t[k] = mean_t + nt / nn * (n[k] - mean_n);
-    mk_log_replace(log, "t", t.data());
+    const std::vector<double> even = even_times({record.t, record.t + record.rows}, s.period);
+    if (even.empty())
+        return false;
+    mk_log_replace(log, "t", even.data());
     return true;
 } catch (const std::bad_alloc &) {
     return false; // the times stay as they are

@@ -7,8 +7,8 @@
 #include "mechkit/ident.h"
 
 /* The options --from, --to and --keep-all of a subcommand, whose struct options has them in
- * `field`, a struct mk_row_choice. */
-#define LEFT_OUT_OPTIONS(field)                                                                    \
+ * `field`, a struct mk_row_choice; `more`: what else --keep-all keeps. */
+#define LEFT_OUT_OPTIONS(field, more)                                                              \
     {"from",                                                                                       \
      OPTION_CALL(field.from_s),                                                                    \
      "S",                                                                                          \
@@ -19,8 +19,7 @@
          "only rows up to S seconds after a log's first one", .wants = "seconds above 0"},         \
     {                                                                                              \
         "keep-all", OPTION_FLAG(field.keep_all), NULL,                                             \
-            "also stretches in which somebody's hand, or a collision, takes part, and times that " \
-            "scatter"                                                                              \
+            "also stretches in which somebody's hand, or a collision, takes part" more             \
     }
 bool left_out_take_seconds(const char *value, void *target);
 

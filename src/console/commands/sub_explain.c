@@ -53,7 +53,7 @@ static const struct option_row option_rows[] = {
      .wants = "seconds above 0, or all"},
     {"force", OPTION_FLAG(explain.force), NULL,
      "go on in spite of a fatal finding of the data check"},
-    LEFT_OUT_OPTIONS(explain.rows),
+    LEFT_OUT_OPTIONS(explain.rows, ", and times that scatter"),
     {"timing", OPTION_FLAG(timing), NULL, "print how long each stage took"},
     {"threads", OPTION_COUNT(explain.threads), "N", "default: all processors", 1, 256},
     {0}};

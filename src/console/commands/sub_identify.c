@@ -66,7 +66,7 @@ static const struct option_row option_rows[] = {
      "linear methods: averaging over windows of 1 / HZ; default 3", .wants = "Hz above 0"},
     {"force", OPTION_FLAG(ident.force), NULL,
      "go on in spite of a fatal finding of the data check"},
-    LEFT_OUT_OPTIONS(ident.rows),
+    LEFT_OUT_OPTIONS(ident.rows, ", and times that scatter"),
     {"threads", OPTION_COUNT(ident.threads), "N", "default: all processors", 1, 256},
     {0}};
 

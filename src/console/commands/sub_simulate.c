@@ -41,7 +41,7 @@ static const struct option_row option_rows[] = {
     {"out", OPTION_OUTPUT(out), "PRED.csv", "the prediction, on the log's own time base"},
     {"window", OPTION_NUMBER(predict.window_s), "S",
      "start again from the data every S seconds; adds a column window", .low = 1e-3, .high = 1e6},
-    LEFT_OUT_OPTIONS(rows),
+    LEFT_OUT_OPTIONS(rows, ""),
     {"solver", OPTION_CALL(predict.sim.solver), "NAME",
      "arkode-erk (default), cvode-adams, cvode-bdf, dop853", .take = take_solver,
      .wants = "arkode-erk, cvode-adams, cvode-bdf or dop853"},
