@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "ident/contact.hpp"
+#include "mechkit/explain.h"
 #include "mechkit/ident.h"
 #include "mechkit/json.h"
 #include "support/cases.hpp"
@@ -364,6 +365,27 @@ START_TEST(an_effect_that_the_model_lacks_is_no_hand)
 }
 END_TEST
 
+START_TEST(a_hand_that_is_kept_is_not_taken_for_explained)
+{
+    // The refitted model predicts the log held out, where nobody was, and misses the one with the
+    // hand by far.
+    truth::Case c = made("inertia-wheel", nullptr, 13);
+    touch(c, hand_at(c, 3.5, 4.4));
+    std::vector<const mk_log *> train;
+    for (const truth::OwnedLog &log : c.train)
+        train.push_back(log.get());
+    const mk_log *hold = c.holdout.get();
+    mk_explain_options o = {};
+    o.threads = 2;
+    o.rows.keep_all = true;
+    static mk_explanation e;
+    mk_error err = MK_ERROR_INIT;
+    ck_assert_msg(mk_explain(&c.given, train.data(), train.size(), &hold, 1, &o, &e, &err) == MK_OK,
+                  "%s", err.message);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "unknown");
+}
+END_TEST
+
 Suite *suite_contact(void)
 {
     Suite *s = suite_create("contact");
@@ -384,6 +406,7 @@ Suite *suite_contact(void)
     tcase_set_timeout(t, 120);
     tcase_set_tags(t, "long");
     tcase_add_test(t, a_fit_leaves_a_hand_out);
+    tcase_add_test(t, a_hand_that_is_kept_is_not_taken_for_explained);
     tcase_add_test(t, parameters_that_are_far_off_change_nothing);
     tcase_add_test(t, a_log_that_stands_still_hides_no_hand_in_another);
     tcase_add_loop_test(t, a_hand_is_found_at_the_start_in_the_middle_and_at_the_end, 1, 5);

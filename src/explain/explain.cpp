@@ -574,10 +574,10 @@ class Explainer
         return true;
     }
     // Where nothing predicts, likelihood is asked to the end. Not of several logs, of which those
-    // that are left out have said that nothing carries over.
+    // that are left out have said that nothing carries over, nor where it says nothing either.
     void go_on_without_predictions()
     {
-        if (!causes->gives_up() || folds->sources() >= Folds::FEWEST)
+        if (!causes->gives_up() || causes->is_hopeless() || folds->sources() >= Folds::FEWEST)
             return;
         clock.enter("search");
         causes->run_to_the_end();

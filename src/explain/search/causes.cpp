@@ -115,6 +115,7 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     adapt_sharpness();
     if (!likelihood_counts(best))
         return false;
+    before = best;
     near = true;
     most_tried = std::max(most_tried, found.tried());
     rounds.clear();
@@ -137,12 +138,12 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     return true;
 }
 
-// Up to `most` causes; and more where the latest one has brought the model much nearer to its data,
-// or likelihood is the right judge of the next.
-bool CauseSearch::may_add(size_t most, bool nearer) const
+// Up to `most` causes; and more where the latest one leads on, or likelihood is the right judge of
+// the next.
+bool CauseSearch::may_add(size_t most) const
 {
     const bool few = rounds.size() < most;
-    const bool leads_on = nearer || likelihood_counts(best);
+    const bool leads_on = latest_leads_on() || likelihood_counts(best);
     return (few || (leads_on && rounds.size() < policy::MOST_FURTHER_CAUSES)) &&
            !search.cancelled && search.work_done() < policy::MOST_WORK;
 }
@@ -201,6 +202,14 @@ bool CauseSearch::leaves_no_backlash(const Hypothesis &leader) const
     return search.complete(leader) || (!rounds.empty() && is_nearer(leader, best));
 }
 
+// Whether the latest cause has brought the model much nearer to its data, or explains so much of
+// them that others may show now.
+bool CauseSearch::latest_leads_on() const
+{
+    return rounds.empty() || is_nearer(best, before) ||
+           before.penalised_nlml - best.penalised_nlml > policy::LEADS_ON * search.readings();
+}
+
 bool CauseSearch::is_nearer(const Hypothesis &h, const Hypothesis &earlier)
 {
     return h.process_noise < policy::NEARER * earlier.process_noise;
@@ -229,8 +238,8 @@ bool CauseSearch::find_rare(ExtendOptions how, double needed, std::vector<Hypoth
 // earlier choice to be wrong: reconsider().
 void CauseSearch::add_causes(size_t most)
 {
-    bool freed = false, nearer = rounds.empty();
-    while (may_add(most, nearer) && !is_done()) {
+    bool freed = false;
+    while (may_add(most) && !is_done()) {
         Round round;
         if (!find_next(round.ranked))
             return;
@@ -241,7 +250,6 @@ void CauseSearch::add_causes(size_t most)
             first = round.ranked;
         before = best;
         best = round.ranked[0];
-        nearer = is_nearer(best, before);
         forget_lacks();
         rounds.push_back(std::move(round));
         adapt_sharpness();
@@ -260,13 +268,26 @@ void CauseSearch::add_causes(size_t most)
 }
 
 // The best model still says nothing within a shooting interval, and its causes gained too little a
-// reading for likelihood to be the right judge: predictions are asked in its place
-// (prediction_search.cpp). What two causes hide together may show with the second one only; that is
-// asked where few logs can be left out.
+// reading for likelihood to be the right judge, or two of them have not brought it nearer to its
+// data: predictions are asked in its place (prediction_search.cpp). What two causes hide together
+// may show with the second one only; that is asked where few logs can be left out.
 bool CauseSearch::gives_up() const
 {
+    if (gives_up_below > 0.0 && is_hopeless())
+        return true;
+    const double gain = refit.penalised_nlml - best.penalised_nlml;
+    const bool gains_little = gain < gives_up_below * search.readings();
+    const bool stays_away = gives_up_below > 0.0 && rounds.size() >= 2 && !is_nearer(best, refit);
     return rounds.size() >= give_up_after && best.process_noise >= policy::SAYS_NOTHING &&
-           refit.penalised_nlml - best.penalised_nlml < gives_up_below * search.readings();
+           (gains_little || stays_away);
+}
+
+// The best model says nothing within a shooting interval, and its causes gained next to nothing.
+bool CauseSearch::is_hopeless() const
+{
+    return !rounds.empty() && best.process_noise >= policy::SAYS_NOTHING &&
+           refit.penalised_nlml - best.penalised_nlml <
+               policy::LIKELIHOOD_SAYS_NOTHING * search.readings();
 }
 
 // Of a model that does not follow its data the fitted noise holds what the model misses. The

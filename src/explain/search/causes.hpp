@@ -73,6 +73,8 @@ class CauseSearch
     size_t give_up_after = 1;
     double gives_up_below = 0.0;
     bool gives_up() const;
+    // Whether looking for others will not help either.
+    bool is_hopeless() const;
     Hypothesis refit;          // the given model, without a cause
     Hypothesis best;           // with all of them
     std::vector<Round> rounds; // one a cause of `best`, in its order
@@ -121,7 +123,8 @@ class CauseSearch
     void warm_start(Hypothesis &rival);
     bool stands_alone(const Round &round) const;
     std::vector<Hypothesis> led_by(const Candidate &cause, std::vector<Hypothesis> ranked) const;
-    bool may_add(size_t most, bool nearer) const;
+    bool may_add(size_t most) const;
+    bool latest_leads_on() const;
     void look_further();
     bool is_done() const;
     bool find_next(std::vector<Hypothesis> &ranked);

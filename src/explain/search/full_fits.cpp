@@ -2,7 +2,8 @@
 //
 // All begin at the process noise `first`, in three rounds of few iterations; after each, who is far
 // behind the leader and does not catch up is dropped. Then the process noise comes down by factors
-// of TIGHTER, each one fitted to its end, and who is FAR_BEHIND the leader there is not carried on.
+// of TIGHTER, and where it passes that of the base there as well, so that base and extensions
+// compare; each one is fitted to its end, and who is FAR_BEHIND the leader there is not carried on.
 // Every fit ends by itself two process noises after its best. What counts is the penalised nlml at
 // the same process noise.
 #include <algorithm>
@@ -72,6 +73,18 @@ struct Search::FullFits {
             if (has_use_for(fits[i], process_noise))
                 fit_one(fits[i], process_noise, most_iterations, helpers);
         });
+    }
+    // Process noises from the first one down by factors of TIGHTER, that of the base among them.
+    std::vector<double> descent(double base) const
+    {
+        constexpr double SAME = 0.9;
+        std::vector<double> all;
+        for (double d = first; d > SAME * TIGHTEST; d *= TIGHTER) {
+            all.push_back(d);
+            if (base < SAME * d && base * SAME > TIGHTER * d && base > SAME * TIGHTEST)
+                all.push_back(base);
+        }
+        return all;
     }
     // One shooting interval a log has next to no use for a process noise in between.
     bool has_use_for(const One &f, double process_noise) const
@@ -144,8 +157,8 @@ struct Search::FullFits {
     }
 };
 
-// `from`: penalised nlml of the base. `acceptance`: that of a hypothesis to be compared with.
-std::vector<Hypothesis> Search::compete(double from, double acceptance, double first,
+// `acceptance`: penalised nlml of a hypothesis to be compared with.
+std::vector<Hypothesis> Search::compete(const Hypothesis &base, double acceptance, double first,
                                         std::vector<Trial> trials)
 {
     FullFits full(*this, first, trials);
@@ -153,16 +166,13 @@ std::vector<Hypothesis> Search::compete(double from, double acceptance, double f
         for (FullFits::One &f : full.fits)
             f.earlier = f.now;
         full.fit_all(first, FEW_ITERATIONS);
-        full.drop_hopeless(from, acceptance, share);
+        full.drop_hopeless(base.penalised_nlml, acceptance, share);
     }
-    // Number of process noises, for the progress that is shown.
-    const double stages = std::log(first / TIGHTEST) / std::log(1.0 / TIGHTER) + 1.0;
-    int stage = 0;
-    for (double process_noise = first; process_noise > 0.9 * TIGHTEST && !cancelled;
-         process_noise *= TIGHTER) {
-        full.fit_all(process_noise, ALL_ITERATIONS);
+    const std::vector<double> all = full.descent(base.process_noise);
+    for (size_t i = 0; i < all.size() && !cancelled; i++) {
+        full.fit_all(all[i], ALL_ITERATIONS);
         full.drop_far_behind();
-        tick(0.7 + 0.3 * ++stage / stages, "fitting causes");
+        tick(0.7 + 0.3 * (double)(i + 1) / (double)all.size(), "fitting causes");
     }
     return full.ranked();
 }

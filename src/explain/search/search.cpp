@@ -307,8 +307,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis &base, const ExtendOptio
     }
     try_all(start, loose, trials);
     try_backlash(start, loose, backlashes, how, trials);
-    return compete(base.penalised_nlml, how.acceptance,
-                   how.small ? small : std::max(base.process_noise, 0.1),
+    return compete(base, how.acceptance, how.small ? small : std::max(base.process_noise, 0.1),
                    worth_a_full_fit(trials, how));
 }
 

@@ -27,8 +27,11 @@ struct SearchOptions {
     const mk_model *given = nullptr;   // base parameters are somewhere near these
     const MassRange *masses = nullptr; // and inertias and moments within these; NULL: anywhere
     int threads = 2;
-    int full_fits = 8;      // candidates that get a full fit
-    double interval = 0.25; // s, see FitOptions
+    int full_fits = 8; // candidates that get a full fit
+    // s, see FitOptions. What a model misses within an interval passes for noise of the readings,
+    // up to ten times their own in a quarter of a second, and then hides small causes behind large
+    // ones; between intervals it is process noise. Most of what is missing shows within a tenth.
+    double interval = 0.1;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
 };
@@ -170,8 +173,8 @@ class Search
                                       const ExtendOptions &how) const;
     std::vector<Trial> worth_a_full_fit(std::vector<Trial> &trials, const ExtendOptions &how) const;
     struct FullFits;
-    std::vector<Hypothesis> compete(double from, double acceptance, double first_process_noise,
-                                    std::vector<Trial> trials);
+    std::vector<Hypothesis> compete(const Hypothesis &base, double acceptance,
+                                    double first_process_noise, std::vector<Trial> trials);
     FitOptions fit_options() const;
     FitOptions trial_options(double process_noise) const;
     double penalised(const QuadraticModel &quadratic, const mk_model &model, int free) const;
