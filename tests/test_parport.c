@@ -124,6 +124,28 @@ START_TEST(ports_are_listed)
 }
 END_TEST
 
+/* The first file that it opens has the descriptor 0 then. */
+START_TEST(a_program_without_standard_input_has_its_port_too)
+{
+    struct mk_board_sample s;
+    struct mk_board_found found[4];
+    emu_bench_init(&bench, "parport", &config);
+    int kept = dup(STDIN_FILENO);
+    close(STDIN_FILENO);
+    ck_assert_int_eq(mk_parport_find(found, 4), 1);
+    ck_assert_int_eq(found[0].status, MK_OK);
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+    ck_assert_int_eq(bench.pp.node.write_fd, STDIN_FILENO);
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+    mk_board_close(board);
+    board = NULL;
+    ck_assert(!bench.pp.claimed);
+    ck_assert_int_eq(bench.pp.node.write_fd, -1);
+    dup2(kept, STDIN_FILENO);
+    close(kept);
+}
+END_TEST
+
 /* Even past the deadline there is one look, at a board that has nothing to say and takes nothing.
  */
 START_TEST(silence_at_the_port_is_over_at_its_deadline)
@@ -185,6 +207,7 @@ Suite *suite_parport(void)
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);
     tcase_add_test(t, ports_are_listed);
+    tcase_add_test(t, a_program_without_standard_input_has_its_port_too);
     tcase_add_loop_test(t, silence_at_the_port_is_over_at_its_deadline, 0, 3);
     tcase_add_loop_test(t, a_board_that_is_switched_off_loses_samples_and_comes_back, 0, 2);
     suite_add_tcase(s, t);

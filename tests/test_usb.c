@@ -304,6 +304,26 @@ START_TEST(a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard)
 }
 END_TEST
 
+/* The next command starts the reads again, and with that it is done. */
+START_TEST(a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer)
+{
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    const uint8_t *bytes;
+    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
+    size_t size = mk_frame_encode(&f, hello), n = 0;
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    usb.garbled = true;
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, INT64_MAX), MK_OK);
+    ck_assert_int_eq(mk_usb_link.receive(&usb, &bytes, &n, INT64_MAX), MK_OK);
+    enum mk_status st = MK_OK;
+    while (st == MK_OK) /* an answer may come in parts */
+        st = mk_usb_link.receive(&usb, &bytes, &n, 0);
+    ck_assert_int_eq(st, MK_ERR_TIMEOUT);
+    mk_usb_close(&usb);
+}
+END_TEST
+
 /* Their memory goes with them, and nobody waits for what will not come. */
 START_TEST(all_transfers_are_given_back_before_a_board_is_closed)
 {
@@ -397,6 +417,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, another_board_that_is_unplugged_harms_nobody);
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
+    tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);
     tcase_add_test(t, all_transfers_are_given_back_before_a_board_is_closed);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);

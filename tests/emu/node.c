@@ -121,6 +121,18 @@ void emu_node_hang_up(struct emu_node *node)
 /* --- open ----------------------------------------------------------------------------------------
  */
 
+/* A pipe whose end for writing has the lowest descriptor that is free, as what is opened has. */
+static int open_pipe(int ends[2])
+{
+    int made[2];
+    if (pipe2(made, O_CLOEXEC | O_NONBLOCK) != 0)
+        return -1;
+    ends[0] = fcntl(made[0], F_DUPFD_CLOEXEC, made[1] + 1);
+    ends[1] = dup3(made[1], made[0], O_CLOEXEC);
+    NEXT(close)(made[1]);
+    return ends[0] >= 0 && ends[1] >= 0 ? 0 : -1;
+}
+
 static int open_node(struct emu_node *node)
 {
     int ends[2];
@@ -129,7 +141,7 @@ static int open_node(struct emu_node *node)
         errno = why < 0 ? -why : EBUSY;
         return -1;
     }
-    if (pipe2(ends, O_CLOEXEC | O_NONBLOCK) != 0)
+    if (open_pipe(ends) != 0)
         return -1;
     /* One page: a page that holds a byte takes no more writers, which is "not ready". */
     fcntl(ends[1], F_SETPIPE_SZ, 4096);
