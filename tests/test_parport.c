@@ -118,6 +118,7 @@ START_TEST(ports_are_listed)
     ck_assert_int_eq(mk_parport_find(found, 4), 1);
     ck_assert_str_eq(found[0].device, "/dev/parport0");
     ck_assert_int_eq(found[0].status, MK_OK);
+    ck_assert_int_eq(mk_parport_find(NULL, 0), 1); /* counted all the same */
     bench.pp.denied = true;
     ck_assert_int_eq(mk_parport_find(found, 4), 1);
     ck_assert_int_eq(found[0].status, MK_ERR_PERM);

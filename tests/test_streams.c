@@ -175,6 +175,24 @@ START_TEST(answers_that_come_a_byte_at_a_time_are_put_together)
 }
 END_TEST
 
+/* Its samples are numbered anew: an answer to the last one of the run before would be refused. */
+START_TEST(nothing_is_answered_before_the_first_sample_of_a_run)
+{
+    struct mk_board_sample s;
+    remote_sit_at(_i == 0 ? "tcp" : "serial");
+    for (int run = 0; run < 2; run++) {
+        remote_must(remote.board->ops->stream(remote.board, 2000, &remote.err));
+        unsigned asked = remote.bench.line->requests;
+        for (unsigned k = 0; k < 20; k++) {
+            remote_must(mk_board_exchange(remote.board, 0.1 * k + 1.0, &s));
+            ck_assert_uint_eq(remote.bench.line->requests, asked + k);
+            ck_assert_double_eq_tol(s.u_applied, k ? 0.1 * k + 1.0 : 0.0, 1e-6);
+        }
+        ck_assert_int_eq(remote.board->ops->safe_state(remote.board), MK_OK);
+    }
+}
+END_TEST
+
 START_TEST(a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time)
 {
     const char *name = _i == 0 ? "tcp" : "serial";
@@ -202,6 +220,7 @@ Suite *suite_streams(void)
     tcase_add_test(t, a_peer_that_has_gone_is_gone_past_every_deadline);
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
+    tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
     suite_add_tcase(s, t);
