@@ -119,6 +119,18 @@ START_TEST(after_a_wait_in_simulated_time_its_rows_are_in_the_file)
 }
 END_TEST
 
+/* Nobody but the one who waits takes samples from the ring then. */
+START_TEST(a_run_in_simulated_time_that_is_longer_than_the_ring_is_logged_whole)
+{
+    bench.config.ring_samples = 64;
+    bench_build(NULL);
+    struct mk_log *log = bench_log_of_run(2.0);
+    ck_assert_uint_eq(log->rows, 1000);
+    ck_assert_ptr_nonnull(strstr(mk_log_find_meta(log, "summary"), "0 not logged"));
+    mk_log_free(log);
+}
+END_TEST
+
 static char *slurp(const char *path, size_t *size)
 {
     FILE *f = fopen(path, "rb");
@@ -215,6 +227,7 @@ Suite *suite_loop_log(void)
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
     tcase_add_test(t, after_a_wait_in_simulated_time_its_rows_are_in_the_file);
+    tcase_add_test(t, a_run_in_simulated_time_that_is_longer_than_the_ring_is_logged_whole);
     tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);
     tcase_add_test(t, angles_go_on_across_the_wrap_of_the_counter);
     suite_add_tcase(s, t);

@@ -318,6 +318,35 @@ START_TEST(a_board_balances_from_its_box_on_until_the_link_has_fallen)
 }
 END_TEST
 
+/* Over the top at 6 rad/s with the wheel at its limit already, which would be so for ever. */
+START_TEST(a_pendulum_that_goes_round_is_brought_back_by_the_board)
+{
+    static struct mk_standalone s;
+    struct mk_rig_config config;
+    struct mk_rig *rig;
+    mk_model_default(MK_PLANT_REACTION_WHEEL, &model);
+    mk_rig_config_default(&config);
+    config.start[0] = M_PI;
+    config.start_v[0] = 6.0;
+    config.start_v[1] = 500.0;
+    ck_assert_int_eq(mk_rig_create(&model, &config, &rig, &err), MK_OK);
+    ck_assert(mk_standalone_setup(&s, MK_CONTROLLER_REACTION_WHEEL, 2000, 1));
+    mk_standalone_start(&s, 0);
+    const double *x = mk_rig_state(rig);
+    bool round = false;
+    for (; s.sample < 7000 && !(round && s.phase == MK_STANDALONE_BALANCE); s.sample++) {
+        const float q[MK_WIRE_JOINTS] = {(float)x[0], (float)x[1]};
+        float u = mk_standalone_step(&s, q);
+        round = round || s.going_round;
+        ck_assert_int_eq(mk_rig_advance(rig, 0.002, u, &err), MK_OK);
+    }
+    ck_assert(round);
+    ck_assert_uint_lt(s.sample, 7000);
+    ck_assert_double_lt(fabs(x[0]), 20.0 * M_PI);
+    mk_rig_destroy(rig);
+}
+END_TEST
+
 START_TEST(only_what_is_there_can_be_chosen)
 {
     int gains;
@@ -390,6 +419,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
     tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
     tcase_add_test(t, a_board_balances_from_its_box_on_until_the_link_has_fallen);
+    tcase_add_test(t, a_pendulum_that_goes_round_is_brought_back_by_the_board);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);
     TCase *commands = tcase_create("commands");

@@ -193,6 +193,22 @@ START_TEST(nothing_is_answered_before_the_first_sample_of_a_run)
 }
 END_TEST
 
+/* Where the board's clock follows the host's, what it refuses is not the last request. */
+START_TEST(a_run_of_samples_that_a_fault_ended_says_so)
+{
+    struct mk_board_sample s = {.status = 0};
+    remote_sit_at(_i == 0 ? "tcp" : "tcp-stepped");
+    remote_must(remote.board->ops->stream(remote.board, 2000, &remote.err));
+    for (int k = 0; k < 5; k++)
+        remote_must(mk_board_exchange(remote.board, 1.0, &s));
+    ck_assert_double_eq(s.u_applied, 1.0);
+    mk_device_trip(&remote.bench.board.device, MK_WIRE_FAULT_AMPLIFIER);
+    remote_must(mk_board_exchange(remote.board, 1.0, &s));
+    ck_assert_uint_ne(s.status & MK_BOARD_ST_FAULT, 0);
+    ck_assert_double_eq(s.u_applied, 0.0);
+}
+END_TEST
+
 START_TEST(a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time)
 {
     const char *name = _i == 0 ? "tcp" : "serial";
@@ -221,6 +237,7 @@ Suite *suite_streams(void)
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
     tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
+    tcase_add_loop_test(t, a_run_of_samples_that_a_fault_ended_says_so, 0, 2);
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
     suite_add_tcase(s, t);
