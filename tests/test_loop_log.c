@@ -107,6 +107,49 @@ START_TEST(a_rig_of_one_joint_has_no_columns_of_a_second)
 }
 END_TEST
 
+static int said_cpr[MK_MAX_JOINTS];
+
+static enum mk_status other_identify(struct mk_board *board, struct mk_board_identity *out,
+                                     struct mk_error *err)
+{
+    enum mk_status st = bench.own->identify(board, out, err);
+    memcpy(out->encoder_cpr, said_cpr, sizeof said_cpr);
+    return st;
+}
+
+/* The log of a rig whose board says so many counts a turn of its two encoders. */
+static struct mk_log *log_of_board_with(enum mk_plant_kind kind, int cpr1, int cpr2)
+{
+    bench_use_plant(kind);
+    bench_build(NULL);
+    said_cpr[0] = cpr1;
+    said_cpr[1] = cpr2;
+    mk_loop_destroy(bench.loop);
+    bench_override_board()->identify = other_identify;
+    ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &bench.loop, NULL),
+                     MK_OK);
+    return bench_log_of_run(0.1);
+}
+
+START_TEST(a_board_knows_its_encoders_better_than_the_model_if_it_knows_them)
+{
+    struct mk_log *log = log_of_board_with(MK_PLANT_PENDUBOT, 0, 2000);
+    ck_assert_str_eq(mk_log_find_meta(log, "encoder_cpr"), "4000 2000");
+    mk_log_free(log);
+}
+END_TEST
+
+/* By the turn of what it rolls on: the model alone has the size of a count. */
+START_TEST(an_axis_that_slides_is_counted_as_the_model_has_it_whatever_the_board_says)
+{
+    struct mk_log *log = log_of_board_with(MK_PLANT_CART_POLE, 2000, 4000);
+    ck_assert_int_eq(bench.model.encoder_cpr[0], 0);
+    ck_assert_double_eq_tol(atof(mk_log_find_meta(log, "encoder_resolution")),
+                            mk_model_count(&bench.model, 0), 1e-12);
+    mk_log_free(log);
+}
+END_TEST
+
 /* Who looks into the log between two waits finds what was waited for. */
 START_TEST(after_a_wait_in_simulated_time_its_rows_are_in_the_file)
 {
@@ -226,6 +269,8 @@ Suite *suite_loop_log(void)
     tcase_add_test(t, the_log_says_what_made_it);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
+    tcase_add_test(t, a_board_knows_its_encoders_better_than_the_model_if_it_knows_them);
+    tcase_add_test(t, an_axis_that_slides_is_counted_as_the_model_has_it_whatever_the_board_says);
     tcase_add_test(t, after_a_wait_in_simulated_time_its_rows_are_in_the_file);
     tcase_add_test(t, a_run_in_simulated_time_that_is_longer_than_the_ring_is_logged_whole);
     tcase_add_test(t, the_same_seed_gives_the_same_log_byte_for_byte);

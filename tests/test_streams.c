@@ -5,6 +5,7 @@
 #include "suites.h"
 
 #include <dlfcn.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -74,13 +75,20 @@ START_TEST(a_peer_that_does_not_read_holds_nobody_up)
 }
 END_TEST
 
-/* Stands before libc's: a line that takes so many bytes at a time; 0: as many as there are. */
+/* Stands before libc's: a line that takes so many bytes at a time, 0: as many as there are; and one
+ * that fails next, with this errno. */
 static atomic_size_t line_takes;
+static atomic_int line_fails;
 
 __attribute__((visibility("default"))) ssize_t send(int fd, const void *bytes, size_t n, int flags)
 {
     ssize_t (*next)(int, const void *, size_t, int) = (__typeof__(next))dlsym(RTLD_NEXT, "send");
     size_t most = atomic_load(&line_takes);
+    int why = atomic_exchange(&line_fails, 0);
+    if (why != 0) {
+        errno = why;
+        return -1;
+    }
     return next(fd, bytes, most > 0 && n > most ? most : n, flags);
 }
 
@@ -98,6 +106,28 @@ START_TEST(a_request_that_goes_out_in_pieces_arrives_whole)
     ck_assert_int_eq(read(fd[1], in, sizeof in), sizeof in);
     ck_assert_mem_eq(in, out, sizeof out);
     ck_assert_int_eq(read(fd[1], in, sizeof in), -1);
+    close(fd[0]);
+    close(fd[1]);
+}
+END_TEST
+
+START_TEST(a_system_that_is_short_of_memory_costs_a_request_and_not_the_line)
+{
+    static const int whys[] = {ENOBUFS, ENOMEM};
+    int fd[2];
+    struct mk_byte_stream s;
+    uint8_t in[4];
+    make_pair(fd, &s);
+    for (size_t i = 0; i < sizeof whys / sizeof whys[0]; i++) {
+        atomic_store(&line_fails, whys[i]);
+        ck_assert_int_eq(mk_byte_stream_link.send(&s, (const uint8_t *)"one", 3, in_ms(5000)),
+                         MK_ERR_PROTO);
+        ck_assert_int_eq(read(fd[1], in, sizeof in), -1);
+        ck_assert_int_eq(mk_byte_stream_link.send(&s, (const uint8_t *)"two", 3, in_ms(5000)),
+                         MK_OK);
+        ck_assert_int_eq(read(fd[1], in, sizeof in), 3);
+        ck_assert_mem_eq(in, "two", 3);
+    }
     close(fd[0]);
     close(fd[1]);
 }
@@ -232,6 +262,7 @@ Suite *suite_streams(void)
     tcase_set_timeout(t, 60);
     tcase_add_test(t, a_peer_that_does_not_read_holds_nobody_up);
     tcase_add_test(t, a_request_that_goes_out_in_pieces_arrives_whole);
+    tcase_add_test(t, a_system_that_is_short_of_memory_costs_a_request_and_not_the_line);
     tcase_add_test(t, what_was_said_before_the_end_is_still_heard);
     tcase_add_test(t, a_peer_that_has_gone_is_gone_past_every_deadline);
     tcase_add_test(t, silence_is_over_at_its_deadline);
