@@ -574,18 +574,24 @@ static void request(int fd, enum mk_message type, uint32_t value, size_t n)
     ck_assert_uint_eq(answer.type, type | MK_MSG_ANSWER);
 }
 
-/* Without a word, and without a watchdog that would see to it. */
-START_TEST(a_client_that_hangs_up_while_it_drives_leaves_the_motor_off)
+static int call_server(void)
 {
-    struct mk_model model;
     struct mk_error err = MK_ERROR_INIT;
     int fd;
-    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
-    begin_serving(&model, lines[_i]);
     if (strcmp(mk_serve_board(own.server), "tcp") == 0)
         ck_assert_int_eq(mk_tcp_connect(mk_serve_device(own.server), &fd, &err), MK_OK);
     else
         fd = open(mk_serve_device(own.server), O_RDWR | O_NOCTTY | O_NONBLOCK);
+    return fd;
+}
+
+/* Without a word, and without a watchdog that would see to it. */
+START_TEST(a_client_that_hangs_up_while_it_drives_leaves_the_motor_off)
+{
+    struct mk_model model;
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    begin_serving(&model, lines[_i]);
+    int fd = call_server();
     request(fd, MK_MSG_HELLO, 0, 0);
     request(fd, MK_MSG_WATCHDOG, 0, 4);
     request(fd, MK_MSG_EXCHANGE, 2 * MK_WIRE_MICRO, 4);
@@ -596,6 +602,43 @@ START_TEST(a_client_that_hangs_up_while_it_drives_leaves_the_motor_off)
     ck_assert_msg(strstr(own.said, "left after 1 exchanges: command 0, was 2") != NULL, "%s",
                   own.said);
     ck_assert_double_eq(mk_serve_emulated(own.server)->u, 0.0);
+    mk_serve_close(own.server);
+}
+END_TEST
+
+/* Far more than a terminal holds. */
+START_TEST(a_client_that_reads_late_gets_whole_answers_and_is_served_on)
+{
+    enum { ASKED = 5000 };
+    static struct mk_decoder d;
+    struct mk_model model;
+    uint8_t bytes[4096];
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    begin_serving(&model, "pty");
+    int fd = call_server();
+    request(fd, MK_MSG_HELLO, 0, 0);
+    for (int k = 0; k < ASKED; k++) {
+        const struct mk_frame hello = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1000 + (uint32_t)k, NULL};
+        const size_t size = mk_frame_encode(&hello, bytes);
+        const double end = wall_s() + 20.0;
+        while (write(fd, bytes, size) != (ssize_t)size && wall_s() < end)
+            usleep(1000);
+    }
+    mk_decoder_reset(&d);
+    for (struct pollfd p = {.fd = fd, .events = POLLIN}; poll(&p, 1, 500) == 1;) {
+        const ssize_t k = read(fd, bytes, sizeof bytes);
+        const uint8_t *at = bytes;
+        size_t left = k > 0 ? (size_t)k : 0;
+        struct mk_frame answer;
+        while (mk_decoder_next(&d, &at, &left, &answer))
+            ck_assert_uint_eq(answer.type, MK_MSG_HELLO | MK_MSG_ANSWER);
+    }
+    ck_assert_uint_eq(d.broken + d.skipped, 0);
+    ck_assert_uint_gt(d.frames, 10);
+    ck_assert_uint_lt(d.frames, ASKED);
+    request(fd, MK_MSG_HELLO, 0, 0);
+    close(fd);
+    stop_serving();
     mk_serve_close(own.server);
 }
 END_TEST
@@ -647,6 +690,7 @@ Suite *suite_serve(void)
     tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
     tcase_add_loop_test(t, a_server_that_has_nothing_to_do_sleeps, 0, LINES);
     tcase_add_loop_test(t, a_client_that_hangs_up_while_it_drives_leaves_the_motor_off, 0, LINES);
+    tcase_add_test(t, a_client_that_reads_late_gets_whole_answers_and_is_served_on);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);
     return s;
