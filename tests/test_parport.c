@@ -4,6 +4,7 @@
 
 #include <fcntl.h>
 #include <linux/parport.h>
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -125,6 +126,22 @@ START_TEST(ports_are_listed)
 }
 END_TEST
 
+START_TEST(a_port_that_is_not_listed_is_opened_by_its_name_alone)
+{
+    struct mk_board_found found[4];
+    emu_bench_init(&bench, "parport", &config);
+    snprintf(bench.pp.path, sizeof bench.pp.path, "/dev/parport3");
+    ck_assert_int_eq(mk_parport_find(found, 4), 1);
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+    mk_board_close(board);
+    board = NULL;
+    snprintf(bench.pp.path, sizeof bench.pp.path, "/dev/parport4");
+    ck_assert_int_eq(mk_parport_find(found, 4), 0);
+    ck_assert_int_eq(try_open(NULL), MK_ERR_NOTFOUND);
+    ck_assert_int_eq(try_open("/dev/parport4"), MK_OK);
+}
+END_TEST
+
 /* The first file that it opens has the descriptor 0 then. */
 START_TEST(a_program_without_standard_input_has_its_port_too)
 {
@@ -208,6 +225,7 @@ Suite *suite_parport(void)
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);
     tcase_add_test(t, ports_are_listed);
+    tcase_add_test(t, a_port_that_is_not_listed_is_opened_by_its_name_alone);
     tcase_add_test(t, a_program_without_standard_input_has_its_port_too);
     tcase_add_loop_test(t, silence_at_the_port_is_over_at_its_deadline, 0, 3);
     tcase_add_loop_test(t, a_board_that_is_switched_off_loses_samples_and_comes_back, 0, 2);

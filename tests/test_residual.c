@@ -471,6 +471,18 @@ START_TEST(a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder)
 }
 END_TEST
 
+/* At 50 rad/s and under a command that friction holds: its speed alone says that it must go on. */
+START_TEST(a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_encoder)
+{
+    int joint = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    for (int k = 0; k < 50; k++)
+        ck_assert_int_eq(look(DT, 0.1 * k, 0.0, 0.3, &joint), MK_FAULT_NONE);
+    ck_assert_double_lt(0.3, model.parameter[2]);
+    ck_assert_int_lt(samples_until(MK_FAULT_STUCK, 0.1 * 49, 0.0, 0.3, &joint), 5);
+}
+END_TEST
+
 /* An estimate of speed lags: at the speed it still tells, friction may well hold the motor's
  * balance, but a joint that stands still has none. */
 START_TEST(a_joint_whose_reading_stands_still_is_judged_as_one_at_rest)
@@ -545,6 +557,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, pushes_that_a_joint_may_have_stopped_between_do_not_add_up);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
+    tcase_add_test(t, a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_encoder);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
     suite_add_tcase(s, t);
