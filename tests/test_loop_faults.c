@@ -197,12 +197,15 @@ END_TEST
 static struct {
     int safe, zeroed, exchanges;
     int safe_at_exchange[400]; /* how often SAFE had been asked for by then */
+    double u[400];             /* the command that went with it */
 } heard;
 
 static enum mk_status hear_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
 {
-    if (heard.exchanges < 400)
+    if (heard.exchanges < 400) {
         heard.safe_at_exchange[heard.exchanges] = heard.safe;
+        heard.u[heard.exchanges] = u;
+    }
     heard.exchanges++;
     return bench.own->exchange(board, u, out);
 }
@@ -237,6 +240,23 @@ START_TEST(the_board_is_told_to_be_safe_in_the_tick_of_the_fault)
     int at = 100 + 50; /* after the watch before the start */
     ck_assert_int_eq(heard.safe_at_exchange[at], 0);
     ck_assert_int_eq(heard.safe_at_exchange[at + 1], 1);
+    bench_restore_board();
+}
+END_TEST
+
+START_TEST(after_an_emergency_stop_no_command_goes_out_any_more)
+{
+    bench_build_driving(NULL, 0.5);
+    listen_to_the_board();
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.1), MK_OK);
+    const int next = heard.exchanges;
+    ck_assert_double_eq(heard.u[next - 1], 0.5);
+    mk_loop_estop(bench.loop);
+    ck_assert_int_eq(bench_wait_for(1), MK_ERR_FAULT);
+    ck_assert_int_gt(heard.exchanges, next);
+    for (int k = next; k < heard.exchanges && k < 400; k++)
+        ck_assert_double_eq(heard.u[k], 0.0);
     bench_restore_board();
 }
 END_TEST
@@ -436,6 +456,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_halt_turns_the_motor_off_without_help_of_the_watchdog);
     tcase_add_test(t, the_stop_button_stops_the_motor);
     tcase_add_test(t, the_board_is_told_to_be_safe_in_the_tick_of_the_fault);
+    tcase_add_test(t, after_an_emergency_stop_no_command_goes_out_any_more);
     tcase_add_test(t, a_halt_that_the_board_does_not_confirm_is_told);
     tcase_add_test(t, counters_are_zeroed_again_after_faults_that_put_them_in_doubt);
     tcase_add_test(t, a_board_that_does_not_answer_has_no_tail);
