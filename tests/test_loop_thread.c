@@ -4,6 +4,7 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <pthread.h>
 #include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -99,6 +100,36 @@ START_TEST(a_run_says_what_it_was_given_for_real_time)
     struct sched_param param;
     ck_assert_int_eq(sched_getparam(thread, &param), 0);
     ck_assert_int_eq(param.sched_priority, s.realtime ? bench.config.priority : 0);
+}
+END_TEST
+
+static void *do_nothing(void *user)
+{
+    return user;
+}
+
+/* Whether this process may have a thread of the loop's priority. */
+static bool may_have_priority(void)
+{
+    const struct sched_param param = {.sched_priority = bench.config.priority};
+    pthread_attr_t attr;
+    pthread_t thread;
+    pthread_attr_init(&attr);
+    pthread_attr_setinheritsched(&attr, PTHREAD_EXPLICIT_SCHED);
+    pthread_attr_setschedpolicy(&attr, SCHED_FIFO);
+    pthread_attr_setschedparam(&attr, &param);
+    bool may = pthread_create(&thread, &attr, do_nothing, NULL) == 0;
+    if (may)
+        pthread_join(thread, NULL);
+    pthread_attr_destroy(&attr);
+    return may;
+}
+
+START_TEST(a_run_has_the_priority_that_it_may_have)
+{
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_int_eq(stats().realtime, may_have_priority());
 }
 END_TEST
 
@@ -325,6 +356,7 @@ Suite *suite_loop_thread(void)
     tcase_add_checked_fixture(t, bench_setup, bench_teardown);
     tcase_set_timeout(t, 30);
     tcase_add_test(t, a_run_says_what_it_was_given_for_real_time);
+    tcase_add_test(t, a_run_has_the_priority_that_it_may_have);
     tcase_add_test(t, a_run_says_how_long_its_ticks_take);
     tcase_add_test(t, a_host_that_waits_sleeps_whether_something_runs_or_not);
     tcase_add_test(t, a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time);

@@ -44,6 +44,22 @@ START_TEST(a_device_of_another_kind_is_told)
 }
 END_TEST
 
+START_TEST(a_path_is_as_long_as_there_is_room_for_or_no_device_at_all)
+{
+    static const struct {
+        size_t length;
+        enum mk_status status;
+    } rows[] = {{255, MK_ERR_NOTFOUND}, {256, MK_ERR_USAGE}, {4000, MK_ERR_USAGE}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        char path[4001];
+        memset(path, 'x', rows[i].length);
+        memcpy(path, "/no/such/folder/", 16);
+        path[rows[i].length] = '\0';
+        ck_assert_int_eq(remote_try_open("serial", path), rows[i].status);
+    }
+}
+END_TEST
+
 START_TEST(a_device_of_another_kind_is_not_kept_open)
 {
     struct mk_serial s = {.fd = 0};
@@ -261,6 +277,7 @@ Suite *suite_serial(void)
     tcase_add_checked_fixture(t, remote_setup, remote_teardown);
     tcase_set_timeout(t, 60);
     tcase_add_test(t, a_device_of_another_kind_is_told);
+    tcase_add_test(t, a_path_is_as_long_as_there_is_room_for_or_no_device_at_all);
     tcase_add_test(t, a_device_of_another_kind_is_not_kept_open);
     tcase_add_test(t, the_terminal_of_the_program_itself_is_not_taken_for_a_board);
     tcase_add_test(t, a_board_that_still_boots_is_waited_for);
