@@ -465,6 +465,33 @@ START_TEST(a_program_without_standard_input_writes_its_files)
 }
 END_TEST
 
+/* Asked before a long computation; devices and standard output are left alone. */
+START_TEST(whether_a_file_can_be_written_is_known_before_and_leaves_nothing_behind)
+{
+    char folder[300], file[330], name[340];
+    struct mk_error err = MK_ERROR_INIT;
+    snprintf(folder, sizeof folder, "%s", scratch("asked"));
+    snprintf(file, sizeof file, "%s/there.txt", folder);
+    snprintf(name, sizeof name, "%s/new.txt", folder);
+    ck_assert_int_eq(mkdir(folder, 0755), 0);
+    ck_assert_int_eq(mk_out_file_save(file, "all of it", 9, &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_check(NULL, &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_check("-", &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_check("/dev/full", &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_check(file, &err), MK_OK);
+    ck_assert_int_eq(mk_out_file_check(name, &err), MK_OK);
+    ck_assert_int_ne(mk_out_file_check(folder, &err), MK_OK);
+    ck_assert_str_eq(err.file, folder);
+    snprintf(name, sizeof name, "%s/nowhere/new.txt", folder);
+    ck_assert_int_eq(mk_out_file_check(name, &err), MK_ERR_NOTFOUND);
+    char *text = slurp_file(file);
+    ck_assert_str_eq(text, "all of it");
+    free(text);
+    ck_assert_int_eq(unlink(file), 0);
+    ck_assert_int_eq(rmdir(folder), 0); /* empty */
+}
+END_TEST
+
 /* A copy that is cut short is none: the original is removed after it. */
 START_TEST(a_copy_is_whole_or_is_not_there)
 {
@@ -575,6 +602,7 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_folder_that_a_dead_program_left_is_removed);
     tcase_add_test(t, what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it);
     tcase_add_test(t, a_program_without_standard_input_writes_its_files);
+    tcase_add_test(t, whether_a_file_can_be_written_is_known_before_and_leaves_nothing_behind);
     tcase_add_test(t, a_copy_is_whole_or_is_not_there);
     tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);
     tcase_add_test(t, a_temporary_file_never_takes_one_that_is_there);

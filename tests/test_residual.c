@@ -410,6 +410,22 @@ START_TEST(a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel)
 }
 END_TEST
 
+START_TEST(a_nudge_ends_when_the_controller_holds_the_upright_no_more)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    residual.balances = true;
+    for (int n = 0; !residual.rest.nudges && n < 2000; n++)
+        look(DT, -M_PI_2, M_PI, 0.0, &joint);
+    double u = mk_residual_command(&residual, 0.0);
+    ck_assert_double_ne(u, 0.0);
+    look(DT, -M_PI_2, M_PI, u, &joint); /* the motor drives now */
+    residual.balances = false;
+    look(DT, -M_PI_2, M_PI, u, &joint);
+    ck_assert_double_eq(mk_residual_command(&residual, 0.25), 0.25);
+}
+END_TEST
+
 /* Its bearing may hold a link upright, and friction the other one: then a nudge moves it. */
 START_TEST(a_rig_that_rests_while_it_is_balanced_is_nudged_and_left_alone)
 {
@@ -554,6 +570,7 @@ Suite *suite_residual(void)
     tcase_add_test(
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
     tcase_add_test(t, a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel);
+    tcase_add_test(t, a_nudge_ends_when_the_controller_holds_the_upright_no_more);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, pushes_that_a_joint_may_have_stopped_between_do_not_add_up);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
