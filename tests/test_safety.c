@@ -383,6 +383,24 @@ START_TEST(wheels_and_what_is_level_rest_anywhere)
 }
 END_TEST
 
+/* Whole turns do not matter to a link; six metres and 28 centimetres do. */
+START_TEST(a_carriage_whose_rest_is_limited_rests_there_and_not_a_turn_further)
+{
+    use_plant(MK_PLANT_CART_POLE);
+    const struct mk_plant_info *plant = mk_plant(MK_PLANT_CART_POLE);
+    safety.limits.rest_tolerance[0] = 0.1;
+    for (int run = 0; run < 2; run++) { /* cleared as well as new */
+        const double near[] = {0.05, plant->rest[1]}, far[] = {2.0 * M_PI, plant->rest[1]};
+        ck_assert_int_eq(mk_safety_check_rest(&safety, near, plant->rest, plant->joint_is_wheel),
+                         MK_FAULT_NONE);
+        ck_assert_int_eq(mk_safety_check_rest(&safety, far, plant->rest, plant->joint_is_wheel),
+                         MK_FAULT_NOT_HANGING);
+        ck_assert_int_eq(safety.fault_joint, 1);
+        mk_safety_clear(&safety);
+    }
+}
+END_TEST
+
 /* --- the hazard table of docs/safety.md --- */
 
 /* Names in backquotes: `test_file`, `test_file: a_test`, or `a_test` of the file named last. */
@@ -464,6 +482,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, links_away_from_rest_do_not_hang);
     tcase_add_test(t, a_joint_that_a_rig_does_not_have_has_no_limits);
     tcase_add_test(t, wheels_and_what_is_level_rest_anywhere);
+    tcase_add_test(t, a_carriage_whose_rest_is_limited_rests_there_and_not_a_turn_further);
     suite_add_tcase(s, t);
     t = tcase_create("table");
     tcase_add_test(t, every_row_of_the_hazard_table_names_tests_that_exist);
