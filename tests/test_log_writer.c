@@ -552,6 +552,7 @@ START_TEST(a_file_that_does_not_get_its_name_is_told_and_leaves_nothing)
     ck_assert_int_eq(mkdir(path, 0777), 0);
     ck_assert_int_eq(mk_out_file_write(&file, "all of it", 9, NULL), MK_OK);
     ck_assert_int_eq(mk_out_file_commit(&file, &err), MK_ERR_IO);
+    ck_assert_int_eq(file.fd, -1); /* closed once: the number may be another file's by now */
     ck_assert_str_eq(err.file, path);
     ck_assert_int_ne(access(temporary, F_OK), 0);
     ck_assert_int_eq(rmdir(path), 0);

@@ -118,6 +118,24 @@ START_TEST(a_command_that_is_no_number_stops_the_motor)
 }
 END_TEST
 
+/* Though it is the controller that tripped it, which had said that it balances. */
+START_TEST(no_sample_of_a_fault_is_shown_as_balanced)
+{
+    bench_build(NULL);
+    bench_set_law(0, 1, 120);
+    bench_run_into(MK_FAULT_COMMAND, 1);
+    ck_assert_int_eq(bench_look().at_fault.tick, 120);
+    ck_assert_int_eq(bench_look().at_fault.phase, MK_PHASE_IDLE);
+    bench_halt();
+    struct mk_log *log = bench_read_log();
+    const double *phase = mk_log_get(log, "phase"), *tick = mk_log_get(log, "tick");
+    ck_assert_double_eq(phase[119], MK_PHASE_BALANCE);
+    for (size_t k = 120; k < log->rows; k++)
+        ck_assert_msg(phase[k] == MK_PHASE_IDLE, "tick %g: phase %g", tick[k], phase[k]);
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(late_samples_in_a_row_stop_the_motor)
 {
     bench_build("from 100 to 200 delay 3500us");
@@ -448,6 +466,7 @@ Suite *suite_loop_faults(void)
     tcase_add_test(t, a_stuck_encoder_stops_the_motor);
     tcase_add_test(t, a_motor_wired_backwards_stops);
     tcase_add_test(t, a_command_that_is_no_number_stops_the_motor);
+    tcase_add_test(t, no_sample_of_a_fault_is_shown_as_balanced);
     tcase_add_test(t, late_samples_in_a_row_stop_the_motor);
     tcase_add_test(t, a_broken_link_stops_the_motor);
     tcase_add_test(t, the_watchdog_stops_the_motor_when_the_loop_stalls);

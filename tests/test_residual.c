@@ -499,6 +499,23 @@ START_TEST(a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_enc
 }
 END_TEST
 
+/* 30 rad/s, which takes a few samples to be sure of. */
+START_TEST(a_wheel_that_stops_dead_is_found_as_soon_either_way_round)
+{
+    int joint = 0, took[2];
+    for (int side = 0; side < 2; side++) {
+        const double way = side == 0 ? 1.0 : -1.0;
+        watch(MK_PLANT_INERTIA_WHEEL);
+        for (int k = 0; k < 50; k++)
+            ck_assert_int_eq(look(DT, way * 0.06 * k, 0.0, way * 0.5, &joint), MK_FAULT_NONE);
+        took[side] = samples_until(MK_FAULT_STUCK, way * 0.06 * 49, 0.0, way * 0.5, &joint);
+    }
+    ck_assert_int_gt(took[0], 1);
+    ck_assert_int_lt(took[0], 10);
+    ck_assert_int_eq(took[1], took[0]);
+}
+END_TEST
+
 /* An estimate of speed lags: at the speed it still tells, friction may well hold the motor's
  * balance, but a joint that stands still has none. */
 START_TEST(a_joint_whose_reading_stands_still_is_judged_as_one_at_rest)
@@ -575,6 +592,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, pushes_that_a_joint_may_have_stopped_between_do_not_add_up);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_encoder);
+    tcase_add_test(t, a_wheel_that_stops_dead_is_found_as_soon_either_way_round);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
     suite_add_tcase(s, t);
