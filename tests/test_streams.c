@@ -223,6 +223,26 @@ START_TEST(nothing_is_answered_before_the_first_sample_of_a_run)
 }
 END_TEST
 
+/* It does not wait for what was the next one of the run before: the clock stands as it did. */
+START_TEST(the_first_sample_of_a_stepped_run_comes_at_once)
+{
+    struct mk_board_sample s, before = {.board_ns = 0};
+    remote_sit_at("tcp-stepped");
+    for (int run = 0; run < 3; run++) {
+        const int64_t now_ns = mk_clock_now_ns(&remote.clock);
+        remote_must(remote.board->ops->stream(remote.board, 2000, &remote.err));
+        for (int k = 0; k < 5; k++) {
+            remote_must(mk_board_exchange(remote.board, 1.0, &s));
+            ck_assert_int_eq(mk_clock_now_ns(&remote.clock) - now_ns, k * INT64_C(2000000));
+            if (run > 0)
+                ck_assert_int_eq(s.board_ns - before.board_ns, k * INT64_C(2000000));
+        }
+        before = s;
+        ck_assert_int_eq(remote.board->ops->safe_state(remote.board), MK_OK);
+    }
+}
+END_TEST
+
 /* Where the board's clock follows the host's, what it refuses is not the last request. */
 START_TEST(a_run_of_samples_that_a_fault_ended_says_so)
 {
@@ -268,6 +288,7 @@ Suite *suite_streams(void)
     tcase_add_test(t, silence_is_over_at_its_deadline);
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
     tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
+    tcase_add_test(t, the_first_sample_of_a_stepped_run_comes_at_once);
     tcase_add_loop_test(t, a_run_of_samples_that_a_fault_ended_says_so, 0, 2);
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
