@@ -63,6 +63,35 @@ START_TEST(another_signal_takes_effect_in_one_sample_and_is_logged)
 }
 END_TEST
 
+/* Which is that of the controller when the run begins, whatever the run before had. */
+START_TEST(parameters_that_change_in_a_run_leave_its_signal_alone)
+{
+    struct mk_signal *first, *second;
+    ck_assert_int_eq(mk_signal_create("1", &first, NULL), MK_OK);
+    ck_assert_int_eq(mk_signal_create("3", &second, NULL), MK_OK);
+    bench_use_plant(MK_PLANT_INERTIA_WHEEL); /* which may turn when a run begins */
+    bench_build(NULL);
+    for (int run = 0; run < 2; run++) {
+        const double level = run == 0 ? 1.0 : 3.0;
+        bench_set_law(0, 0.5, 1e18);
+        ck_assert_int_eq(mk_loop_set_signal(bench.loop, run == 0 ? first : second, NULL), MK_OK);
+        bench_start();
+        bench_wait_for(0.1);
+        bench_set_law(0, 0.25, 1e18);
+        bench_wait_for(0.1);
+        bench_halt();
+        struct mk_log *log = bench_read_log();
+        const double *u = mk_log_get(log, "u");
+        for (size_t k = 1; k < log->rows; k++)
+            ck_assert_double_eq(u[k], level * (k <= 50 ? 0.5 : 0.25));
+        mk_log_free(log);
+    }
+    bench_drop_loop();
+    mk_signal_destroy(first);
+    mk_signal_destroy(second);
+}
+END_TEST
+
 /* Another bias for every sample, up to the 300th. */
 static bool change_the_bias(const struct mk_loop_snapshot *s, void *user)
 {
@@ -233,6 +262,7 @@ Suite *suite_loop_params(void)
     tcase_set_timeout(t, 20);
     tcase_add_test(t, new_parameters_take_effect_together_in_one_sample);
     tcase_add_test(t, another_signal_takes_effect_in_one_sample_and_is_logged);
+    tcase_add_test(t, parameters_that_change_in_a_run_leave_its_signal_alone);
     tcase_add_test(t, every_change_of_parameters_is_noted_at_its_time_however_many_there_are);
     tcase_add_test(t, parameters_and_signal_changed_at_once_are_both_taken);
     tcase_add_test(t, a_law_is_told_of_new_parameters_before_a_run_and_in_it);
