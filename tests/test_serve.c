@@ -351,6 +351,7 @@ START_TEST(a_client_that_falls_silent_loses_the_motor_to_the_watchdog)
     ck_assert_ptr_nonnull(server_says("left after"));
     const char *first = strstr(server_said(), "motor off");
     ck_assert(first && !strstr(first + 1, "motor off")); /* told once */
+    ck_assert_ptr_null(strstr(server_said(), "steps the clock"));
     ck_assert(told_of_command(&now, &was));
     ck_assert_double_eq(was, 0.0);
     ck_assert_double_eq(now, 0.0);

@@ -177,6 +177,7 @@ START_TEST(the_arrays_come_up_whole)
     ck_assert_int_eq(n, 201); /* both ends */
     for (int k = 0; k < n; k++) {
         ck_assert_uint_eq(r[k].sample, 5u * (uint32_t)k);
+        ck_assert_int_eq(r[k].count[1], 0); /* there is no second joint */
         ck_assert_uint_eq(r[k].phase, MK_STANDALONE_TRACK);
         ck_assert_int_le(r[k].micro, 10 * MK_WIRE_MICRO);
         if (k > 0)
