@@ -114,14 +114,19 @@ struct OneLog {
     // promises beyond it.
     // The promise of a cause is the gain in log likelihood that its slope shows, after the penalty
     // (Search::promises); no fit is made for it.
-    bool ask(const Hypothesis &shared, const SearchOptions &options,
+    // What repeats with the angle comes again later than in a usual shooting interval, and process
+    // noise would take it from there: intervals are LONGER, and need so much more of it at first.
+    bool ask(const Hypothesis &shared, const SearchOptions &usual,
              const std::vector<Candidate> &asked, std::vector<double> &promise)
     {
+        constexpr double LONGER = 0.25, MORE = 10.0; // s; factor on the process noise
+        SearchOptions options = usual;
+        options.interval = LONGER;
         std::vector<const FitLog *> all;
         for (const FitLog &piece : pieces)
             all.push_back(&piece);
         search = std::make_unique<Search>(all, options);
-        if (!search->follow(shared.point.model, nullptr, shared.process_noise, refit))
+        if (!search->follow(shared.point.model, nullptr, MORE * shared.process_noise, refit))
             return false;
         promise = search->promises(refit, asked);
         return true;
