@@ -181,8 +181,8 @@ END_TEST
 START_TEST(a_part_of_the_causes_is_judged_at_its_best)
 {
     Hidden h;
-    h.dead = 1.0;
-    h.delay = 0.02;
+    h.dead = 0.5;
+    h.delay = 0.008;
     const mk_explanation e = explained(h);
     const mk_budget &b = e.budget;
     ck_assert_int_eq(b.item_count, 2);
