@@ -12,6 +12,7 @@
 
 #include "explain/evidence/verdict.hpp"
 #include "explain/search/log_values.hpp"
+#include "ident/held_out.hpp"
 #include "mechkit/explain.h"
 #include "support/pendulum.hpp"
 extern "C" {
@@ -170,24 +171,56 @@ START_TEST(shares_of_the_gap_add_up_to_what_is_closed)
     // The last line of the table is the extended model; what came before it is further off.
     ck_assert_double_eq_tol(b.item[1].rms[0], b.extended[0], 1e-9);
     ck_assert_double_gt(b.item[0].rms[0], 2.0 * b.extended[0]);
-    ck_assert_double_gt(b.refit[0], b.item[0].rms[0]);
     ck_assert_int_eq(b.rest_joint, 0);
 }
 END_TEST
 
-// What is left of a rig's causes is fitted to free runs before it is judged by them: a delay alone
-// then closes more than half of what a dead zone alone does. Fitted to each next reading, with as
-// much process noise as it lacks, it closed a third.
+// What is left of a rig's causes is fitted to free runs before it is judged by them: with the
+// values that it has beside the others a drag alone is off by 2.3 times the error of the refitted
+// model, fitted again by 1.2 times.
 START_TEST(a_part_of_the_causes_is_judged_at_its_best)
+{
+    Hidden h;
+    h.drag = 0.012;
+    h.dead = 0.8;
+    const mk_explanation e = explained(h);
+    const mk_budget &b = e.budget;
+    ck_assert_int_eq(b.item_count, 2);
+    ck_assert_str_eq(e.cause[b.item[0].cause].effect->name, "quadratic-drag");
+    ck_assert_double_lt(b.item[0].rms[0], 1.5 * b.refit[0]);
+}
+END_TEST
+
+// Squared error of free runs over the data that were learnt from.
+static double training_error(const mk_explanation &e, const Hidden &h, const mk_model &model)
+{
+    mk_log *learnt = record(h, 0, 6.0);
+    const std::vector<const mk_log *> logs = {learnt};
+    mk::HeldOutFigures figures;
+    ck_assert_int_eq(mk::HeldOut(logs, e.window_s, false, 2).figures(model, figures, nullptr),
+                     MK_OK);
+    mk_log_free(learnt);
+    return figures.total();
+}
+
+// Else what a better fit closes would be counted as the causes'. Fitted by likelihood this rig's
+// refitted model would gain 1.5 % of its squared error from 1 % less inertia alone.
+START_TEST(no_step_of_the_refitted_model_takes_its_free_runs_nearer_to_the_data)
 {
     Hidden h;
     h.dead = 0.5;
     h.delay = 0.008;
     const mk_explanation e = explained(h);
-    const mk_budget &b = e.budget;
-    ck_assert_int_eq(b.item_count, 2);
-    ck_assert_str_eq(e.cause[b.item[0].cause].effect->name, "deadband");
-    ck_assert_double_gt(b.item[1].share, 0.5 * b.item[0].share);
+    ck_assert(e.offered);
+    const double own = training_error(e, h, e.refit);
+    for (int i = 0; i < mk_plant(e.refit.plant)->parameter_count; i++)
+        for (const double factor : {0.97, 0.99, 1.01, 1.03}) {
+            mk_model other = e.refit;
+            other.parameter[i] *= factor;
+            ck_assert_msg(training_error(e, h, other) > 0.995 * own, "%s by %g: %g, %g of it",
+                          mk_plant(e.refit.plant)->parameter[i].name, factor,
+                          training_error(e, h, other), training_error(e, h, other) / own);
+        }
 }
 END_TEST
 
@@ -370,6 +403,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, tilt_and_encoder_offset_are_declared_inseparable);
     tcase_add_test(t, shares_of_the_gap_add_up_to_what_is_closed);
     tcase_add_test(t, a_part_of_the_causes_is_judged_at_its_best);
+    tcase_add_test(t, no_step_of_the_refitted_model_takes_its_free_runs_nearer_to_the_data);
     tcase_add_test(t, no_share_of_the_gap_is_negative_or_beyond_what_is_closed);
     tcase_add_test(t, a_named_cause_beside_one_without_a_name_is_a_part);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);

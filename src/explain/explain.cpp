@@ -236,12 +236,13 @@ class Explainer
         find_residual_torques(last.logs(), model, last.refit, last.best, options.threads, out);
         test_innovations(last.logs(), last.refit, last.best, out);
         clock.enter("held-out data");
+        TrainingRuns runs(data, last, out);
         enum mk_status measured =
-            measure_gain(values.model, options, data, *causes, last, verdict, out, err);
+            measure_gain(values.model, options, data, *causes, last, runs, verdict, out, err);
         verdict.describe_suspects();
         clock.enter("budget");
         if (measured == MK_OK)
-            make_budget(data, *causes, last, out);
+            make_budget(data, *causes, options.threads, runs, out);
         clock.enter("next experiment");
         if (measured == MK_OK && !model.no_motor)
             propose_experiment(values.model, last.logs(), last.best, verdict.rivals(), options.next,

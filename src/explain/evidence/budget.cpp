@@ -46,10 +46,10 @@ using Set = unsigned; // of items, one bit each
 class Shares
 {
   public:
-    Shares(const TrainingData &data_in, const FinalFit &last_in, const mk_explanation &out_in)
-        : data(data_in), held(data.held, out_in.window_s, data.second_half,
-                              last_in.search().usual_options().threads),
-          last(last_in), out(out_in), joints(mk_model_joints(&out_in.given))
+    Shares(const TrainingData &data, int threads, TrainingRuns &training_in,
+           const mk_explanation &out_in)
+        : held(data.held, out_in.window_s, data.second_half, threads), training(training_in),
+          out(out_in), joints(mk_model_joints(&out_in.given))
     {
         find_items();
     }
@@ -146,19 +146,11 @@ class Shares
     const HeldOut &runs() const { return held; }
 
   private:
-    const TrainingData &data;
     const HeldOut held;
-    const FinalFit &last;
+    TrainingRuns &training;
     const mk_explanation &out;
     int joints;
     std::map<Set, HeldOutFigures> figures;
-    // Free runs, and the extended model in them.
-    struct TrainingRuns {
-        std::unique_ptr<FreeRuns> made;
-        const FreeRuns *runs = nullptr;
-        RunPoint extended;
-    };
-    TrainingRuns training[2];                // by whether the given column drives them
     std::vector<std::vector<size_t>> orders; // of items
 
     // The effects beyond the given model's, one item each. A cause is known by effect, joint and
@@ -189,7 +181,8 @@ class Shares
         if (out.input.changed)
             items.push_back(late);
     }
-    // The extended model less the effects of all items that are not in the set, fitted again.
+    // The extended model less the effects of all items that are not in the set, fitted again, to
+    // what v measures.
     // Effects go from the highest number down, so that lower numbers stay valid.
     mk_model model_with(Set set)
     {
@@ -210,50 +203,7 @@ class Shares
         }
         if (given_column)
             m.input = out.given.input;
-        return fitted_to_runs(m, given_column);
-    }
-    // Fitted to what v measures: free runs, over the training data. Likelihood fits a model that
-    // lacks much to each next reading, and its free runs may then end further off than without the
-    // items that it has.
-    // Start states and own values are taken over from the extended model's runs, parameters begin
-    // at its values. A fit that fails leaves the parameters as they were.
-    mk_model fitted_to_runs(const mk_model &m, bool given_column)
-    {
-        // A further one moves what is closed by less than a hundredth; intervals are ten times as
-        // wide.
-        constexpr int ITERATIONS = 4;
-        const int threads = last.search().settings().threads;
-        const TrainingRuns &over = training_runs(given_column);
-        RunPoint point = over.runs->adopt(over.extended, m, threads);
-        RunQuadraticModel quadratic;
-        return over.runs->minimise(point, fitted_parameters(m), ITERATIONS, threads, quadratic)
-                   ? point.model
-                   : m;
-    }
-    // The training data as the given model's column of the command drives them, or the extended
-    // one's. What errors are usual there are those of the refitted model.
-    // Made once for each column. Where the last fit was by free runs, its own runs are used.
-    const TrainingRuns &training_runs(bool given_column)
-    {
-        TrainingRuns &over = training[given_column];
-        if (over.runs)
-            return over;
-        if (last.runs() && !given_column) {
-            over.runs = last.runs();
-            over.extended = last.extended_run();
-            return over;
-        }
-        mk_model model = out.extended, refit = out.refit;
-        if (given_column)
-            model.input = out.given.input;
-        refit.input = model.input;
-        over.made = std::make_unique<FreeRuns>(data.rows_by_log(), model, out.window_s,
-                                               last.search().settings().threads);
-        RunPoint at = over.made->start(refit);
-        over.made->take_scale(at);
-        over.extended = over.made->start(model);
-        over.runs = over.made.get();
-        return over;
+        return training.part(m, given_column);
     }
     // All n! orders up to ALL_ORDERS items, which take 2^n fits; else the model's order and its
     // reverse, which take 2 n at most.
@@ -353,12 +303,12 @@ void tell_rest(const mk_explanation &e, mk_budget &b)
 // Errors of out.before, refitted, after and floor are shares of the deviation of the held-out
 // readings; those of the budget are rms in the joint's unit. An extension that is not offered has
 // no shares, only a rest.
-void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
-                 mk_explanation &out)
+void make_budget(const TrainingData &data, const CauseSearch &causes, int threads,
+                 TrainingRuns &training, mk_explanation &out)
 {
     mk_budget &b = out.budget;
     b = {};
-    Shares shares(data, last, out);
+    Shares shares(data, threads, training, out);
     const int joints = mk_model_joints(&out.given);
     double deviation[MK_MAX_JOINTS] = {};
     for (int j = 0; j < joints; j++) {

@@ -3,7 +3,8 @@
 #ifndef MECHKIT_EXPLAIN_EVIDENCE_BUDGET_HPP
 #define MECHKIT_EXPLAIN_EVIDENCE_BUDGET_HPP
 
-#include "explain/search/final_fit.hpp"
+#include "explain/evidence/training_runs.hpp"
+#include "explain/search/causes.hpp"
 #include "explain/training.hpp"
 
 namespace mk
@@ -11,8 +12,8 @@ namespace mk
 
 // Fills out.budget from what was found. Shares are order-free: what a cause closes when it is
 // added, averaged over orders of adding the causes (Shapley 1953), with all else fitted again.
-void make_budget(const TrainingData &data, const CauseSearch &causes, const FinalFit &last,
-                 mk_explanation &out);
+void make_budget(const TrainingData &data, const CauseSearch &causes, int threads,
+                 TrainingRuns &training, mk_explanation &out);
 
 } // namespace mk
 #endif

@@ -41,6 +41,7 @@ struct Gain {
     const TrainingData &data;
     const CauseSearch &causes;
     const FinalFit &last;
+    TrainingRuns &runs;
     Verdict &verdict;
     mk_explanation &out;
 
@@ -64,7 +65,12 @@ struct Gain {
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
     }
-    // Figures of the three models over the same windows. Their length is out.window_s; where the
+    bool finds_anything() const
+    {
+        return out.cause_count + out.log_value_count + out.input.changed > 0;
+    }
+    // Figures of the three models over the same windows, the refitted one at its best in free runs
+    // if anything is compared with it. Their length is out.window_s; where the
     // caller named none (options.window_s is 0) it is halved while at some joint both the refitted
     // and the extended model are worse than a constant (s_mj > 1), to SHORTEST at least, and
     // out.window_s says what it came to. The error of a model that no window can be run by is
@@ -74,6 +80,8 @@ struct Gain {
     {
         // Where no model can say anything so far ahead, as of an unstable rig, less far.
         constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
+        if (finds_anything())
+            out.refit = runs.refit();
         for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
             const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
             before = refitted = after = {};
@@ -199,8 +207,11 @@ struct Gain {
     void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
                            HeldOutFigures &after)
     {
-        if (out.log_value_count + out.input.changed == 0)
+        if (out.log_value_count + out.input.changed == 0) {
+            out.extended = out.refit;
+            after = refitted;
             return;
+        }
         if (clearly_worse(after, refitted) || misleads(held, refitted, after)) {
             out.log_value_count = out.per_log_count = 0;
             out.input.changed = false;
@@ -230,12 +241,12 @@ struct Gain {
     enum mk_status measure(mk_error *err)
     {
         HeldOutFigures before, refitted, after;
+        const bool found = finds_anything();
         enum mk_status st = predict_held_out(before, refitted, after, err);
         if (st != MK_OK)
             return st;
         const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
         out.command_beyond = command_beyond(held);
-        const bool found = out.cause_count + out.log_value_count + out.input.changed > 0;
         out.offered = found && earns_its_place(held, refitted, after);
         if (found && !out.offered)
             st = decline(held, refitted, after, err);
@@ -347,10 +358,10 @@ struct Gain {
 
 enum mk_status measure_gain(const mk_model &model, const mk_explain_options &options,
                             const TrainingData &data, const CauseSearch &causes,
-                            const FinalFit &last, Verdict &verdict, mk_explanation &out,
-                            mk_error *err)
+                            const FinalFit &last, TrainingRuns &runs, Verdict &verdict,
+                            mk_explanation &out, mk_error *err)
 {
-    Gain gain = {model, options, data, causes, last, verdict, out};
+    Gain gain = {model, options, data, causes, last, runs, verdict, out};
     return gain.measure(err);
 }
 
