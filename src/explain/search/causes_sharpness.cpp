@@ -63,18 +63,24 @@ bool CauseSearch::follow_with_sharpness(const mk_model &with, Hypothesis &out)
 }
 
 // `best` without a cause and with the larger k that stands in for it best: at a process noise at
-// which even a k that is far off follows the data, and then at its own.
+// which even a k that is far off follows the data, and then at its own. False where at the former
+// none comes near the cause,
+//     nlml(with k) - nlml(best) > policy::SHARPNESS_COMES_NEAR a reading .
 bool CauseSearch::fit_sharper_without(size_t cause, Hypothesis &sharper)
 {
     constexpr double LOOSER = 10.0;
     constexpr int ROUNDS = 4;
     const double loose = LOOSER * best.process_noise;
     const mk_model less = removed(cause);
-    Hypothesis h;
+    Hypothesis with_cause, h;
+    if (!search.refit_at(best.point.model, best, loose, with_cause))
+        return false;
+    double least = with_cause.quadratic.nlml + policy::SHARPNESS_COMES_NEAR * search.readings();
     bool found = false;
     for (double times = 2.0; times <= sharpness::MOST && !search.cancelled; times *= 2.0)
         if (search.refit_at(sharpness::with_sharpness(less, times), best, loose, h) &&
-            (!found || h.quadratic.nlml < sharper.quadratic.nlml)) {
+            h.quadratic.nlml < least) {
+            least = h.quadratic.nlml;
             sharper = std::move(h);
             found = true;
         }
