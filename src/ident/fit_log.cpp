@@ -526,6 +526,16 @@ double least_scatter(const std::vector<const FitLog *> &logs, int joint)
     return least;
 }
 
+double independent_readings(const std::vector<const FitLog *> &logs)
+{
+    double sum = 0.0;
+    for (const FitLog *log : logs)
+        for (int j = 0; j < log->joints; j++)
+            for (double w : log->weight[j])
+                sum += w * w;
+    return sum;
+}
+
 // max_j noise_j / scatter_j; 0 without logs.
 double beyond_scatter(const std::vector<const FitLog *> &logs, const double *noise)
 {

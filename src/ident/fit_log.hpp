@@ -59,6 +59,8 @@ double fit_log_noise(const FitLog &log, int joint);
 double scatter_of(const std::vector<const FitLog *> &logs, int joint);
 // The same in the log where it is least: fast motion scatters too.
 double least_scatter(const std::vector<const FitLog *> &logs, int joint);
+// Independent readings of all joints: the sum of their squared weights.
+double independent_readings(const std::vector<const FitLog *> &logs);
 
 // How many times that a fit's noise is, at the joint where it is most: far more than 1 where the
 // model is off by what does not change from row to row, as a wrong zero.

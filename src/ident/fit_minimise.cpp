@@ -317,9 +317,12 @@ bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double f
 bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &free, double first,
                                       double last, QuadraticModel &result)
 {
-    // Ends two process noises after the best one: nlml that has risen by more than 2 twice does not
-    // come back. Or where no minimum is found: the data cannot be followed with so little process
-    // noise.
+    // Ends two process noises after the best one: nlml that has risen by more than RISEN twice does
+    // not come back, nor does one that has risen by RISEN_FAR a reading once; that is where fits
+    // take longest. Or where no minimum is found: the data cannot be followed with so little
+    // process noise.
+    constexpr double RISEN = 2.0, RISEN_FAR = 0.05;
+    const double far = RISEN_FAR * independent_readings(logs);
     FitPoint trial = point;
     bool any = false;
     double best_process_noise = first;
@@ -335,8 +338,8 @@ bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &f
             best_process_noise = process_noise;
             worse = 0;
             any = true;
-        } else if (p.nlml > result.nlml + 2.0) {
-            worse++;
+        } else if (p.nlml > result.nlml + RISEN) {
+            worse += p.nlml > result.nlml + far ? 2 : 1;
         }
     }
     for (double &d : options.process_noise)

@@ -50,10 +50,7 @@ constexpr double LOST_SHARE = 0.3;
 Search::Search(std::vector<const FitLog *> logs_in, const SearchOptions &options_in)
     : logs(std::move(logs_in)), options(options_in)
 {
-    for (const FitLog *log : logs)
-        for (int j = 0; j < log->joints; j++)
-            for (double w : log->weight[j])
-                reading_count += w * w;
+    reading_count = independent_readings(logs);
     if (options.given)
         data = data_range(*options.given, logs);
 }
