@@ -552,6 +552,21 @@ START_TEST(causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_
 }
 END_TEST
 
+// Friction that grows with the load closes a hundredth of the gap by itself, and without it an
+// imbalance predicts the log that is held out worse than nothing does.
+START_TEST(causes_stay_that_held_out_data_confirm_together_though_none_of_them_alone)
+{
+    truth::Case c = drawn_several(774027);
+    const mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 2);
+    ck_assert_str_eq(e.cause[0].effect->name, "load-friction");
+    ck_assert_msg(right(c.right[0], e.cause[1].effect, e.cause[1].joint), "%s",
+                  e.cause[1].effect->name);
+    ck_assert_double_gt(e.closed, 0.95);
+}
+END_TEST
+
 START_TEST(
     a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first)
 {
@@ -730,6 +745,7 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
     tcase_add_test(
         t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);
+    tcase_add_test(t, causes_stay_that_held_out_data_confirm_together_though_none_of_them_alone);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);

@@ -551,7 +551,8 @@ class Explainer
         return correction.joint > 0 || causes->rounds.empty() || causes->follows(causes->best);
     }
     // Likelihood has found most of what is missing, and something stays that has no name: which of
-    // it is sure all the same, data say that are left out.
+    // it is sure all the same, data say that are left out. Where nothing is, or held-out data
+    // confirm none of it by itself, likelihood's causes stay.
     bool ask_what_carries_over(const Hypothesis &refit)
     {
         if (!folds->enough() || mk_model_hides_joint(&causes->best.point.model))
@@ -563,7 +564,11 @@ class Explainer
         if (!causes->hand_over(*found))
             return false;
         found->decide();
-        return !found->causes.empty() && take_predictions(found, refit);
+        std::unique_ptr<CauseSearch> likely = std::move(causes);
+        if (!found->causes.empty() && take_predictions(found, refit) && !causes->rounds.empty())
+            return true;
+        causes = std::move(likely);
+        return false;
     }
     // Where what improves predictions brings the model near to its data, likelihood says the rest.
     bool go_on_from(const PredictionSearch &found, const Hypothesis &refit)
