@@ -75,16 +75,18 @@ bool CauseSearch::fit_sharper_without(size_t cause, Hypothesis &sharper)
     Hypothesis with_cause, h;
     if (!search.refit_at(best.point.model, best, loose, with_cause))
         return false;
-    double least = with_cause.quadratic.nlml + policy::SHARPNESS_COMES_NEAR * search.readings();
-    bool found = false;
-    for (double times = 2.0; times <= sharpness::MOST && !search.cancelled; times *= 2.0)
-        if (search.refit_at(sharpness::with_sharpness(less, times), best, loose, h) &&
-            h.quadratic.nlml < least) {
-            least = h.quadratic.nlml;
-            sharper = std::move(h);
-            found = true;
-        }
-    if (!found)
+    const double most =
+        with_cause.quadratic.nlml + policy::SHARPNESS_COMES_NEAR * search.readings();
+    // nlml falls towards the best k and rises beyond it.
+    double last = HUGE_VAL;
+    for (double times = 2.0; times <= sharpness::MOST && !search.cancelled; times *= 2.0) {
+        if (!search.refit_at(sharpness::with_sharpness(less, times), best, loose, h) ||
+            h.quadratic.nlml > last)
+            break;
+        last = h.quadratic.nlml;
+        sharper = std::move(h);
+    }
+    if (!(last < most))
         return false;
     // The lower the process noise, the better is k known.
     search.polish(sharper, true);
