@@ -325,6 +325,20 @@ START_TEST(a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_ans
 }
 END_TEST
 
+/* Each way has an end that the board has halted when it goes. */
+START_TEST(a_board_that_is_unplugged_with_a_halted_endpoint_is_gone)
+{
+    struct mk_board_sample s;
+    must_open(NULL);
+    emu_line_arm(bench.line, _i ? EMU_FAULT_STALL_OUT : EMU_FAULT_STALL_IN, 0, 1);
+    ck_assert_int_eq(trade(1.0), MK_ERR_PROTO);
+    ck_assert_uint_eq(bench.line->injected, 1);
+    emu_usb_unplug(&bench.usb);
+    ck_assert_int_eq(trade(1.0), MK_ERR_NODEV);
+    ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_ERR_NODEV);
+}
+END_TEST
+
 /* Their memory goes with them, and nobody waits for what will not come. */
 START_TEST(all_transfers_are_given_back_before_a_board_is_closed)
 {
@@ -420,6 +434,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
     tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);
+    tcase_add_loop_test(t, a_board_that_is_unplugged_with_a_halted_endpoint_is_gone, 0, 2);
     tcase_add_test(t, all_transfers_are_given_back_before_a_board_is_closed);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
