@@ -71,8 +71,8 @@ void LIBUSB_CALL mk_usb_read_done(struct libusb_transfer *t)
 
 void mk_usb_start_reads(struct mk_usb *u)
 {
-    if (u->halted_in && libusb_clear_halt(u->handle, u->endpoint_in) == LIBUSB_ERROR_NO_DEVICE)
-        u->gone = true;
+    if (u->halted_in) /* whether the board is gone a read that is started says */
+        (void)libusb_clear_halt(u->handle, u->endpoint_in);
     u->halted_in = false;
     for (int i = 0; i < MK_USB_READS && !u->gone; i++)
         if (!u->read[i].under_way)
@@ -150,8 +150,8 @@ static enum mk_status make_ready(struct mk_usb *u)
     discard_handed(u);
     if (!u->write_done) /* a cancelled write that the kernel did not give back yet */
         cancel_write(u);
-    if (u->halted_out && libusb_clear_halt(u->handle, u->endpoint_out) == LIBUSB_ERROR_NO_DEVICE)
-        u->gone = true;
+    if (u->halted_out) /* whether the board is gone the write says */
+        (void)libusb_clear_halt(u->handle, u->endpoint_out);
     u->halted_out = false;
     if (u->garbled) {
         u->garbled = false;
