@@ -362,7 +362,9 @@ START_TEST(what_a_dead_program_left_is_removed_and_nothing_that_looks_like_it)
     int fd = open(held, O_WRONLY | O_CREAT, 0600);
     ck_assert_int_eq(flock(fd, LOCK_EX | LOCK_NB), 0);
     ck_assert_int_eq(mkfifo(pipe_, 0600), 0);
+    const int before = open_files();
     mk_temporary_clean(path);
+    ck_assert_int_eq(open_files(), before);
     ck_assert_int_ne(access(left, F_OK), 0);
     ck_assert_int_eq(access(held, F_OK), 0);
     ck_assert_int_eq(access(pipe_, F_OK), 0);
