@@ -63,6 +63,20 @@ START_TEST(the_fastest_common_mode_is_taken)
 }
 END_TEST
 
+/* Data goes both ways in it: to turn the port round, for every exchange, would take the time that
+ * EPP is there to save. */
+START_TEST(a_port_in_epp_mode_stays_in_it)
+{
+    struct mk_board_sample s;
+    emu_bench_init(&bench, "parport", &config);
+    ck_assert_int_eq(try_open(NULL), MK_OK);
+    for (int k = 0; k < 3; k++) {
+        ck_assert_int_eq(mk_board_exchange(board, 1.0, &s), MK_OK);
+        ck_assert_int_eq(bench.pp.mode, IEEE1284_MODE_EPP);
+    }
+}
+END_TEST
+
 START_TEST(the_port_is_held_alone_and_given_back)
 {
     emu_bench_init(&bench, "parport", &config);
@@ -221,6 +235,7 @@ Suite *suite_parport(void)
     tcase_add_loop_test(t, the_fastest_common_mode_is_taken, 0, 6);
     tcase_add_loop_test(t, a_board_that_refuses_a_negotiation_for_a_moment_is_not_taken_for_gone, 0,
                         2);
+    tcase_add_test(t, a_port_in_epp_mode_stays_in_it);
     tcase_add_test(t, the_port_is_held_alone_and_given_back);
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);
