@@ -9,7 +9,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -295,6 +297,56 @@ START_TEST(without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_d
 }
 END_TEST
 
+/* Stand before libc's while a test pretends: who asks, and what limits the memory that may be
+ * locked (0: that cannot be told). What is asked for is kept, and nothing locked. */
+static struct {
+    bool on;
+    uid_t user;
+    rlim_t limit;
+    int asked;
+} pretended;
+
+uid_t geteuid(void)
+{
+    return pretended.on ? pretended.user : (uid_t)syscall(SYS_geteuid);
+}
+
+int getrlimit(__rlimit_resource_t what, struct rlimit *out)
+{
+    if (!pretended.on)
+        return (int)syscall(SYS_prlimit64, 0, what, NULL, out);
+    *out = (struct rlimit){pretended.limit, pretended.limit};
+    return pretended.limit > 0 ? 0 : -1;
+}
+
+int mlockall(int flags)
+{
+    pretended.asked = flags;
+    return pretended.on ? 0 : (int)syscall(SYS_mlockall, flags);
+}
+
+/* Where there is a limit, memory that is taken later would come up against it. */
+START_TEST(memory_that_is_taken_later_is_locked_where_nothing_limits_it)
+{
+    static const struct {
+        uid_t user;
+        rlim_t limit;
+        bool later;
+    } rows[] = {
+        {1000, RLIM_INFINITY, true}, {1000, 1 << 30, false}, {1000, 0, false}, {0, 1 << 30, true}};
+    bench_use_real_time(500);
+    bench_build(NULL);
+    pretended.on = true;
+    pretended.user = rows[_i].user;
+    pretended.limit = rows[_i].limit;
+    bench_start();
+    pretended.on = false;
+    if (stats().memory_locked) /* sanitizers lock none */
+        ck_assert_int_eq(pretended.asked, rows[_i].later ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT);
+    bench_halt();
+}
+END_TEST
+
 /* A call that a signal had cut short some time before. */
 START_TEST(what_was_interrupted_before_holds_up_no_start)
 {
@@ -365,6 +417,7 @@ Suite *suite_loop_thread(void)
     tcase_add_test(t, signals_are_for_the_host_thread_alone);
     tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
     tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
+    tcase_add_loop_test(t, memory_that_is_taken_later_is_locked_where_nothing_limits_it, 0, 4);
     tcase_add_test(t, what_was_interrupted_before_holds_up_no_start);
     tcase_add_test(t, a_start_whose_log_cannot_be_made_leaves_no_thread_behind);
     tcase_add_loop_test(t, a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread, 0, 2);
