@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "ctrl/loop_priv.h"
+#include "emu/node.h"
 #include "mechkit/loop.h"
 #include "support/bench.h"
 #include "support/files.h"
@@ -224,6 +225,42 @@ START_TEST(what_was_taken_for_real_time_is_given_back)
 }
 END_TEST
 
+static int takes_nothing(void *ctx, unsigned long request, void *arg)
+{
+    (void)ctx, (void)request, (void)arg;
+    return -ENOTTY;
+}
+
+/* Its number may be another file's by the time that the run ends. */
+START_TEST(a_latency_that_is_not_taken_is_let_go_at_once)
+{
+    const struct emu_node_ops ops = {.ioctl = takes_nothing}; /* a write fails with EINVAL */
+    struct emu_node node = {.path = "/dev/cpu_dma_latency", .ops = &ops};
+    emu_node_add(&node);
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_int_eq(node.write_fd, -1);
+    ck_assert_int_eq(bench.loop->host.dma_latency_fd, -1);
+    bench_halt();
+    emu_node_remove(&node);
+}
+END_TEST
+
+/* Where memory is locked all of it is taken, however little a tick needs. */
+START_TEST(the_stack_of_the_loop_is_no_larger_than_it_has_to_be)
+{
+    pthread_attr_t attr;
+    size_t size = 0;
+    bench_use_real_time(500);
+    run_a_moment();
+    ck_assert_int_eq(pthread_getattr_np(bench.loop->host.thread, &attr), 0);
+    ck_assert_int_eq(pthread_attr_getstacksize(&attr, &size), 0);
+    ck_assert_uint_ge(size, 256 * 1024);
+    ck_assert_uint_le(size, 1024 * 1024);
+    pthread_attr_destroy(&attr);
+}
+END_TEST
+
 /* A handler that ran there would hold up a tick, or the log. */
 START_TEST(signals_are_for_the_host_thread_alone)
 {
@@ -414,6 +451,8 @@ Suite *suite_loop_thread(void)
     tcase_add_test(t, a_change_that_a_slow_board_keeps_from_being_taken_is_refused_in_time);
     tcase_add_test(t, a_loop_that_asks_for_no_priority_has_none_and_misses_none);
     tcase_add_test(t, what_was_taken_for_real_time_is_given_back);
+    tcase_add_test(t, a_latency_that_is_not_taken_is_let_go_at_once);
+    tcase_add_test(t, the_stack_of_the_loop_is_no_larger_than_it_has_to_be);
     tcase_add_test(t, signals_are_for_the_host_thread_alone);
     tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
     tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
