@@ -99,7 +99,6 @@ void mk_emulated_begin_anew(struct mk_emulated *e)
     e->failed = mk_rig_restart(e->rig, NULL) != MK_OK;
     e->random.state = ~e->seed;
     memset(e->offset, 0, sizeof e->offset);
-    memset(e->held, 0, sizeof e->held);
     memset(e->was_stuck, 0, sizeof e->was_stuck);
 }
 
