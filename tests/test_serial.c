@@ -8,6 +8,7 @@
 #include <glob.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -198,6 +199,26 @@ START_TEST(a_port_that_is_in_use_is_told_and_left_alone)
 }
 END_TEST
 
+/* As programs do that lock ports and leave root in. */
+START_TEST(a_port_that_is_locked_elsewhere_is_not_kept_open)
+{
+    struct mk_serial s = {.fd = 0};
+    struct emu_board none = {0};
+    emu_stream_init(&remote.bench.stream, EMU_PTY, none);
+    int other = open(remote.bench.stream.device, O_RDWR | O_NOCTTY);
+    ck_assert_int_eq(flock(other, LOCK_EX | LOCK_NB), 0);
+    int free_before = dup(STDIN_FILENO);
+    close(free_before);
+    ck_assert_int_eq(mk_serial_open(&s, remote.bench.stream.device, &remote.err), MK_ERR_BUSY);
+    ck_assert_int_eq(s.fd, -1);
+    int free_after = dup(STDIN_FILENO);
+    close(free_after);
+    ck_assert_int_eq(free_after, free_before);
+    close(other);
+    emu_stream_free(&remote.bench.stream);
+}
+END_TEST
+
 START_TEST(ports_are_listed_with_the_name_of_what_is_plugged_in)
 {
     struct mk_board_found f[4];
@@ -286,6 +307,7 @@ Suite *suite_serial(void)
     tcase_add_test(t, a_path_that_is_none_or_too_long_is_told);
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);
     tcase_add_test(t, a_port_that_is_in_use_is_told_and_left_alone);
+    tcase_add_test(t, a_port_that_is_locked_elsewhere_is_not_kept_open);
     tcase_add_test(t, ports_are_listed_with_the_name_of_what_is_plugged_in);
     tcase_add_test(t, the_only_port_is_taken_unnamed_and_of_two_one_has_to_be_named);
     suite_add_tcase(s, t);
