@@ -52,6 +52,8 @@ START_TEST(what_is_no_address_is_told_with_what_would_be_one)
         remote_says(rows[i].why);
         remote_says("[::1]:7000");
     }
+    ck_assert_int_eq(remote_try_open("tcp", "lab\033[2J-pc"), MK_ERR_USAGE);
+    remote_says("'lab\\x1b[2J-pc': there is no port");
     ck_assert_int_eq(remote_try_open("tcp", NULL), MK_ERR_USAGE);
     remote_says("--device HOST:PORT");
 }
