@@ -339,6 +339,19 @@ START_TEST(a_board_that_is_unplugged_with_a_halted_endpoint_is_gone)
 }
 END_TEST
 
+/* It is waited for before the next one, which then goes out. */
+START_TEST(a_write_that_comes_back_long_after_it_was_cancelled_holds_up_no_later_one)
+{
+    must_open(NULL);
+    bench.usb.keeps_blocked = true;
+    emu_line_arm(bench.line, EMU_FAULT_BLOCK_OUT, 0, 1);
+    ck_assert_int_eq(trade(1.0), MK_ERR_TIMEOUT);
+    emu_usb_give_back(&bench.usb);
+    ck_assert_int_eq(trade(2.0), MK_OK);
+    ck_assert_double_eq(bench.board.u, 2.0);
+}
+END_TEST
+
 /* Their memory goes with them, and nobody waits for what will not come. */
 START_TEST(all_transfers_are_given_back_before_a_board_is_closed)
 {
@@ -435,6 +448,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
     tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);
     tcase_add_loop_test(t, a_board_that_is_unplugged_with_a_halted_endpoint_is_gone, 0, 2);
+    tcase_add_test(t, a_write_that_comes_back_long_after_it_was_cancelled_holds_up_no_later_one);
     tcase_add_test(t, all_transfers_are_given_back_before_a_board_is_closed);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);

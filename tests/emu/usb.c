@@ -147,7 +147,8 @@ static int discard(struct emu_plug *p, const void *urb)
     for (int k = 0; k < 2; k++)
         for (int i = 0; i < lists[k]->count; i++)
             if (lists[k]->urb[i] == urb) {
-                finish(p, take_urb(lists[k], i), -ENOENT, 0);
+                if (k == 0 || !p->usb->keeps_blocked)
+                    finish(p, take_urb(lists[k], i), -ENOENT, 0);
                 return 0;
             }
     return -EINVAL;
@@ -340,6 +341,15 @@ void emu_usb_bind_driver(struct emu_usb *u, bool bound)
 void emu_usb_configure(struct emu_usb *u, bool configured)
 {
     u->file[3].size = configured ? strlen(u->text[3]) : 0;
+}
+
+void emu_usb_give_back(struct emu_usb *u)
+{
+    pthread_mutex_lock(&u->lock);
+    while (u->now->blocked.count > 0)
+        finish(u->now, take_urb(&u->now->blocked, 0), -ENOENT, 0);
+    u->keeps_blocked = false;
+    pthread_mutex_unlock(&u->lock);
 }
 
 void emu_usb_unplug(struct emu_usb *u)

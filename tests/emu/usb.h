@@ -44,6 +44,7 @@ struct emu_usb {
     char serial[24];
     bool denied, taken; /* no permission; claimed by another program */
     bool driver_bound;  /* a kernel driver sits on the interface */
+    bool keeps_blocked; /* what is cancelled and blocked is not given back yet */
     int taken_fd;       /* in a virtual machine: that other program's */
 
     pthread_mutex_t lock;
@@ -66,6 +67,9 @@ void emu_usb_take(struct emu_usb *u, bool taken);
 void emu_usb_bind_driver(struct emu_usb *u, bool bound);
 /* The kernel has no configuration in force: the device is there and none of its endpoints is. */
 void emu_usb_configure(struct emu_usb *u, bool configured);
+
+/* What is blocked comes back as cancelled, and what is cancelled from now on at once. */
+void emu_usb_give_back(struct emu_usb *u);
 
 /* A descriptor as a request asks for it: its type (1 device, 2 configuration, 3 string; ALL: the
  * first two, as sysfs shows them) and index. Returns its size, or a negative errno. */

@@ -406,6 +406,12 @@ void emu_usb_configure(struct emu_usb *u, bool configured)
     ck_assert(put(path, configured ? "1" : "-1"));
 }
 
+/* The kernel gives back what is cancelled by itself. */
+void emu_usb_give_back(struct emu_usb *u)
+{
+    u->keeps_blocked = false;
+}
+
 /* The serial converters' driver takes any device with bulk endpoints that it is told to. */
 void emu_usb_bind_driver(struct emu_usb *u, bool bound)
 {
