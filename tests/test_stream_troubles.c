@@ -288,6 +288,25 @@ START_TEST(a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time)
 }
 END_TEST
 
+/* Time that a request took of the board alone would be the watchdog's, and no sample's. */
+START_TEST(a_request_takes_a_stepped_board_to_its_time_and_no_further)
+{
+    struct mk_board_sample s;
+    struct mk_wire_state state;
+    remote_sit_at("tcp-stepped");
+    drive(2.0, &s);
+    const int64_t fed_ns = s.board_ns;
+    for (int k = 1; k <= 300; k++) {
+        pass_ms(2);
+        if (k % 100 == 0)
+            remote_must(mk_wire_state(mk_wire_of(remote.board), &state, &remote.err));
+        remote_must(mk_board_exchange(remote.board, 2.0, &s));
+        ck_assert_int_eq(s.board_ns - fed_ns, k * INT64_C(2000000));
+        ck_assert_uint_eq(s.status & MK_BOARD_ST_WATCHDOG, 0);
+    }
+}
+END_TEST
+
 Suite *suite_stream_troubles(void)
 {
     Suite *s = suite_create("stream_troubles");
@@ -301,6 +320,7 @@ Suite *suite_stream_troubles(void)
     tcase_add_loop_test(t, trouble_with_a_step_costs_one_sample_and_the_clocks_stay_together, 0, 5);
     tcase_add_test(t, a_stepped_board_that_is_unplugged_is_gone_at_any_kind_of_request);
     tcase_add_test(t, a_stepped_board_that_falls_silent_is_not_waited_for_again);
+    tcase_add_test(t, a_request_takes_a_stepped_board_to_its_time_and_no_further);
     tcase_add_test(t, a_long_wait_is_stepped_in_pieces_and_its_watchdog_fires_in_time);
     suite_add_tcase(s, t);
     return s;
