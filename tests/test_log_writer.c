@@ -269,7 +269,8 @@ int fsync(int fd)
 /* The whole of it is said where the disk is lost between the last write and the end. */
 START_TEST(a_disk_that_fails_at_the_end_is_told)
 {
-    static const int broken[] = {EIO, 0}, interrupted[] = {EINTR, EINTR, 0}, none[] = {EINVAL, 0};
+    static const int broken[] = {EIO, 0}, interrupted[] = {EINTR, EINTR, 0};
+    static const int none[][2] = {{EINVAL, 0}, {EROFS, 0}, {ENOTSUP, 0}};
     struct mk_error err = MK_ERROR_INIT;
     const char *path = scratch("broken.csv"), *text = scratch("broken.txt");
     struct mk_log_writer *w = open_writer(path);
@@ -283,8 +284,10 @@ START_TEST(a_disk_that_fails_at_the_end_is_told)
     synced = 0;
     ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_OK);
     ck_assert_int_eq(synced, 3);
-    sync_failure = none; /* a pipe has nothing to bring to a disk */
-    ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_OK);
+    for (int k = 0; k < 3; k++) {
+        sync_failure = none[k]; /* a pipe has nothing to bring to a disk */
+        ck_assert_int_eq(mk_out_file_save(text, "all of it", 9, &err), MK_OK);
+    }
     sync_failure = NULL;
 }
 END_TEST
