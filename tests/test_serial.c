@@ -199,6 +199,45 @@ START_TEST(a_port_that_is_in_use_is_told_and_left_alone)
 }
 END_TEST
 
+/* Stands before libc's: what a port does that was told otherwise; 0: as it was told. */
+static struct {
+    speed_t rate;
+    tcflag_t local;
+} does;
+
+__attribute__((visibility("default"))) int tcgetattr(int fd, struct termios *t)
+{
+    int (*next)(int, struct termios *) = (__typeof__(next))dlsym(RTLD_NEXT, "tcgetattr");
+    int result = next(fd, t);
+    if (does.rate != 0)
+        (void)cfsetospeed(t, does.rate);
+    t->c_lflag |= does.local;
+    return result;
+}
+
+/* tcsetattr is content when it could do some of what was asked. */
+START_TEST(a_port_that_does_some_of_what_it_is_told_is_not_taken)
+{
+    static const struct {
+        speed_t rate;
+        tcflag_t local;
+    } ports[] = {{B230400, 0}, {0, ECHO}, {0, ICANON}};
+    struct mk_serial s = {.fd = 0};
+    struct emu_board none = {0};
+    char device[128];
+    emu_stream_init(&remote.bench.stream, EMU_PTY, none);
+    snprintf(device, sizeof device, "%s,460800", remote.bench.stream.device);
+    does.rate = ports[_i].rate;
+    does.local = ports[_i].local;
+    ck_assert_int_eq(mk_serial_open(&s, device, &remote.err), MK_ERR_RANGE);
+    remote_says("does not do this many bits per second");
+    ck_assert_int_eq(s.fd, -1);
+    does.rate = 0;
+    does.local = 0;
+    emu_stream_free(&remote.bench.stream);
+}
+END_TEST
+
 /* As programs do that lock ports and leave root in. */
 START_TEST(a_port_that_is_locked_elsewhere_is_not_kept_open)
 {
@@ -248,7 +287,9 @@ START_TEST(ports_are_listed_with_the_name_of_what_is_plugged_in)
     ck_assert_str_eq(f[0].name, "Rig controller\\x1b[2J");
     ck_assert_str_eq(f[1].name, "FT232R USB UART");
     ck_assert_int_eq(f[0].status, MK_OK);
+    f[1].device[0] = '\0';
     ck_assert_int_eq(mk_serial_find_in(dev, sys, f, 1), 2); /* more than there is room for */
+    ck_assert_str_eq(f[1].device, "");
     ck_assert_int_eq(mk_serial_find_in("/nowhere", sys, f, 4), 0);
 }
 END_TEST
@@ -307,6 +348,7 @@ Suite *suite_serial(void)
     tcase_add_test(t, a_path_that_is_none_or_too_long_is_told);
     tcase_add_test(t, a_port_is_raw_while_it_is_open_and_then_as_it_was);
     tcase_add_test(t, a_port_that_is_in_use_is_told_and_left_alone);
+    tcase_add_loop_test(t, a_port_that_does_some_of_what_it_is_told_is_not_taken, 0, 3);
     tcase_add_test(t, a_port_that_is_locked_elsewhere_is_not_kept_open);
     tcase_add_test(t, ports_are_listed_with_the_name_of_what_is_plugged_in);
     tcase_add_test(t, the_only_port_is_taken_unnamed_and_of_two_one_has_to_be_named);
