@@ -143,6 +143,18 @@ START_TEST(a_speed_or_an_angle_that_is_no_number_trips)
 }
 END_TEST
 
+START_TEST(a_joint_may_go_as_far_in_a_sample_as_the_limit_says)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        mk_safety_clear(&safety);
+        safety.limits.jump_rad[1] = 0.25;
+        look(0, -M_PI_2, 0, 0, 0, 0);
+        ck_assert_int_eq(look(DT, -M_PI_2, side * 0.25, 0, 0, 0), MK_FAULT_NONE);
+        ck_assert_int_eq(look(2 * DT, -M_PI_2, side * 0.501, 0, 0, 0), MK_FAULT_JUMP);
+    }
+}
+END_TEST
+
 START_TEST(a_jump_trips_and_names_its_joint)
 {
     look(0, -M_PI_2, 0, 0, 0, 0);
@@ -465,6 +477,7 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_wheel_may_turn_for_ever);
     tcase_add_test(t, speed_beyond_the_limit_trips_either_way);
     tcase_add_test(t, a_speed_or_an_angle_that_is_no_number_trips);
+    tcase_add_test(t, a_joint_may_go_as_far_in_a_sample_as_the_limit_says);
     tcase_add_test(t, a_jump_trips_and_names_its_joint);
     tcase_add_test(t, after_lost_samples_a_joint_may_have_moved_further);
     tcase_add_test(t, a_silent_encoder_under_a_hard_command_is_stuck);
