@@ -160,6 +160,25 @@ START_TEST(gains_that_are_none_are_refused_and_change_nothing)
 }
 END_TEST
 
+/* More than a billion units is taken for none, either way. */
+START_TEST(a_law_whose_command_is_none_is_a_fault_and_the_motor_is_off)
+{
+    static const float laws[][3] = {{9e8f, 0.0f, 1000.0f}, {-9e8f, 0.0f, 1000.0f}};
+    use_rig(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(choose(MK_CONTROLLER_PI_SPEED), 3);
+    start();
+    pass_s(5.0);
+    ck_assert_int_eq(mk_wire_gains(wire, 0, laws[_i], 3, &err), MK_OK);
+    pass_s(0.01);
+    const struct mk_wire_state s = look();
+    ck_assert_uint_eq(s.fault, MK_WIRE_FAULT_COMMAND);
+    ck_assert_uint_eq(s.status & MK_WIRE_ST_STANDALONE, 0);
+    const double speed = true_state(1);
+    pass_s(2.0);
+    ck_assert_double_lt(true_state(1), 0.9 * speed); /* it runs down */
+}
+END_TEST
+
 START_TEST(the_arrays_come_up_whole)
 {
     static struct mk_standalone_record r[600];
@@ -413,6 +432,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, gains_can_be_exchanged_while_it_runs);
     tcase_add_test(t, a_wheel_is_held_at_its_speed_when_its_counter_wraps);
     tcase_add_test(t, gains_that_are_none_are_refused_and_change_nothing);
+    tcase_add_loop_test(t, a_law_whose_command_is_none_is_a_fault_and_the_motor_is_off, 0, 2);
     tcase_add_test(t, the_arrays_come_up_whole);
     tcase_add_test(t, a_second_run_counts_its_samples_from_the_start_again);
     tcase_add_test(t, while_the_board_controls_commands_of_the_host_do_not_act);
