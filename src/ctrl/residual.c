@@ -463,7 +463,7 @@ static void push(struct mk_residual_joint *s, double q)
 static void remember(const struct mk_residual *r, struct mk_residual_joint *s, double dt, double q)
 {
     int n = samples_since(r, dt), fill = n < MK_RESIDUAL_PAST ? n : MK_RESIDUAL_PAST;
-    double from = s->known > 0 ? s->past[0] : q;
+    double from = s->past[0];
     for (int k = fill - 1; k > 0 && s->known > 0; k--)
         push(s, q - (q - from) * k / n);
     push(s, q);
