@@ -532,6 +532,24 @@ START_TEST(a_joint_whose_reading_stands_still_is_judged_as_one_at_rest)
 }
 END_TEST
 
+/* At 50 rad/s, eight samples are lost, and the second one behind them slips by less than went by in
+ * the gap: the speed is that of a sample, however long the gap. */
+START_TEST(a_wheel_that_slips_right_behind_lost_samples_has_jumped)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        int joint = 0, k = 0;
+        watch(MK_PLANT_INERTIA_WHEEL);
+        for (; k < 50; k++)
+            ck_assert_int_eq(look(DT, 0.1 * k, 0.0, 0.5, &joint), MK_FAULT_NONE);
+        k += 8;
+        ck_assert_int_eq(look(9 * DT, 0.1 * k, 0.0, 0.5, &joint), MK_FAULT_NONE);
+        ck_assert_int_eq(look(DT, 0.1 * (k + 1), 0.0, 0.5, &joint), MK_FAULT_NONE);
+        ck_assert_int_eq(look(DT, 0.1 * (k + 2) + side * 0.45, 0.0, 0.5, &joint), MK_FAULT_JUMP);
+        ck_assert_int_eq(joint, 1);
+    }
+}
+END_TEST
+
 START_TEST(a_link_that_rebounds_from_a_stop_has_not_jumped)
 {
     int joint = 0;
@@ -594,6 +612,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_is_found_as_soon_either_way_round);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
+    tcase_add_test(t, a_wheel_that_slips_right_behind_lost_samples_has_jumped);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
     suite_add_tcase(s, t);
     return s;
