@@ -199,20 +199,22 @@ START_TEST(a_port_that_is_in_use_is_told_and_left_alone)
 }
 END_TEST
 
-/* Stands before libc's: what a port does that was told otherwise; 0: as it was told. */
+/* Stands before libc's for the program itself: what a port does that was told otherwise; 0: as it
+ * was told. */
 static struct {
     speed_t rate;
     tcflag_t local;
 } does;
 
-__attribute__((visibility("default"))) int tcgetattr(int fd, struct termios *t)
+int tcgetattr(int fd, struct termios *t)
 {
     int (*next)(int, struct termios *) = (__typeof__(next))dlsym(RTLD_NEXT, "tcgetattr");
-    int result = next(fd, t);
+    if (next(fd, t) != 0)
+        return -1;
     if (does.rate != 0)
         (void)cfsetospeed(t, does.rate);
     t->c_lflag |= does.local;
-    return result;
+    return 0;
 }
 
 /* tcsetattr is content when it could do some of what was asked. */
