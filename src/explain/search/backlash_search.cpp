@@ -48,17 +48,6 @@ double allowance(double reach)
     return reach < 1.0 ? 1.0 : reach < TELLING ? 0.5 : 0.0;
 }
 
-// N, the number of independent readings: sum of w^2 over logs and joints.
-double readings_of(const std::vector<const FitLog *> &logs)
-{
-    double sum = 0.0;
-    for (const FitLog *log : logs)
-        for (int j = 0; j < log->joints; j++)
-            for (double w : log->weight[j])
-                sum += w * w;
-    return sum;
-}
-
 // Noise and first states of a fit to the same logs.
 // Both have one column a log at least, and the same states. The integration step goes along.
 void take_over(const FitPoint &from, FitPoint &to)
@@ -154,8 +143,8 @@ void BacklashSearch::advance(Attempt &a, const std::vector<const FitLog *> &part
     Fit fit(part, o);
     QuadraticModel quadratic;
     a.running = fit.solve_at(a.point, a.free, PROCESS_NOISE, quadratic);
-    a.nlml = a.running ? quadratic.nlml / readings_of(part) : HUGE_VAL;
-    a.work += fit.work_done * readings_of(part) / readings_of(logs);
+    a.nlml = a.running ? quadratic.nlml / independent_readings(part) : HUGE_VAL;
+    a.work += fit.work_done * independent_readings(part) / independent_readings(logs);
     const bool told = reach >= TELLING;
     a.parted = told && a.follows && a.nlml > a.best + PARTED;
     a.running = a.running && !a.parted;
@@ -179,7 +168,7 @@ bool BacklashSearch::conclude(const Attempt &a, int threads, BacklashFit &out)
     o.threads = threads;
     Fit fit(logs, o);
     out.start = a.start;
-    out.nlml = a.parted ? HUGE_VAL : a.nlml * readings_of(logs);
+    out.nlml = a.parted ? HUGE_VAL : a.nlml * independent_readings(logs);
     out.point = fit.adopt(base, a.point.model);
     take_over(a.point, out.point);
     if (a.parted || !a.follows) {
@@ -203,7 +192,7 @@ bool BacklashSearch::conclude(const Attempt &a, int threads, BacklashFit &out)
 // Returns how many go on. `attempts` are sorted, best first.
 size_t BacklashSearch::thin_out(std::vector<Attempt> &attempts, double reach, bool followed) const
 {
-    const double most = least / readings_of(logs) + allowance(reach);
+    const double most = least / independent_readings(logs) + allowance(reach);
     size_t left = 0;
     for (size_t i = 0; i < attempts.size(); i++) {
         Attempt &a = attempts[i];
