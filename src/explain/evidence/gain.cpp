@@ -203,7 +203,8 @@ struct Gain {
         return gap > policy::A_GAP * floor && wider > policy::WIDER * gap;
     }
     // Without the causes what they were found beside may do: values that differ from log to log,
-    // the command's other column. Else these are no findings either.
+    // the command's other column. Else these are no findings either, and the refitted model is all
+    // that there is.
     void offer_data_causes(const HeldOut &held, const HeldOutFigures &refitted,
                            HeldOutFigures &after)
     {

@@ -1,6 +1,9 @@
 // Models fitted to the free runs of the training data (explain/evidence/training_runs.hpp).
 #include "explain/evidence/training_runs.hpp"
 
+#include <algorithm>
+#include <iterator>
+
 namespace mk
 {
 
@@ -39,8 +42,9 @@ const TrainingRuns::Runs &TrainingRuns::runs_of(bool given_column)
 mk_model TrainingRuns::refit()
 {
     constexpr int ITERATIONS = 10;
-    const bool by_runs = last.runs() && out.log_value_count == 0 && !out.input.changed;
-    if (by_runs)
+    const mk_model &fitted = last.refit.point.model;
+    if (last.runs() && out.refit.input == fitted.input &&
+        std::equal(std::begin(fitted.parameter), std::end(fitted.parameter), out.refit.parameter))
         return out.refit;
     const FreeRuns &runs = *runs_of(out.input.changed).runs;
     RunPoint point = runs.start(out.refit);

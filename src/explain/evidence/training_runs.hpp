@@ -19,8 +19,8 @@ class TrainingRuns
   public:
     // `out` has the verdict's models. All must outlive it.
     TrainingRuns(const TrainingData &data, const FinalFit &last, const mk_explanation &out);
-    // out.refit, with values from free runs. Where the last fit was by free runs and knew neither
-    // values per log nor another column these are its own.
+    // out.refit, with values from free runs. As it is where the last fit was by free runs and it is
+    // the refitted model of that.
     mk_model refit();
     // A part of out.extended, fitted again; `given_column`: driven as the given model says. Start
     // states and own values are taken over from the extended model's runs, parameters begin at its
