@@ -264,6 +264,22 @@ START_TEST(a_named_cause_beside_one_without_a_name_is_a_part)
 }
 END_TEST
 
+// Drag that grows with v|v| and with v^3: the first is there whatever stands for the second.
+START_TEST(a_friction_keeps_its_name_beside_a_smaller_one_that_has_none)
+{
+    Hidden h;
+    h.drag = 0.06;
+    h.cubic = 3e-3;
+    const mk_explanation e = explained(pendulum(false), record(h, 0, 9.0), record(h, 1, 5.0));
+    ck_assert_msg(e.verdict == MK_VERDICT_PARTIAL, "%s: %s", mk_verdict_name(e.verdict),
+                  e.structure);
+    ck_assert_int_eq(e.cause_count - e.piece_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "quadratic-drag");
+    ck_assert_double_eq_tol(e.cause[0].value[0], 0.06, 0.006);
+    ck_assert_msg(std::strstr(e.structure, "dq1^3") != nullptr, "%s", e.structure);
+}
+END_TEST
+
 START_TEST(only_what_is_put_up_by_hand_has_a_place_of_its_own_in_every_log)
 {
     mk_model own, m = pendulum(true);
@@ -406,6 +422,7 @@ Suite *suite_explain(void)
     tcase_add_test(t, no_step_of_the_refitted_model_takes_its_free_runs_nearer_to_the_data);
     tcase_add_test(t, no_share_of_the_gap_is_negative_or_beyond_what_is_closed);
     tcase_add_test(t, a_named_cause_beside_one_without_a_name_is_a_part);
+    tcase_add_test(t, a_friction_keeps_its_name_beside_a_smaller_one_that_has_none);
     tcase_add_loop_test(t, a_hidden_effect_is_named_and_measured, 0, 4);
     tcase_add_loop_test(t, dry_friction_is_not_called_by_a_law_whose_shape_two_seconds_leave_open,
                         0, 2);

@@ -47,6 +47,8 @@ constexpr double SHARPNESS_COMES_NEAR = 0.5;
 
 // Standard error of a cause's size or shape, over its value, from which the data leave it open.
 constexpr double OPEN_SIZE = 0.5;
+// Of a law's size: so much of it may hang on a term without a name beside it.
+constexpr double SAME_SIZE = 0.5;
 
 // --- process noise of a fit, rad/s per sqrt(s), or of 1 cm where a joint slides ---
 

@@ -71,24 +71,47 @@ void Verdict::decide()
         set_structure();
 }
 
-// What has no name. Where several laws of friction add up at one joint and the data are still not
-// followed, they are pieces of one that the catalogue lacks: how each of them would change if that
-// were in their place, nobody knows. Unless each predicts data that it was not fitted to.
+// A law of friction with a name, beside others of its joint that have none. Where it would be
+// another one without one of these, they are pieces of a law that the catalogue lacks: with s its
+// size as it is and s' as the fit without the nameless one has it, it stands by itself if
+//     |s' - s| <= policy::SAME_SIZE |s| .
+bool Verdict::hangs_on_what_has_no_name(const mk_cause &c) const
+{
+    const auto size_in = [&](const mk_model &m, int size) {
+        for (int e = model.effect_count; e < m.effect_count; e++)
+            if (mk_effect(m.effect[e].index) == c.effect && m.effect[e].joint == c.joint)
+                return m.effect[e].value[size];
+        return 0.0;
+    };
+    const auto chosen = [](const Round &r) -> const Candidate & { return r.ranked[0].added; };
+    const auto own = std::find_if(causes.rounds.begin(), causes.rounds.end(), [&](const Round &r) {
+        return chosen(r).effect == c.effect && chosen(r).joint == c.joint;
+    });
+    if (own == causes.rounds.end())
+        return false;
+    const int size = chosen(*own).size;
+    const double now = size_in(causes.best.point.model, size);
+    for (size_t i = 0; i < causes.rounds.size(); i++) {
+        const Candidate &other = chosen(causes.rounds[i]);
+        if (is_library(other.effect) && other.joint == c.joint &&
+            is_friction(other.effect, other.value) &&
+            !(std::fabs(size_in(causes.without(i).model, size) - now) <=
+              policy::SAME_SIZE * std::fabs(now)))
+            return true;
+    }
+    return false;
+}
+
+// What has no name, and what hangs on it where the data decided by likelihood. Not what predicts
+// data that it was not fitted to by itself.
 void Verdict::find_pieces()
 {
-    auto friction = [](const mk_cause &c, int joint) {
-        return c.joint == joint && is_friction(c.effect, c.value);
-    };
-    for (int i = 0; i < out.cause_count; i++)
-        out.cause[i].piece = is_library(out.cause[i].effect);
-    if (out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty())
-        for (int j = 1; j <= mk_model_joints(&model); j++) {
-            const auto several = std::count_if(out.cause, out.cause + out.cause_count,
-                                               [&](const mk_cause &c) { return friction(c, j); });
-            for (int i = 0; i < out.cause_count; i++)
-                out.cause[i].piece =
-                    out.cause[i].piece || (several > 1 && friction(out.cause[i], j));
-        }
+    const bool asked = out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty();
+    for (int i = 0; i < out.cause_count; i++) {
+        mk_cause &c = out.cause[i];
+        c.piece = is_library(c.effect) ||
+                  (asked && is_friction(c.effect, c.value) && hangs_on_what_has_no_name(c));
+    }
     sort_causes();
 }
 

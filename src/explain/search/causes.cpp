@@ -810,7 +810,8 @@ Lack CauseSearch::without(size_t cause)
             h.point.model.effect_count + 1 == best.point.model.effect_count)
             return lack_of(h);
     Hypothesis less;
-    return lack_of(remove(cause, less) ? less : refit);
+    rounds[cause].lack = lack_of(remove(cause, less) ? less : refit);
+    return *rounds[cause].lack;
 }
 
 // A rival that got lost on its way starts again from where the best one ended.

@@ -13,6 +13,7 @@ namespace mk
 // The best model without one of its causes, fitted.
 struct Lack {
     double penalised_nlml, nlml; // as of Hypothesis and QuadraticModel
+    mk_model model;
 };
 
 struct Round {
@@ -134,7 +135,10 @@ class CauseSearch
     void add_causes(size_t most);
     void try_runners_up();
     void reconsider();
-    static Lack lack_of(const Hypothesis &h) { return {h.penalised_nlml, h.quadratic.nlml}; }
+    static Lack lack_of(const Hypothesis &h)
+    {
+        return {h.penalised_nlml, h.quadratic.nlml, h.point.model};
+    }
 };
 
 } // namespace mk
