@@ -47,6 +47,8 @@ constexpr double SHARPNESS_COMES_NEAR = 0.5;
 
 // Standard error of a cause's size or shape, over its value, from which the data leave it open.
 constexpr double OPEN_SIZE = 0.5;
+// And up to which a law is there beyond doubt: 100 standard errors, 5000 in log likelihood.
+constexpr double SURE_SIZE = 0.01;
 // Of a law's size: so much of it may hang on a term without a name beside it.
 constexpr double SAME_SIZE = 0.5;
 

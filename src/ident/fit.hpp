@@ -167,6 +167,12 @@ class Fit
     // is, so for honest models.
     bool solve_directly(FitPoint &point, const std::vector<int> &free, double first, double last,
                         QuadraticModel &result);
+    // With less and less process noise nlml that has risen twice above the least so far does not
+    // come back down; nor does one that has risen far once, and that is where fits take longest.
+    // `rise`: above the least, of `readings` independent ones. Returns how often that counts, of
+    // RISES_IN_A_ROW.
+    static constexpr int RISES_IN_A_ROW = 2;
+    static int rises(double rise, double readings);
     // One step of both: minimum at a given process noise, noise re-estimated. False when it fails.
     bool solve_at(FitPoint &point, const std::vector<int> &free, double process_noise,
                   QuadraticModel &result);

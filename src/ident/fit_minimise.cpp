@@ -314,20 +314,25 @@ bool Fit::solve_directly(FitPoint &point, const std::vector<int> &free, double f
     return found;
 }
 
+int Fit::rises(double rise, double readings)
+{
+    constexpr double RISEN = 2.0, RISEN_FAR = 0.05; // log likelihood, and a reading
+    if (rise > std::max(RISEN, RISEN_FAR * readings))
+        return RISES_IN_A_ROW;
+    return rise > RISEN ? 1 : 0;
+}
+
+// Ends where nlml has risen, or where no minimum is found: the data cannot be followed with so
+// little process noise.
 bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &free, double first,
                                       double last, QuadraticModel &result)
 {
-    // Ends two process noises after the best one: nlml that has risen by more than RISEN twice does
-    // not come back, nor does one that has risen by RISEN_FAR a reading once; that is where fits
-    // take longest. Or where no minimum is found: the data cannot be followed with so little
-    // process noise.
-    constexpr double RISEN = 2.0, RISEN_FAR = 0.05;
-    const double far = RISEN_FAR * independent_readings(logs);
+    const double readings = independent_readings(logs);
     FitPoint trial = point;
     bool any = false;
     double best_process_noise = first;
     int worse = 0;
-    for (double process_noise = first; process_noise > 0.9 * last && worse < 2;
+    for (double process_noise = first; process_noise > 0.9 * last && worse < RISES_IN_A_ROW;
          process_noise *= 0.1) {
         QuadraticModel p;
         if (!solve_at(trial, free, process_noise, p))
@@ -338,8 +343,8 @@ bool Fit::continue_over_process_noise(FitPoint &point, const std::vector<int> &f
             best_process_noise = process_noise;
             worse = 0;
             any = true;
-        } else if (p.nlml > result.nlml + RISEN) {
-            worse += p.nlml > result.nlml + far ? 2 : 1;
+        } else {
+            worse += rises(p.nlml - result.nlml, readings);
         }
     }
     for (double &d : options.process_noise)

@@ -541,6 +541,8 @@ bool CauseSearch::idle_without_last()
 void CauseSearch::drop_idle()
 {
     for (size_t i = 0; i < rounds.size() && rounds.size() > 1 && !search.cancelled; i++) {
+        if (has_sure_size(i))
+            continue;
         Hypothesis without;
         const auto idle = [&] {
             return without.penalised_nlml <= best.penalised_nlml + policy::ACCEPT_FIRST;
@@ -561,6 +563,16 @@ bool CauseSearch::has_open_size(size_t cause) const
     const int at = model.effect_count + (int)cause;
     return Search::relative_error(best, at, rounds[cause].ranked[0].added.size) >=
            policy::OPEN_SIZE;
+}
+
+// Of a law that vanishes with its size: standard error of the size over the size, z = 1 / that, is
+// so small that to take it off costs z^2 / 2 or about (Wald), far beyond policy::ACCEPT_FIRST.
+bool CauseSearch::has_sure_size(size_t cause) const
+{
+    const Candidate &law = rounds[cause].ranked[0].added;
+    const int at = model.effect_count + (int)cause;
+    const double error = law.linear ? Search::relative_error(best, at, law.size) : 0.0;
+    return error > 0.0 && error <= policy::SURE_SIZE;
 }
 
 // Whether the data leave a parameter of the law open beside its size.

@@ -108,6 +108,7 @@ class CauseSearch
     void drop_idle_beside_sharpness(double step);
     void put_in_place(size_t cause, std::vector<Hypothesis> ranked, const Hypothesis &without);
     bool has_open_size(size_t cause) const;
+    bool has_sure_size(size_t cause) const;
     static bool is_simpler(const Candidate &a, const Candidate &b);
     void say_simpler(size_t cause, const Candidate &law, const Candidate &start);
     bool has_open_shape(size_t cause) const;

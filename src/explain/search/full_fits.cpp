@@ -4,8 +4,8 @@
 // behind the leader and does not catch up is dropped. Then the process noise comes down by factors
 // of TIGHTER, and where it passes that of the base there as well, so that base and extensions
 // compare; each one is fitted to its end, and who is FAR_BEHIND the leader there is not carried on.
-// Every fit ends by itself two process noises after its best. What counts is the penalised nlml at
-// the same process noise.
+// Every fit ends by itself where its nlml has risen (Fit::rises). What counts is the penalised nlml
+// at the same process noise.
 #include <algorithm>
 #include <cmath>
 
@@ -110,18 +110,17 @@ struct Search::FullFits {
             f.running ? search.penalised(quadratic, f.point.model, (int)f.free.size()) : HUGE_VAL;
         keep(f, process_noise, quadratic);
     }
-    static void keep(One &f, double process_noise, const QuadraticModel &quadratic)
+    void keep(One &f, double process_noise, const QuadraticModel &quadratic) const
     {
-        constexpr double WORSE = 2.0; // log likelihood
-        constexpr int MOST_WORSE = 2;
         if (f.now < f.best.penalised_nlml) {
             f.best.point = f.point;
             f.best.quadratic = quadratic;
             f.best.process_noise = process_noise;
             f.best.penalised_nlml = f.now;
             f.worse = 0;
-        } else if (f.now > f.best.penalised_nlml + WORSE) {
-            f.running = f.running && ++f.worse < MOST_WORSE;
+        } else {
+            f.worse += Fit::rises(f.now - f.best.penalised_nlml, search.reading_count);
+            f.running = f.running && f.worse < Fit::RISES_IN_A_ROW;
         }
     }
     // Some take long to come to nothing. Those go on that are near or come nearer:

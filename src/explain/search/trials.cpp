@@ -76,12 +76,12 @@ static std::vector<std::vector<size_t>> linear_groups(const std::vector<Candidat
 // would be 0 as well. False where there is none.
 // On success `members` are the candidates that fit into the model, in its order, `free` its fitted
 // parameters, the base's first, and `quadratic` is about the base's states with those of the
-// candidates at rest. Shares of the candidates' sizes are tried from 1e-3 down by factors of 1e-3.
+// candidates at rest. Shares of the candidates' sizes are tried from 1e-6 down by factors of 1e-3.
 bool Search::Slope::find(const Hypothesis &base, const std::vector<Candidate> &all,
                          const std::vector<size_t> &group, Fit &fit)
 {
-    constexpr double SAME_COST = 0.5, FIRST_SHARE = 1e-3, LEAST_SHARE = 1e-13;
-    for (double share = FIRST_SHARE; share > LEAST_SHARE; share *= FIRST_SHARE) {
+    constexpr double SAME_COST = 0.5, FIRST_SHARE = 1e-6, LEAST_SHARE = 1e-13, LESS = 1e-3;
+    for (double share = FIRST_SHARE; share > LEAST_SHARE; share *= LESS) {
         model = base.point.model;
         members.clear();
         for (size_t k : group) {
@@ -233,25 +233,24 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
 }
 
 // Whether a start has less to hope for than the best start of its cause, which hopes for `ahead`,
-// by CLOSE (log likelihood) and by SHARE of that, or comes to nothing beside the best of all.
-static bool is_behind(double hope, double ahead, double best_of_all)
+// by CLOSE (log likelihood) and by SHARE of that.
+static bool is_behind(double hope, double ahead)
 {
     constexpr double SHARE = 0.5, CLOSE = 20.0;
-    constexpr double HOPELESS = 0.03; // of the best of all
-    const double least = HOPELESS * best_of_all;
-    return hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0) ||
-           (hope < least && least > CLOSE);
+    return hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
 }
 
-// Who goes on, by what is to be hoped for. Of several starts of one cause those that are not
-// behind; of what is left the first `most`, and all resonances, which are few. Starts of a law that
-// is linear in its size are apart (frequencies, places) and not held against each other. Contact
-// may begin far off: two starts of it go on in any case.
+// Who goes on, by what is to be hoped for: who does not come to next to nothing beside the best of
+// all; of several starts of one cause those that are not behind; of what is left the first `most`,
+// and all resonances, which are few. Starts of a law that is linear in its size are apart
+// (frequencies, places) and not held against each other. Contact may begin far off: two starts of
+// it go on in any case.
 void Search::thin_out(std::vector<Trial> &trials, size_t most)
 {
+    constexpr double NOTHING = 0.1, LITTLE = 20.0; // of the best of all, and log likelihood
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.hope > b.hope; });
-    const double best_of_all = trials.empty() ? 0.0 : trials[0].hope;
+    const double least = trials.empty() ? 0.0 : NOTHING * trials[0].hope;
     std::vector<Trial> left;
     for (Trial &t : trials) {
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
@@ -261,7 +260,8 @@ void Search::thin_out(std::vector<Trial> &trials, size_t most)
         const bool resonance = t.candidate.linear && t.candidate.effect->state_count > 0;
         const bool touches = t.candidate.effect->event_count > 0 &&
                              std::count_if(left.begin(), left.end(), beside) < 2;
-        const bool behind = (several && is_behind(t.hope, best->hope, best_of_all)) ||
+        const bool behind = (several && is_behind(t.hope, best->hope)) ||
+                            (t.hope < least && least > LITTLE) ||
                             (left.size() >= most && !resonance);
         if (behind && !touches)
             work += t.work;
