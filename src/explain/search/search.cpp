@@ -23,6 +23,7 @@
 
 #include "base/parallel.hpp"
 #include "explain/evidence/innovations.hpp"
+#include "explain/policy.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -402,18 +403,18 @@ std::vector<Search::Trial> Search::worth_a_full_fit(std::vector<Trial> &trials,
 {
     constexpr int MOST_TERMS = 3;
     constexpr double BEHIND = 3.0; // log likelihood behind the base, once two are in
-    constexpr double NOTHING = 0.1, LITTLE = 20.0; // of the best gain, and log likelihood
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> chosen;
     int terms = 0;
-    const double least = trials.empty() ? 0.0 : NOTHING * trials[0].gain;
+    const double least = trials.empty() ? 0.0 : policy::LEADS_NOWHERE * trials[0].gain;
     for (Trial &t : trials) {
         if ((int)chosen.size() >= options.full_fits)
             break;
         if (!std::isfinite(t.gain) || t.gain < -LOST_SHARE * reading_count)
             continue; // could not even be started, or is lost
-        const bool next_to_nothing = t.gain < -BEHIND || (t.gain < least && least > LITTLE);
+        const bool next_to_nothing =
+            t.gain < -BEHIND || (t.gain < least && least > policy::LEADS_NOWHERE_LEAST);
         const bool hopeless =
             how.small ? t.gain < how.least : next_to_nothing && chosen.size() >= 2;
         const auto same = [&](const Trial &f) { return same_start(f.candidate, t.candidate); };

@@ -16,6 +16,7 @@
 
 #include "base/dense.hpp"
 #include "base/parallel.hpp"
+#include "explain/policy.hpp"
 #include "explain/search/backlash_search.hpp"
 #include "explain/search/search.hpp"
 
@@ -247,10 +248,9 @@ static bool is_behind(double hope, double ahead)
 // it go on in any case.
 void Search::thin_out(std::vector<Trial> &trials, size_t most)
 {
-    constexpr double NOTHING = 0.1, LITTLE = 20.0; // of the best of all, and log likelihood
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.hope > b.hope; });
-    const double least = trials.empty() ? 0.0 : NOTHING * trials[0].hope;
+    const double least = trials.empty() ? 0.0 : policy::LEADS_NOWHERE * trials[0].hope;
     std::vector<Trial> left;
     for (Trial &t : trials) {
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
@@ -261,7 +261,7 @@ void Search::thin_out(std::vector<Trial> &trials, size_t most)
         const bool touches = t.candidate.effect->event_count > 0 &&
                              std::count_if(left.begin(), left.end(), beside) < 2;
         const bool behind = (several && is_behind(t.hope, best->hope)) ||
-                            (t.hope < least && least > LITTLE) ||
+                            (t.hope < least && least > policy::LEADS_NOWHERE_LEAST) ||
                             (left.size() >= most && !resonance);
         if (behind && !touches)
             work += t.work;
