@@ -567,6 +567,18 @@ START_TEST(causes_stay_that_held_out_data_confirm_together_though_none_of_them_a
 }
 END_TEST
 
+// Beside the back-EMF limit one of them hopes for less than a tenth of that at first.
+START_TEST(what_comes_to_little_beside_the_first_cause_in_a_few_iterations_is_asked_all_the_same)
+{
+    truth::Case c = drawn_several(906027);
+    const mk_explanation e = explained(c);
+    ck_assert_msg(e.verdict != MK_VERDICT_UNKNOWN, "%s", mk_verdict_name(e.verdict));
+    ck_assert_str_eq(e.cause[0].effect->name, "back-emf-limit");
+    ck_assert_int_ge(e.cause_count, 3);
+    ck_assert_double_gt(e.closed, 0.95);
+}
+END_TEST
+
 START_TEST(
     a_law_of_the_catalogue_is_named_though_a_term_of_the_library_fits_a_little_better_at_first)
 {
@@ -746,6 +758,8 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(
         t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);
     tcase_add_test(t, causes_stay_that_held_out_data_confirm_together_though_none_of_them_alone);
+    tcase_add_test(
+        t, what_comes_to_little_beside_the_first_cause_in_a_few_iterations_is_asked_all_the_same);
     tcase_add_test(t, a_shake_is_found_at_the_joint_and_the_frequency_where_it_is);
     tcase_add_test(t,
                    stiction_is_found_though_its_friction_is_ten_times_what_a_rig_of_its_size_has);

@@ -45,8 +45,8 @@ struct mk_cause {
     double delta_bic;
     double p_value;    /* likelihood ratio, corrected for the number of causes tried */
     double confidence; /* 0..0.99, against its best rival */
-    /* It has no name: a term of the library, or a piece of a law of friction that takes several
-     * entries of the catalogue and still is not met. */
+    /* It has no name: a term of the library, or a law of friction whose size hangs on such a term
+     * at its joint. */
     bool piece;
 };
 

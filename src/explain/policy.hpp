@@ -31,9 +31,6 @@ constexpr double BETTER_THAN_CATALOGUE = 10.0;
 constexpr double BETTER_THAN_CATALOGUE_FAR = 0.1;
 // Share of ACCEPT_FIRST or ACCEPT_FURTHER that a trial of a few iterations must show already.
 constexpr double SHOWN_BY_TRIAL = 0.3;
-// Share of the best trial's gain below which another one leads nowhere, where that is more than so
-// much. Looked at on made-up and on measured rigs.
-constexpr double LEADS_NOWHERE = 0.1, LEADS_NOWHERE_LEAST = 20.0;
 // A reading: causes that gain less, of a model that says nothing within a shooting interval, leave
 // the choice to predictions; one that gains next to nothing is not followed by others either. One
 // that gains more leads on. Looked at on made-up rigs (0.07 and more) and on measured ones (0.01

@@ -23,7 +23,6 @@
 
 #include "base/parallel.hpp"
 #include "explain/evidence/innovations.hpp"
-#include "explain/policy.hpp"
 #include "ident/scale.hpp"
 
 namespace mk
@@ -407,16 +406,13 @@ std::vector<Search::Trial> Search::worth_a_full_fit(std::vector<Trial> &trials,
               [](const Trial &a, const Trial &b) { return a.gain > b.gain; });
     std::vector<Trial> chosen;
     int terms = 0;
-    const double least = trials.empty() ? 0.0 : policy::LEADS_NOWHERE * trials[0].gain;
     for (Trial &t : trials) {
         if ((int)chosen.size() >= options.full_fits)
             break;
         if (!std::isfinite(t.gain) || t.gain < -LOST_SHARE * reading_count)
             continue; // could not even be started, or is lost
-        const bool next_to_nothing =
-            t.gain < -BEHIND || (t.gain < least && least > policy::LEADS_NOWHERE_LEAST);
         const bool hopeless =
-            how.small ? t.gain < how.least : next_to_nothing && chosen.size() >= 2;
+            how.small ? t.gain < how.least : t.gain < -BEHIND && chosen.size() >= 2;
         const auto same = [&](const Trial &f) { return same_start(f.candidate, t.candidate); };
         const bool term = is_library(t.candidate.effect);
         if (hopeless || (term && terms >= MOST_TERMS) ||

@@ -16,7 +16,6 @@
 
 #include "base/dense.hpp"
 #include "base/parallel.hpp"
-#include "explain/policy.hpp"
 #include "explain/search/backlash_search.hpp"
 #include "explain/search/search.hpp"
 
@@ -234,23 +233,25 @@ bool Search::try_out(const Hypothesis &base, const FitOptions &loose, const TryO
 }
 
 // Whether a start has less to hope for than the best start of its cause, which hopes for `ahead`,
-// by CLOSE (log likelihood) and by SHARE of that.
-static bool is_behind(double hope, double ahead)
+// by CLOSE (log likelihood) and by SHARE of that, or comes to nothing beside the best of all.
+static bool is_behind(double hope, double ahead, double best_of_all)
 {
     constexpr double SHARE = 0.5, CLOSE = 20.0;
-    return hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0);
+    constexpr double HOPELESS = 0.03; // of the best of all
+    const double least = HOPELESS * best_of_all;
+    return hope < ahead - (ahead > 0.0 ? std::max(CLOSE, SHARE * ahead) : 0.0) ||
+           (hope < least && least > CLOSE);
 }
 
-// Who goes on, by what is to be hoped for: who does not come to next to nothing beside the best of
-// all; of several starts of one cause those that are not behind; of what is left the first `most`,
-// and all resonances, which are few. Starts of a law that is linear in its size are apart
-// (frequencies, places) and not held against each other. Contact may begin far off: two starts of
-// it go on in any case.
+// Who goes on, by what is to be hoped for. Of several starts of one cause those that are not
+// behind; of what is left the first `most`, and all resonances, which are few. Starts of a law that
+// is linear in its size are apart (frequencies, places) and not held against each other. Contact
+// may begin far off: two starts of it go on in any case.
 void Search::thin_out(std::vector<Trial> &trials, size_t most)
 {
     std::sort(trials.begin(), trials.end(),
               [](const Trial &a, const Trial &b) { return a.hope > b.hope; });
-    const double least = trials.empty() ? 0.0 : policy::LEADS_NOWHERE * trials[0].hope;
+    const double best_of_all = trials.empty() ? 0.0 : trials[0].hope;
     std::vector<Trial> left;
     for (Trial &t : trials) {
         auto beside = [&](const Trial &other) { return same_cause(other.candidate, t.candidate); };
@@ -260,8 +261,7 @@ void Search::thin_out(std::vector<Trial> &trials, size_t most)
         const bool resonance = t.candidate.linear && t.candidate.effect->state_count > 0;
         const bool touches = t.candidate.effect->event_count > 0 &&
                              std::count_if(left.begin(), left.end(), beside) < 2;
-        const bool behind = (several && is_behind(t.hope, best->hope)) ||
-                            (t.hope < least && least > policy::LEADS_NOWHERE_LEAST) ||
+        const bool behind = (several && is_behind(t.hope, best->hope, best_of_all)) ||
                             (left.size() >= most && !resonance);
         if (behind && !touches)
             work += t.work;
