@@ -101,6 +101,8 @@ START_TEST(a_board_says_who_it_is)
     open_board(boards[_i]);
     ck_assert_int_eq(board->ops->identify(board, &id, NULL), MK_OK);
     ck_assert_uint_gt(strlen(id.name), 0);
+    if (bench.line)
+        ck_assert_str_eq(id.serial, "MK-0001");
     ck_assert_int_ge(id.counter_bits, 8);
     ck_assert_int_le(id.counter_bits, 32);
 }

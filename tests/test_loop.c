@@ -27,8 +27,10 @@ START_TEST(a_run_goes_through_its_states)
     ck_assert_uint_eq(bench_look().ticks, 250);
     ck_assert_double_eq_tol(bench_look().caught_t, 0.2, 1e-12);
     ck_assert_double_eq_tol(bench_look().balanced_since, 0.2, 1e-12);
+    ck_assert_int_eq(bench_look().sample.phase, MK_PHASE_BALANCE);
     bench_halt();
     ck_assert_int_eq(bench_look().state, MK_LOOP_IDLE);
+    ck_assert_int_eq(bench_look().sample.phase, MK_PHASE_IDLE);
     bench_halt();
     bench_start();
     ck_assert_uint_eq(bench_look().ticks, 0);

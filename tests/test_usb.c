@@ -74,6 +74,7 @@ START_TEST(a_board_is_found_by_serial_number_among_several)
     must_open("1209:0001"); /* any of them */
     mk_board_close(board);
     board = NULL;
+    ck_assert_int_eq(try_open("12 9:0001"), MK_ERR_NOTFOUND); /* a serial number that nobody has */
     struct mk_board_found found[4];
     ck_assert_int_eq(mk_usb_find(NULL, NULL, 0, &err), 2); /* counted all the same */
     ck_assert_int_eq(mk_usb_find(NULL, found, 4, &err), 2);
@@ -81,6 +82,7 @@ START_TEST(a_board_is_found_by_serial_number_among_several)
     ck_assert_str_eq(found[second].device, "MK-0002");
     ck_assert_str_eq(found[!second].device, "MK-0001");
     ck_assert_str_eq(found[second].name, "emulated board");
+    ck_assert_ptr_nonnull(strstr(found[second].where, " port 2"));
     ck_assert_int_eq(found[second].status, MK_OK);
     emu_usb_free(&port);
     mk_emulated_free(&other);
@@ -275,7 +277,9 @@ START_TEST(a_board_that_restarts_is_gone_until_it_is_opened_again)
 {
     must_open(NULL);
     ck_assert_int_eq(trade(5.0), MK_OK);
+    bench.board.sent_size = 5; /* of an answer that nobody has fetched */
     mk_emulated_restart(&bench.board);
+    ck_assert_uint_eq(bench.board.sent_size, 0);
     ck_assert_int_eq(trade(5.0), MK_ERR_NODEV);
     ck_assert_double_eq(bench.board.u, 0.0);
     mk_board_close(board);

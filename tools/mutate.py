@@ -53,6 +53,8 @@ SWAPS = [
 # Those that give memory back: a leak shows in `make check-asan` alone.
 FREES = re.compile(r"^\s+(\(void\))?(free|\w+_free|\w+_destroy|cJSON_Delete)\(.*;$")
 STATEMENT = re.compile(r"^\s+(\(void\))?[A-Za-z_][\w>.\-\[\]]*( = | \+= | -= |\().*;$")
+# A descriptor is 0 only where standard input was closed before.
+DESCRIPTOR = re.compile(r"\b((\w*_)?fd|client|listening|terminal)$")
 DECLARATION = re.compile(r"^\s+(static |const |struct |enum |unsigned |return|goto|"
                          r"(bool|int|double|float|char|size_t|u?int\d+_t|uint8_t|libusb_\w+|ssize_t|long|pid_t|DIR) )")
 
@@ -72,6 +74,8 @@ def mutants_of(path):
         code_part = code_part.split("/*")[0].rstrip()
         for pattern, text in SWAPS:
             for m in re.finditer(pattern, code_part):
+                if pattern in (" < ", " >= ") and DESCRIPTOR.search(line[:m.start()]) and line[m.end():].startswith("0"):
+                    continue
                 changed = line[:m.start()] + m.expand(text) + line[m.end():]
                 found.append((number, line, changed))
         if STATEMENT.match(code_part) and not DECLARATION.match(code_part) and not FREES.match(code_part):

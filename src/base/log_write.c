@@ -20,15 +20,11 @@ struct sink {
     struct mk_error *err;
 };
 
-static enum mk_status gz_failure(struct sink *s)
+/* `number` is what zlib says; errno counts where that is Z_ERRNO. */
+static enum mk_status gz_failure(struct sink *s, int number)
 {
-    int number = Z_OK, system = errno;
-    gzerror(s->gz, &number);
-    return mk_error_errno(s->err,
-                          number == Z_MEM_ERROR ? ENOMEM
-                          : system              ? system
-                                                : EIO,
-                          s->file.path, "cannot write");
+    int failure = number == Z_ERRNO ? errno : number == Z_MEM_ERROR ? ENOMEM : EIO;
+    return mk_error_errno(s->err, failure, s->file.path, "cannot write");
 }
 
 static enum mk_status sink_open(struct sink *s, const char *path, struct mk_error *err)
@@ -54,9 +50,11 @@ static enum mk_status sink_write(struct sink *s, const char *data, size_t size)
         return mk_out_file_write(&s->file, data, size, s->err);
     while (size > 0) {
         unsigned part = size < CHUNK ? (unsigned)size : CHUNK;
-        errno = 0;
-        if (gzwrite(s->gz, data, part) != (int)part)
-            return gz_failure(s);
+        if (gzwrite(s->gz, data, part) != (int)part) {
+            int number;
+            gzerror(s->gz, &number);
+            return gz_failure(s, number);
+        }
         data += part;
         size -= part;
     }
@@ -67,10 +65,9 @@ static enum mk_status sink_write(struct sink *s, const char *data, size_t size)
 static enum mk_status sink_close(struct sink *s, enum mk_status st)
 {
     if (s->gz) {
-        errno = 0;
         int closed = gzclose_w(s->gz);
         if (closed != Z_OK && st == MK_OK)
-            st = mk_error_errno(s->err, errno ? errno : EIO, s->file.path, "cannot write");
+            st = gz_failure(s, closed);
     }
     return mk_out_file_finish(&s->file, st, s->err);
 }

@@ -460,10 +460,8 @@ void mk_device_receive(struct mk_device *d, const uint8_t *bytes, size_t n)
     }
     if (d->decoder.broken + d->decoder.skipped != before)
         d->line_errors += LINE_ERROR_RISE;
-    if (d->line_errors >= LINE_ERROR_LIMIT) {
-        d->line_errors = LINE_ERROR_LIMIT;
+    if (d->line_errors >= LINE_ERROR_LIMIT)
         mk_device_trip(d, MK_WIRE_FAULT_LINE);
-    }
 }
 
 /* --- what time brings ------------------------------------------------------------------------ */
