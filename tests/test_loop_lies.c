@@ -206,6 +206,33 @@ START_TEST(a_board_whose_clock_races_is_stale)
 }
 END_TEST
 
+/* From a half to twice the host's, give or take 20 ms in 100; a second of samples. */
+START_TEST(a_board_clock_may_be_off_by_two_and_no_more)
+{
+    static const struct {
+        double pace;
+        enum mk_fault fault;
+    } rows[] = {{0.25, MK_FAULT_STALE},
+                {0.35, MK_FAULT_NONE},
+                {1.0, MK_FAULT_NONE},
+                {2.15, MK_FAULT_NONE},
+                {2.25, MK_FAULT_STALE}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct mk_board_watch watch = {0};
+        enum mk_fault fault = MK_FAULT_NONE;
+        mk_board_watch_reset(&watch, false, 5);
+        for (uint32_t k = 0; k < 500 && fault == MK_FAULT_NONE; k++) {
+            const int64_t host_ns = 2000000 * (int64_t)k;
+            struct mk_board_sample reading = {
+                .sequence = k, .board_ns = (int64_t)(rows[i].pace * (double)host_ns)};
+            fault = mk_board_watch_step(
+                &watch, &(struct mk_board_watch_sample){.reading = &reading, .host_ns = host_ns});
+        }
+        ck_assert_msg(fault == rows[i].fault, "at a pace of %g: %d", rows[i].pace, (int)fault);
+    }
+}
+END_TEST
+
 START_TEST(a_board_whose_exchange_numbers_are_nonsense_is_stale)
 {
     ck_assert_double_le(lie_from(COUNTS_NONSENSE, 200, MK_FAULT_STALE), 0.01);
@@ -274,6 +301,7 @@ Suite *suite_loop_lies(void)
     tcase_add_test(t, readings_that_repeat_an_exchange_are_stale);
     tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);
     tcase_add_test(t, a_board_whose_clock_races_is_stale);
+    tcase_add_test(t, a_board_clock_may_be_off_by_two_and_no_more);
     tcase_add_test(t, a_board_whose_exchange_numbers_are_nonsense_is_stale);
     tcase_add_test(t, a_board_that_loses_four_of_five_exchanges_is_stopped);
     tcase_add_test(t, a_streaming_board_whose_clock_stands_still_does_not_hold_the_host);
