@@ -423,8 +423,10 @@ START_TEST(a_report_that_could_not_be_written_is_not_made)
         return run_mechkit(out, sizeof out, "explain --model %s --out %s%s --holdout %s %s %s",
                            model, to, below, log, log, log);
     };
-    ck_assert_int_eq(explain(log, ""), 1);
-    ck_assert_msg(strstr(out, "still.csv: this is no folder") != nullptr, "%s", out);
+    ck_assert_int_eq(explain(log, ""), 2);
+    ck_assert_msg(strstr(out, "still.csv: that is a file to be read") != nullptr, "%s", out);
+    ck_assert_int_eq(explain(scratch_text("taken", ""), ""), 1);
+    ck_assert_msg(strstr(out, "taken: this is no folder") != nullptr, "%s", out);
     ck_assert_int_eq(explain(folder, "/a/b"), 1);
     ck_assert_msg(strstr(out, "cannot make the folder") != nullptr, "%s", out);
     ck_assert_int_eq(explain(folder, ""), 3);
@@ -533,6 +535,30 @@ START_TEST(a_fit_writes_over_no_log_and_says_first_what_it_cannot_write)
 }
 END_TEST
 
+START_TEST(a_second_search_in_the_folder_of_the_first_keeps_the_model_that_it_is_given)
+{
+    char out[2048], model[512], log[512];
+    mk_error err = MK_ERROR_INIT;
+    const mk_model rig = pendulum(false);
+    mk_log *data = record({}, 0, 3.0);
+    snprintf(model, sizeof model, "%s", scratch("extended.ini"));
+    snprintf(log, sizeof log, "%s", scratch("run.csv"));
+    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
+    ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
+    mk_log_free(data);
+    char *before = slurp_file(model);
+    char folder[512];
+    snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(model, '/') - model), model);
+    ck_assert_int_eq(
+        run_mechkit(out, sizeof out, "explain --model %s --out %s %s", model, folder, log), 2);
+    ck_assert_msg(strstr(out, "extended.ini there is the model to be read") != nullptr, "%s", out);
+    char *after = slurp_file(model);
+    ck_assert_str_eq(after, before);
+    free(before);
+    free(after);
+}
+END_TEST
+
 Suite *suite_explain_report(void)
 {
     Suite *s = suite_create("explain_report");
@@ -561,6 +587,7 @@ Suite *suite_explain_report(void)
     tcase_add_test(t, a_report_is_written_whole_or_not_at_all);
     tcase_add_test(t, a_search_that_is_ended_leaves_no_folder);
     tcase_add_test(t, a_fit_writes_over_no_log_and_says_first_what_it_cannot_write);
+    tcase_add_test(t, a_second_search_in_the_folder_of_the_first_keeps_the_model_that_it_is_given);
     suite_add_tcase(s, t);
     return s;
 }

@@ -76,7 +76,7 @@ START_TEST(a_file_without_names_goes_by_numbers_of_columns)
                            scratch("bare_log.csv"));
     ck_assert_msg(code == 0, "%s", out);
     code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, file);
-    ck_assert_msg(code == 2 && strstr(out, "that is the file to be read"), "%s", out);
+    ck_assert_msg(code == 2 && strstr(out, "that is a file to be read"), "%s", out);
     char *log = slurp_file(scratch("bare_log.csv"));
     ck_assert_ptr_nonnull(strstr(log, "t,q1,u\n0,-6.75,2\n0.002,-7.75,2\n0.004,-8.75,4\n"));
     free(log);

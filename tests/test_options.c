@@ -22,6 +22,7 @@ struct options {
     uint64_t seed;
     char separator;
     bool fast;
+    const char *model, *fitted, *json;
 };
 
 static bool take_separator(const char *value, void *target)
@@ -40,6 +41,9 @@ static const struct option_row rows[] = {
     {"separator", OPTION_CALL(separator), "C", "one character", .take = take_separator,
      .wants = "one character"},
     {"fast", OPTION_FLAG(fast), NULL, "without waiting"},
+    {"model", OPTION_TEXT(model), "M.ini", "the rig"},
+    {"fitted", OPTION_OUTPUT(fitted), "M.ini", "the model", .replaces = "model"},
+    {"json", OPTION_FIGURES(json), "FILE", "figures"},
     {0}};
 
 static const struct subcommand sample = {.name = "sample",
@@ -53,7 +57,7 @@ static const struct subcommand sample = {.name = "sample",
 /* Parses a line of words; they live until the next one. */
 static int parse(struct options *o, struct arguments *rest, const char *line)
 {
-    static char text[256], *argv[32];
+    static char text[2048], *argv[32];
     int argc = 0;
     snprintf(text, sizeof text, "sample %s", line);
     for (char *word = strtok(text, " "); word && argc < 31; word = strtok(NULL, " "))
@@ -62,6 +66,43 @@ static int parse(struct options *o, struct arguments *rest, const char *line)
     *o = (struct options){.rate = 500};
     return options_parse(&sample, argc, argv, o, rest);
 }
+
+/* Words of the command line are divided by blanks, and scratch paths have none. */
+START_TEST(no_output_takes_the_place_of_an_input_or_of_another_output)
+{
+    struct options o;
+    struct arguments rest;
+    char line[1024], log[300], model[300], fresh[300];
+    snprintf(log, sizeof log, "%s", scratch_text("a.csv", "t\n"));
+    snprintf(model, sizeof model, "%s", scratch_text("m.ini", "[rig]\n"));
+    snprintf(fresh, sizeof fresh, "%s", scratch("fresh"));
+    const char *beside = strrchr(fresh, '/');
+    const struct {
+        const char *option, *path, *more;
+        int code;
+    } rows_of[] = {{"fitted", log, "", EXIT_WRONG_USAGE},
+                   {"json", log, "", EXIT_WRONG_USAGE},
+                   {"json", model, "", EXIT_WRONG_USAGE},
+                   {"fitted", model, "", EXIT_OK},
+                   {"fitted", fresh, "", EXIT_OK},
+                   {"json", "-", "--fitted other", EXIT_OK},
+                   {"json", "/dev/null", "--fitted /dev/null", EXIT_OK},
+                   {"json", "", "", EXIT_WRONG_USAGE},
+                   {"fitted", "-", "", EXIT_WRONG_USAGE}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof rows_of[0]; i++) {
+        snprintf(line, sizeof line, "%s --model %s --out x --%s=%s %s", log, model,
+                 rows_of[i].option, rows_of[i].path, rows_of[i].more);
+        ck_assert_msg(parse(&o, &rest, line) == rows_of[i].code, "%s", line);
+    }
+    snprintf(line, sizeof line, "%s --out x --fitted %s --json %.*s/.%s", log, fresh,
+             (int)(beside - fresh), fresh, beside);
+    ck_assert_int_eq(parse(&o, &rest, line), EXIT_WRONG_USAGE);
+    snprintf(line, sizeof line, "%s --out x --fix %s --json %s", log, model, model);
+    ck_assert_int_eq(parse(&o, &rest, line), EXIT_WRONG_USAGE);
+    snprintf(line, sizeof line, "%s --out x --fitted %s --json %s.json", log, fresh, fresh);
+    ck_assert_int_eq(parse(&o, &rest, line), EXIT_OK);
+}
+END_TEST
 
 START_TEST(a_command_line_fills_the_struct)
 {
@@ -411,6 +452,7 @@ Suite *suite_options(void)
     TCase *c = tcase_create("options");
     tcase_set_timeout(c, 60);
     tcase_add_test(c, a_command_line_fills_the_struct);
+    tcase_add_test(c, no_output_takes_the_place_of_an_input_or_of_another_output);
     tcase_add_test(c, an_error_names_the_option_and_what_would_be_right);
     tcase_add_test(c, what_does_not_arrive_on_a_full_disk_is_a_failure);
     tcase_add_test(c, a_directory_in_place_of_a_file_is_named);

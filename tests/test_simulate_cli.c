@@ -109,6 +109,19 @@ START_TEST(commands_that_are_missing_are_not_made_up)
 }
 END_TEST
 
+START_TEST(a_joint_at_rest_has_no_error_in_units_of_its_motion)
+{
+    static char text[20000];
+    char *at = text + sprintf(text, "t,q1,u\n");
+    for (int i = 0; i < 400; i++)
+        at += sprintf(at, "%.3f,0,0\n", i * 0.002);
+    struct outcome o = MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/inertia-wheel.ini",
+                               "--input", scratch_text("rest.csv", text));
+    ck_assert_msg(o.code == 0, "%d %s", o.code, o.err);
+    ck_assert_msg(strstr(o.out, "the log has it at rest") && !strstr(o.out, "nan"), "%s", o.out);
+}
+END_TEST
+
 /* The sums that errors are made of would be no numbers. */
 START_TEST(simulate_refuses_a_log_with_an_infinite_reading_or_command)
 {
@@ -211,6 +224,7 @@ Suite *suite_simulate_cli(void)
     tcase_add_test(t, simulate_prints_figures_beside_the_noise_with_or_without_a_file);
     tcase_add_test(t, simulate_says_which_column_drives_the_model_and_doubts_metadata);
     tcase_add_test(t, commands_that_are_missing_are_not_made_up);
+    tcase_add_test(t, a_joint_at_rest_has_no_error_in_units_of_its_motion);
     tcase_add_test(t, simulate_refuses_a_log_with_an_infinite_reading_or_command);
     tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
     tcase_add_test(t, a_model_that_is_too_stiff_is_refused_with_what_makes_it_so);

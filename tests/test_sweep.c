@@ -422,6 +422,8 @@ static const struct {
     {HEAD "[spread]\nparameters = 0.1, x\n", "bad.ini:6: parameters = '0.1, x': expected"},
     {HEAD "[spread]\ndelay = 1.5\n", "bad.ini:6: spread.delay: 1.5: expected whole numbers from 0"},
     {HEAD "[spread]\nfriction = -1\n", "bad.ini:6: spread.friction: -1: expected numbers from 0"},
+    {"[sweep]\nkind = robustness\nfriction = 1\n[rig]\nsetup = furuta\n",
+     "bad.ini:3: unknown key 'friction' in [sweep]; a sweep of robustness has "},
     {HEAD "[spread]\nmass = 1\n", "bad.ini:6: unknown key 'mass' in [spread]; a sweep of"},
     {HEAD "[spread]\nfrction = 0.1\n",
      "bad.ini:6: unknown key 'frction' in [spread]: did you mean friction?; a sweep of"},

@@ -3,6 +3,7 @@
 #include "base/text.h"
 
 #include <getopt.h>
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -86,9 +87,10 @@ static int take(const struct subcommand *sub, const struct option_row *row, cons
         *(const char **)field = value;
         break;
     case OPTION_KIND_OUTPUT:
+    case OPTION_KIND_FIGURES:
         if (!*value)
             return report_usage(sub->name, "--%s: the name is empty", row->name);
-        if (is_standard_output(value))
+        if (is_standard_output(value) && row->kind == OPTION_KIND_OUTPUT)
             return report_usage(sub->name,
                                 "--%s -: expected a name; this does not go to standard output "
                                 "(./- is a file of that name)",
@@ -144,6 +146,47 @@ static int report_missing_value(const struct subcommand *sub, const struct optio
                         row->argument);
 }
 
+/* --- what is written must not be what is read ------------------------------------------------ */
+
+static bool is_output(const struct option_row *row)
+{
+    return row->kind == OPTION_KIND_OUTPUT || row->kind == OPTION_KIND_FIGURES;
+}
+
+/* Whether an option that is no output names this file. */
+static bool is_read_by(const struct option_row *row, const void *target, const char *path)
+{
+    const void *field = (const char *)target + row->target;
+    const struct option_texts *texts = field;
+    if (row->kind == OPTION_KIND_TEXT)
+        return same_file(*(const char *const *)field, path);
+    for (size_t i = 0; row->kind == OPTION_KIND_TEXTS && i < texts->count; i++)
+        if (same_file(texts->text[i], path))
+            return true;
+    return false;
+}
+
+static int check_output(const struct subcommand *sub, const struct option_row *output,
+                        const void *target, const struct arguments *rest)
+{
+    const char *path = *(const char *const *)((const char *)target + output->target);
+    if (!path || is_standard_output(path))
+        return EXIT_OK;
+    bool read = false;
+    for (int i = 0; i < rest->count; i++)
+        read = read || same_file(rest->text[i], path);
+    for (const struct option_row *row = sub->options; row->name; row++) {
+        const bool replaced = output->replaces && strcmp(output->replaces, row->name) == 0;
+        read = read || (!replaced && is_read_by(row, target, path));
+        if (row < output && is_output(row) &&
+            same_file(*(const char *const *)((const char *)target + row->target), path))
+            return report_usage(sub->name, "--%s %s: --%s goes to that file", output->name, path,
+                                row->name);
+    }
+    return read ? report_usage(sub->name, "--%s %s: that is a file to be read", output->name, path)
+                : EXIT_OK;
+}
+
 /* --- the command line ----------------------------------------------------------------------- */
 
 static int check_arguments(const struct subcommand *sub, const struct arguments *rest)
@@ -187,7 +230,11 @@ int options_parse(const struct subcommand *sub, int argc, char **argv, void *tar
         if (sub->options[i].required && !given[i])
             return report_usage(sub->name, "--%s is missing: --%s %s", sub->options[i].name,
                                 sub->options[i].name, sub->options[i].argument);
-    return check_arguments(sub, rest);
+    int code = check_arguments(sub, rest);
+    for (int i = 0; i < count && code == EXIT_OK; i++)
+        if (is_output(&sub->options[i]))
+            code = check_output(sub, &sub->options[i], target, rest);
+    return code;
 }
 
 /* --- help ----------------------------------------------------------------------------------- */
@@ -265,9 +312,33 @@ bool is_standard_output(const char *path)
     return path && strcmp(path, "-") == 0;
 }
 
+/* Whether both names would be made in one folder. */
+static bool same_new_file(const char *a, const char *b)
+{
+    char folder[2][PATH_MAX];
+    const char *path[2] = {a, b}, *name[2];
+    struct stat s[2];
+    for (int i = 0; i < 2; i++) {
+        const char *slash = strrchr(path[i], '/');
+        name[i] = slash ? slash + 1 : path[i];
+        int length = slash ? (int)(slash - path[i]) + 1 : 0;
+        if (length >= PATH_MAX)
+            return false;
+        snprintf(folder[i], sizeof folder[i], "%.*s", length ? length : 1, length ? path[i] : ".");
+        if (stat(folder[i], &s[i]) != 0)
+            return false;
+    }
+    return strcmp(name[0], name[1]) == 0 && s[0].st_dev == s[1].st_dev &&
+           s[0].st_ino == s[1].st_ino;
+}
+
 bool same_file(const char *a, const char *b)
 {
     struct stat x, y;
-    return a && b && stat(a, &x) == 0 && stat(b, &y) == 0 && S_ISREG(x.st_mode) &&
-           x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+    if (!a || !b)
+        return false;
+    bool first = stat(a, &x) == 0, second = stat(b, &y) == 0;
+    if (!first && !second)
+        return same_new_file(a, b);
+    return first && second && S_ISREG(x.st_mode) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }

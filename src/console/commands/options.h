@@ -24,6 +24,7 @@ enum option_kind {
     OPTION_KIND_TEXT,
     OPTION_KIND_TEXTS,
     OPTION_KIND_OUTPUT,
+    OPTION_KIND_FIGURES,
     OPTION_KIND_NUMBER,
     OPTION_KIND_COUNT,
     OPTION_KIND_SEED,
@@ -49,6 +50,7 @@ struct option_row {
     bool (*take)(const char *value, void *target);
     const char *wants; /* what would fit, for the error; NULL: made from the range */
     bool required;
+    const char *replaces; /* an output: the option whose file it may take the place of */
 };
 
 /* Kind and target of a row; a field of another type does not compile. */
@@ -57,9 +59,12 @@ struct option_row {
         0 * sizeof(char[_Generic(((struct options *)0)->field, type : 1)])
 #define OPTION_FLAG(field) .kind = OPTION_KIND_FLAG, .target = OPTION_FIELD(bool, field)
 #define OPTION_TEXT(field) .kind = OPTION_KIND_TEXT, .target = OPTION_FIELD(const char *, field)
-/* Path of a file or folder to be written: neither empty nor "-", which is no file. What goes to
- * standard output too is an OPTION_TEXT, and its help says so. */
+/* Path of a file or folder to be written: neither empty nor "-", which is no file; of figures,
+ * which go to standard output too, it may be "-". No output may be a file that another option or an
+ * argument names. */
 #define OPTION_OUTPUT(field) .kind = OPTION_KIND_OUTPUT, .target = OPTION_FIELD(const char *, field)
+#define OPTION_FIGURES(field)                                                                      \
+    .kind = OPTION_KIND_FIGURES, .target = OPTION_FIELD(const char *, field)
 #define OPTION_TEXTS(field)                                                                        \
     .kind = OPTION_KIND_TEXTS, .target = OPTION_FIELD(struct option_texts, field)
 #define OPTION_NUMBER(field) .kind = OPTION_KIND_NUMBER, .target = OPTION_FIELD(double, field)
@@ -85,7 +90,8 @@ struct arguments {
 /* Fills `target`, a struct options with its defaults in place, from a command line. Returns
  * EXIT_OK, or 2 when a usage error was reported: an option that is not there (with the one that may
  * have been meant), a value that is missing or does not fit, a required option left out, too few or
- * too many arguments. The order of argv changes: options first. */
+ * too many arguments, an output that would take the place of an input or of another output. The
+ * order of argv changes: options first. */
 int options_parse(const struct subcommand *sub, int argc, char **argv, void *target,
                   struct arguments *rest);
 
@@ -94,7 +100,8 @@ void options_help(const struct subcommand *sub, FILE *out);
 
 /* Whether the path of an output is "-". NULL: there is no such output. */
 bool is_standard_output(const char *path);
-/* Whether two paths lead to one file that exists: what is read must not be written over. */
+/* Whether two paths lead to one file: one that exists, or, for two that are to be written, one that
+ * would come to be. What is read must not be written over. NULL: leads nowhere. */
 bool same_file(const char *a, const char *b);
 
 #endif

@@ -49,7 +49,7 @@ static const struct option_row option_rows[] = {
      "swingup: share of the command left to follow it; default 0.25", 0.0, 0.6},
     {"slack", OPTION_NUMBER(swingup.options.slack), "SHARE",
      "swingup: how much longer than the shortest; default 0.1", 0.0, 1.0},
-    {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE", "the result; \"-\": standard output"},
     {0}};
 
 static int run(int argc, char **argv);

@@ -58,7 +58,7 @@ static const struct option_row option_rows[] = {
     {"against", OPTION_TEXT(search.against), "SIGNAL", "input to compare with; default U*sin(6*t)"},
     {"tries", OPTION_COUNT(search.evaluations), "N", "inputs to try; default 9000", 100, 1e7},
     {"seed", OPTION_SEED(search.seed), "N", "of the search; default 1", 0, 9e15},
-    {"json", OPTION_TEXT(json), "FILE", "the result; \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE", "the result; \"-\": standard output"},
     {"threads", OPTION_COUNT(search.threads), "N", "default: all processors", 1, 256},
     {0}};
 

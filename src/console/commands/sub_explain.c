@@ -1,4 +1,5 @@
 /* mechkit explain: what the simulation gets wrong, and why. */
+#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <signal.h>
@@ -237,10 +238,23 @@ static void print_timing(const struct mk_explanation *e)
         printf("  %7.2f s  %s\n", e->stage[i].seconds, e->stage[i].name);
 }
 
+/* A second round in the folder of the first one keeps the model that it is given. */
+static int check_folder(const struct options *o)
+{
+    char extended[PATH_MAX];
+    snprintf(extended, sizeof extended, "%s/extended.ini", o->out);
+    return same_file(o->model, extended)
+               ? report_usage("explain", "--out %s: extended.ini there is the model to be read",
+                              o->out)
+               : EXIT_OK;
+}
+
 /* Returns an exit code. */
 static int explain(struct job *j)
 {
     struct mk_error err = MK_ERROR_INIT;
+    if (check_folder(&j->o) != EXIT_OK)
+        return EXIT_WRONG_USAGE;
     if (read_input(j, &err) != MK_OK)
         return report_error(&err);
     if (make_folder(j->o.out, &err) != MK_OK)

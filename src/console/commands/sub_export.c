@@ -141,8 +141,6 @@ static int check_logs(const struct options *o)
         return report_usage("export", "--out %s: logs go to a .mat or .csv file", o->out);
     if (csv && o->logs.count > 1)
         return report_usage("export", "--out %s: one log a CSV file, please", o->out);
-    if (same_file(o->logs.text[0], o->out))
-        return report_usage("export", "--out %s: that is the log to be read", o->out);
     return EXIT_OK;
 }
 

@@ -45,7 +45,8 @@ static bool take_column(const char *value, void *target)
 static const struct option_row option_rows[] = {
     {"model", OPTION_TEXT(model), "M.ini", "the model to fit; values may be orders off, or `?`",
      .required = true},
-    {"out", OPTION_OUTPUT(out), "FITTED.ini", "the fitted model, with standard errors"},
+    {"out", OPTION_OUTPUT(out), "FITTED.ini", "the fitted model, with standard errors",
+     .replaces = "model"},
     {"method", OPTION_CALL(ident.method), "NAME",
      "output-error (default): maximum likelihood of the measured angles; olsen, swevers, wls, sls, "
      "energy: linear, base parameters only",
@@ -57,7 +58,7 @@ static const struct option_row option_rows[] = {
      "compare, "
      "where two logs or more have both",
      .take = take_column, .wants = "measured, commanded or compare"},
-    {"json", OPTION_TEXT(json), "FILE", "the result with covariance; \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE", "the result with covariance; \"-\": standard output"},
     {"fix", OPTION_TEXTS(fixed), "NAME",
      "hold a parameter, as p5 or effect.backlash.width; may be repeated"},
     {"validate", OPTION_TEXTS(validate), "V.csv",
@@ -523,20 +524,8 @@ static int identify(struct job *j)
     return write_output(j, &err) == MK_OK ? EXIT_OK : report_output_error(&err);
 }
 
-/* A log that is read must not be written over; a model may be, by the fitted one. */
 static int check_names(const struct options *o)
 {
-    const char *outputs[] = {o->out, o->json};
-    for (int k = 0; k < 2; k++) {
-        bool same = k == 1 && same_file(o->model, o->json);
-        for (int i = 0; i < o->input.count; i++)
-            same = same || same_file(o->input.text[i], outputs[k]);
-        for (size_t i = 0; i < o->validate.count; i++)
-            same = same || same_file(o->validate.text[i], outputs[k]);
-        if (same)
-            return report_usage("identify", "--%s %s: that is a file to be read",
-                                k ? "json" : "out", outputs[k]);
-    }
     if (!o->out && !o->json)
         return report_usage("identify", "--out or --json is missing");
     return EXIT_OK;

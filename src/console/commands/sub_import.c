@@ -19,9 +19,10 @@ static const struct option_row option_rows[] = {
     {"rig", OPTION_TEXT(rig), "KIND",
      "instead of a mapping: the kind of rig (docs/formats.md); the columns go by their names"},
     {"out", OPTION_OUTPUT(out), "LOG.csv", "the log"},
-    {"write-map", OPTION_OUTPUT(fixed), "M.map", "the mapping, with what is proposed"},
+    {"write-map", OPTION_OUTPUT(fixed), "M.map", "the mapping, with what is proposed",
+     .replaces = "map"},
     {"force", OPTION_FLAG(force), NULL, "write the log whatever speaks against it"},
-    {"json", OPTION_TEXT(json), "FILE", "what was assumed and found; \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE", "what was assumed and found; \"-\": standard output"},
     {0}};
 
 static int run(int argc, char **argv);
@@ -238,8 +239,6 @@ static int run(int argc, char **argv)
     if (code != EXIT_OK)
         return code;
     o.file = files.text[0];
-    if (same_file(o.file, o.out))
-        return report_usage("import", "--out %s: that is the file to be read", o.out);
     struct mk_import_map map;
     struct mk_import_finding findings[MK_IMPORT_FINDINGS];
     struct mk_table *table = NULL;

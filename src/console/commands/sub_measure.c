@@ -21,8 +21,8 @@ static const struct option_row option_rows[] = {
     {"known", OPTION_NUMBER(measure.known), "X",
      "inertia (kg m^2) or m g l (N m) from scales and drawing: inertia and torque then give the "
      "torque constant"},
-    {"out", OPTION_OUTPUT(out), "M.ini", "the model with what was measured"},
-    {"json", OPTION_TEXT(json), "FILE",
+    {"out", OPTION_OUTPUT(out), "M.ini", "the model with what was measured", .replaces = "model"},
+    {"json", OPTION_FIGURES(json), "FILE",
      "the result with all pieces of the logs; \"-\": standard output"},
     {0}};
 

@@ -58,7 +58,7 @@ static const struct option_row option_rows[] = {
      "samples of delay beyond the board's own; default 1", 0, 100},
     {"rate", OPTION_NUMBER(spread.rate_hz), "HZ", "samples per second; default 500",
      MK_LOOP_RATE_MIN_HZ, MK_LOOP_RATE_MAX_HZ},
-    {"json", OPTION_TEXT(json), "FILE", "the figures; \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE", "the figures; \"-\": standard output"},
     {0}};
 
 static int run(int argc, char **argv);

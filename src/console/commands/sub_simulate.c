@@ -47,7 +47,8 @@ static const struct option_row option_rows[] = {
      .wants = "arkode-erk, cvode-adams, cvode-bdf or dop853"},
     {"states", OPTION_FLAG(states), NULL,
      "also columns x1, x2, ...: joints, their speeds, the effects' states"},
-    {"json", OPTION_TEXT(json), "FILE", "figures per joint (rms, nrmse); \"-\": standard output"},
+    {"json", OPTION_FIGURES(json), "FILE",
+     "figures per joint (rms, nrmse); \"-\": standard output"},
     {0}};
 
 static int run(int argc, char **argv);
@@ -180,8 +181,11 @@ static void print_figures(const struct options *o, const struct mk_model *model,
     if (f->from_s > 0.0)
         printf("  errors of the second half, from %.3g s on:\n", f->from_s);
     for (int j = 0; j < mk_model_joints(model); j++) {
-        printf("  q%d: rms error %.4g %s, %.4g of its standard deviation", j + 1, f->rms[j],
-               mk_model_unit(model, j, "rad"), f->nrmse[j]);
+        printf("  q%d: rms error %.4g %s", j + 1, f->rms[j], mk_model_unit(model, j, "rad"));
+        if (isfinite(f->nrmse[j]))
+            printf(", %.4g of its standard deviation", f->nrmse[j]);
+        else
+            printf("; the log has it at rest");
         if (isnan(noise[j]))
             puts("");
         else
@@ -319,8 +323,6 @@ static int run(int argc, char **argv)
     struct options o = {0};
     struct arguments none;
     int code = options_parse(&sub_simulate, argc, argv, &o, &none);
-    if (code == EXIT_OK && same_file(o.input, o.out))
-        code = report_usage("simulate", "--out %s: that is the log to be read", o.out);
     if (code != EXIT_OK)
         return code;
     struct mk_model model;

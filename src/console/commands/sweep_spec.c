@@ -134,16 +134,25 @@ static enum mk_status add_axis(struct sweep *s, const struct sweep_key *key,
 
 /* --- sections ------------------------------------------------------------------------------ */
 
+static bool known_section(const struct sweep *s, const char *section)
+{
+    bool known = strcmp(section, "sweep") == 0 || strcmp(section, "rig") == 0 ||
+                 (s->kind->free_section && strcmp(section, s->kind->free_section) == 0);
+    for (const struct sweep_key *k = s->kind->key; k->section && !known; k++)
+        known = strcmp(section, k->section) == 0;
+    return known;
+}
+
 static enum mk_status unknown_key(const struct sweep *s, const struct mk_ini_entry *e,
                                   struct mk_error *err)
 {
     char known[600] = "", hint[80];
     struct mk_meant meant = {.word = e->key};
-    bool section = s->kind->free_section && strcmp(e->section, s->kind->free_section) == 0;
+    const bool section = known_section(s, e->section);
     for (const struct sweep_key *k = s->kind->key; k->section; k++) {
         size_t used = strlen(known);
-        section = section || strcmp(k->section, e->section) == 0;
-        mk_meant_try(&meant, k->key);
+        if (strcmp(k->key, e->key) != 0) /* the same key elsewhere is in the list */
+            mk_meant_try(&meant, k->key);
         snprintf(known + used, sizeof known - used, "%s[%s] %s", used ? ", " : "", k->section,
                  k->key);
     }
@@ -172,15 +181,6 @@ static enum mk_status read_axes(struct sweep *s, struct mk_ini *ini, struct mk_e
                                    : unknown_key(s, e, err);
     }
     return st;
-}
-
-static bool known_section(const struct sweep *s, const char *section)
-{
-    bool known = strcmp(section, "sweep") == 0 || strcmp(section, "rig") == 0 ||
-                 (s->kind->free_section && strcmp(section, s->kind->free_section) == 0);
-    for (const struct sweep_key *k = s->kind->key; k->section && !known; k++)
-        known = strcmp(section, k->section) == 0;
-    return known;
 }
 
 /* One without keys has no entry that could be found wrong. */
