@@ -119,6 +119,8 @@ START_TEST(standalone_says_what_it_cannot_do)
     ck_assert_int_eq(mechkit("standalone"), 2);
     ck_assert_int_eq(mechkit("standalone somersault"), 2);
     ck_assert_int_eq(mechkit("standalone pi-speed --seconds 0"), 2);
+    ck_assert_int_eq(mechkit("standalone pi-speed --fast --gains ' '"), 2);
+    ck_assert_says("expected 1 to 24 finite numbers");
     ck_assert_int_eq(mechkit("standalone pi-speed --fast --gains '1 2 3 4'"), 1);
     ck_assert_says("--gains: 4 numbers, and the setup has 3 gains");
     ck_assert_int_eq(mechkit("standalone pi-speed --board null"), 1);

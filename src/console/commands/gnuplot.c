@@ -75,9 +75,10 @@ static enum mk_status finish(pid_t child, FILE *complaints, struct mk_error *err
         continue;
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
         return MK_OK;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
-        return mk_error_set(err, MK_ERR_NOTSUP, "gnuplot is not installed: install gnuplot-nox");
     last_complaint(complaints, text, sizeof text);
+    /* 127 is also what the loader ends with: it says why. */
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 127 && !text[0])
+        return mk_error_set(err, MK_ERR_NOTSUP, "gnuplot is not installed: install gnuplot-nox");
     return mk_error_set(err, MK_ERR_EXPECT, "gnuplot cannot draw this: %s", text);
 }
 

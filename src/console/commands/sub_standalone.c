@@ -72,7 +72,7 @@ static bool take_gains(const char *value, void *target)
         gains->value[i] = (float)x[i];
         fits = fits && isfinite(gains->value[i]);
     }
-    return fits && gains->count >= 0;
+    return fits && gains->count > 0;
 }
 
 static const struct option_row option_rows[] = {
@@ -83,7 +83,7 @@ static const struct option_row option_rows[] = {
      "the rig; default: the rig of the setup with Meesters' parameters"},
     {"gains", OPTION_CALL(gains), "LIST",
      "the first gains of the setup (docs/protocol.md); default: the board's", .take = take_gains,
-     .wants = "at most " TEXT_OF(MK_STANDALONE_GAINS) " numbers"},
+     .wants = "1 to " TEXT_OF(MK_STANDALONE_GAINS) " finite numbers"},
     {"seconds", OPTION_NUMBER(seconds), "S", "how long; default 10", 0.01, 3600},
     {"rate", OPTION_NUMBER(rate_hz), "HZ", "samples per second; default 500", MK_LOOP_RATE_MIN_HZ,
      MK_LOOP_RATE_MAX_HZ},
