@@ -500,17 +500,23 @@ START_TEST(a_search_that_is_ended_leaves_no_folder)
 }
 END_TEST
 
-START_TEST(a_fit_writes_over_no_log_and_says_first_what_it_cannot_write)
+// A pendulum at `path`, and a log of it beside.
+static void write_rig_and_log(const char *path, char (&model)[512], char (&log)[512])
 {
-    char out[2048], model[512], log[512];
     mk_error err = MK_ERROR_INIT;
     const mk_model rig = pendulum(false);
     mk_log *data = record({}, 0, 3.0);
-    snprintf(model, sizeof model, "%s", scratch("rig.ini"));
+    snprintf(model, sizeof model, "%s", path);
     snprintf(log, sizeof log, "%s", scratch("run.csv"));
     ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
     ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
     mk_log_free(data);
+}
+
+START_TEST(a_fit_writes_over_no_log_and_says_first_what_it_cannot_write)
+{
+    char out[2048], model[512], log[512];
+    write_rig_and_log(scratch("rig.ini"), model, log);
     char *before = slurp_file(log);
     auto identify = [&](const char *option, const char *to, const char *more) {
         return run_mechkit(out, sizeof out, "identify --method olsen --model %s %s %s %s %s", model,
@@ -538,14 +544,7 @@ END_TEST
 START_TEST(a_second_search_in_the_folder_of_the_first_keeps_the_model_that_it_is_given)
 {
     char out[2048], model[512], log[512];
-    mk_error err = MK_ERROR_INIT;
-    const mk_model rig = pendulum(false);
-    mk_log *data = record({}, 0, 3.0);
-    snprintf(model, sizeof model, "%s", scratch("extended.ini"));
-    snprintf(log, sizeof log, "%s", scratch("run.csv"));
-    ck_assert_int_eq(mk_model_write(model, &rig, nullptr, &err), MK_OK);
-    ck_assert_int_eq(mk_log_write(log, data, &err), MK_OK);
-    mk_log_free(data);
+    write_rig_and_log(scratch("extended.ini"), model, log);
     char *before = slurp_file(model);
     char folder[512];
     snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(model, '/') - model), model);

@@ -85,6 +85,7 @@ START_TEST(no_output_takes_the_place_of_an_input_or_of_another_output)
                    {"json", model, "", EXIT_WRONG_USAGE},
                    {"fitted", model, "", EXIT_OK},
                    {"fitted", fresh, "", EXIT_OK},
+                   {"fitted", "word", "--fix word", EXIT_OK}, /* names no file */
                    {"json", "-", "--fitted other", EXIT_OK},
                    {"json", "/dev/null", "--fitted /dev/null", EXIT_OK},
                    {"json", "", "", EXIT_WRONG_USAGE},

@@ -166,6 +166,28 @@ static bool is_read_by(const struct option_row *row, const void *target, const c
     return false;
 }
 
+/* Whether two outputs that are not there yet would come to be one file. NULL: there is none. */
+static bool same_new_file(const char *a, const char *b)
+{
+    char folder[2][PATH_MAX];
+    const char *path[2] = {a, b}, *name[2];
+    struct stat s[2];
+    if (!a || !b || stat(a, &s[0]) == 0 || stat(b, &s[1]) == 0)
+        return false;
+    for (int i = 0; i < 2; i++) {
+        const char *slash = strrchr(path[i], '/');
+        name[i] = slash ? slash + 1 : path[i];
+        int length = slash ? (int)(slash - path[i]) + 1 : 0;
+        if (length >= PATH_MAX)
+            return false;
+        snprintf(folder[i], sizeof folder[i], "%.*s", length ? length : 1, length ? path[i] : ".");
+        if (stat(folder[i], &s[i]) != 0)
+            return false;
+    }
+    return strcmp(name[0], name[1]) == 0 && s[0].st_dev == s[1].st_dev &&
+           s[0].st_ino == s[1].st_ino;
+}
+
 static int check_output(const struct subcommand *sub, const struct option_row *output,
                         const void *target, const struct arguments *rest)
 {
@@ -178,8 +200,9 @@ static int check_output(const struct subcommand *sub, const struct option_row *o
     for (const struct option_row *row = sub->options; row->name; row++) {
         const bool replaced = output->replaces && strcmp(output->replaces, row->name) == 0;
         read = read || (!replaced && is_read_by(row, target, path));
+        const char *const *other = (const char *const *)((const char *)target + row->target);
         if (row < output && is_output(row) &&
-            same_file(*(const char *const *)((const char *)target + row->target), path))
+            (same_file(*other, path) || same_new_file(*other, path)))
             return report_usage(sub->name, "--%s %s: --%s goes to that file", output->name, path,
                                 row->name);
     }
@@ -312,33 +335,9 @@ bool is_standard_output(const char *path)
     return path && strcmp(path, "-") == 0;
 }
 
-/* Whether both names would be made in one folder. */
-static bool same_new_file(const char *a, const char *b)
-{
-    char folder[2][PATH_MAX];
-    const char *path[2] = {a, b}, *name[2];
-    struct stat s[2];
-    for (int i = 0; i < 2; i++) {
-        const char *slash = strrchr(path[i], '/');
-        name[i] = slash ? slash + 1 : path[i];
-        int length = slash ? (int)(slash - path[i]) + 1 : 0;
-        if (length >= PATH_MAX)
-            return false;
-        snprintf(folder[i], sizeof folder[i], "%.*s", length ? length : 1, length ? path[i] : ".");
-        if (stat(folder[i], &s[i]) != 0)
-            return false;
-    }
-    return strcmp(name[0], name[1]) == 0 && s[0].st_dev == s[1].st_dev &&
-           s[0].st_ino == s[1].st_ino;
-}
-
 bool same_file(const char *a, const char *b)
 {
     struct stat x, y;
-    if (!a || !b)
-        return false;
-    bool first = stat(a, &x) == 0, second = stat(b, &y) == 0;
-    if (!first && !second)
-        return same_new_file(a, b);
-    return first && second && S_ISREG(x.st_mode) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+    return a && b && stat(a, &x) == 0 && stat(b, &y) == 0 && S_ISREG(x.st_mode) &&
+           x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }

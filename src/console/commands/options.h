@@ -100,8 +100,7 @@ void options_help(const struct subcommand *sub, FILE *out);
 
 /* Whether the path of an output is "-". NULL: there is no such output. */
 bool is_standard_output(const char *path);
-/* Whether two paths lead to one file: one that exists, or, for two that are to be written, one that
- * would come to be. What is read must not be written over. NULL: leads nowhere. */
+/* Whether two paths lead to one file that exists: what is read must not be written over. */
 bool same_file(const char *a, const char *b);
 
 #endif
