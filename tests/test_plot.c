@@ -407,21 +407,45 @@ START_TEST(a_plot_that_cannot_be_written_says_so)
 }
 END_TEST
 
+/* A script that is found in place of gnuplot. */
+static void put_gnuplot(const char *script)
+{
+    char path[4096];
+    ck_assert_int_eq(chmod(scratch_text("gnuplot", script), 0700), 0);
+    snprintf(path, sizeof path, "%s:%s", scratch("."), getenv("PATH"));
+    setenv("PATH", path, 1);
+}
+
+/* A shell and the loader end with the same code, 127. */
+START_TEST(a_gnuplot_that_cannot_start_is_not_told_to_be_missing)
+{
+    char svg[256], log[256];
+    snprintf(svg, sizeof svg, "%s", scratch("never.svg"));
+    snprintf(log, sizeof log, "%s", scratch_text("never.csv", "t,q1,q2,u\n0,1,2,3\n1,2,3,4\n"));
+    put_gnuplot("#!/bin/sh\necho 'gnuplot: error while loading shared libraries' >&2\nexit 127\n");
+    struct outcome o = MECHKIT("plot", log, "--out", svg);
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_msg(strstr(o.err, "error while loading") && !strstr(o.err, "install"), "%s", o.err);
+    setenv("PATH", "/nowhere", 1);
+    o = MECHKIT("plot", log, "--out", svg);
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_msg(strstr(o.err, "gnuplot is not installed: install gnuplot-nox"), "%s", o.err);
+    ck_assert_int_eq(count_files("never.svg*"), 0);
+}
+END_TEST
+
 /* A gnuplot that takes its time: by then the picture's file has been begun. */
 START_TEST(a_signal_while_it_is_drawn_leaves_nothing)
 {
     static const int numbers[] = {SIGTERM, SIGINT, SIGHUP};
-    char folder[256], out[256], err[256], svg[256], begun[300], path[4096], log[256];
-    snprintf(folder, sizeof folder, "%s", scratch("."));
+    char out[256], err[256], svg[256], begun[300], script[400], log[256];
     snprintf(out, sizeof out, "%s", scratch("out"));
     snprintf(err, sizeof err, "%s", scratch("err"));
     snprintf(svg, sizeof svg, "%s", scratch("ended.svg"));
     snprintf(begun, sizeof begun, "%s", scratch("begun"));
     snprintf(log, sizeof log, "%s", scratch_text("ended.csv", "t,q1,q2,u\n0,1,2,3\n1,2,3,4\n"));
-    snprintf(path, sizeof path, "#!/bin/sh\ntouch %s\nexec sleep 3\n", begun);
-    ck_assert_int_eq(chmod(scratch_text("gnuplot", path), 0700), 0);
-    snprintf(path, sizeof path, "%s:%s", folder, getenv("PATH"));
-    setenv("PATH", path, 1);
+    snprintf(script, sizeof script, "#!/bin/sh\ntouch %s\nexec sleep 3\n", begun);
+    put_gnuplot(script);
     const char *const argv[] = {"mechkit", "plot", log, "--out", svg, NULL};
     pid_t child = spawn(argv, out, err);
     for (int i = 0; i < 2000 && access(begun, F_OK) != 0; i++)
@@ -494,6 +518,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, the_line_of_the_catch_leaves_its_label_alone);
     tcase_add_test(c, logs_of_any_name_are_plotted_whatever_the_user_s_settings);
     tcase_add_test(c, a_plot_that_cannot_be_written_says_so);
+    tcase_add_test(c, a_gnuplot_that_cannot_start_is_not_told_to_be_missing);
     tcase_add_loop_test(c, a_signal_while_it_is_drawn_leaves_nothing, 0, 3);
     tcase_add_test(c, a_temporary_file_that_cannot_be_written_is_said_to_be_one);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
