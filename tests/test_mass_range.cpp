@@ -239,8 +239,8 @@ START_TEST(without_a_cause_the_last_fit_goes_where_the_data_are)
         return;
     const auto found = rig.explained(2, 1.0);
     ck_assert_int_eq(found->cause_count, 0);
-    ck_assert_double_lt(found->budget.refit[0],
-                        0.038); // rad; 0.044 within a quarter of what is given
+    // rad; 0.038 where the data are, 0.044 within a quarter of what is given
+    ck_assert_double_lt(found->budget.refit[0], 0.041);
 }
 END_TEST
 
