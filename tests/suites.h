@@ -22,6 +22,7 @@
     X(fast)                                                                                        \
     X(sim)                                                                                         \
     X(predict)                                                                                     \
+    X(fit)                                                                                         \
     X(mass_range)                                                                                  \
     X(free_runs)                                                                                   \
     X(predictions)                                                                                 \

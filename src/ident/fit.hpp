@@ -196,12 +196,14 @@ class Fit
     struct Segment;     // one shooting interval at one point
     struct Batch;       // shooting intervals that are shot together
     struct Corrections; // of what long steps make
+    struct Slopes;      // what the derivatives in `work` belong to
     struct LogData;
     struct Source; // of own values, at one point
 
     std::vector<const FitLog *> logs;
     std::vector<LogData> data;              // by log
     std::vector<std::vector<Segment>> work; // by log
+    std::unique_ptr<const Slopes> slopes;   // NULL: `work` has no derivatives
     std::vector<Source> sources;            // by number
     std::shared_ptr<const Corrections> correction;
     double work_limit = HUGE_VAL; // work_done at which solve_at() shall have an end
@@ -231,6 +233,7 @@ class Fit
     void compress(const ShootTask &task, const double *noise, size_t log, size_t node);
     void shoot_one(const FitPoint &point, size_t log, size_t node); // without derivatives
     void shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives);
+    bool has_slopes(const FitPoint &point, const std::vector<int> &free) const;
     double total_cost(const FitPoint &point) const;
     double surprise(const FitPoint &point, int number, double &slope) const;
     void add_surprise(const FitPoint &point, const std::vector<int> &free,

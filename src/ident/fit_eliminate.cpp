@@ -69,13 +69,17 @@ void Fit::eliminate_log(const FitPoint &point, size_t l, double damping, Quadrat
     }
     for (size_t i = 0; i < work[l].size(); i++) {
         Segment &s = work[l][i];
-        A += s.normal.topLeftCorner(ns, ns);
-        C += s.normal.topRightCorner(ns, nf);
-        D += s.normal.bottomRightCorner(nf, nf);
-        a += s.right.head(ns);
-        if (damping > 0.0)
-            A.diagonal() += damping * s.normal.diagonal().head(ns);
-        d += s.right.tail(nf);
+        // Taken at another noise, they go with 1/sigma_j^2.
+        for (int j = 0; j < joints; j++) {
+            const double share = std::pow(slopes->point.noise[j] / point.noise[j], 2);
+            A += share * s.normal[j].topLeftCorner(ns, ns);
+            C += share * s.normal[j].topRightCorner(ns, nf);
+            D += share * s.normal[j].bottomRightCorner(nf, nf);
+            a += share * s.right[j].head(ns);
+            if (damping > 0.0)
+                A.diagonal() += damping * share * s.normal[j].diagonal().head(ns);
+            d += share * s.right[j].tail(nf);
+        }
         // invert_positive returns log sqrt(determinant), half of the logarithm that the formula
         // has.
         out.log_determinant += dense::invert_positive(A, s.P);

@@ -36,8 +36,9 @@ struct Fit::Segment {
     double doubt[MK_MAX_JOINTS] = {0.0, 0.0}; // of the speeds, from the command's: variance
     Eigen::VectorXd x_end;
     Eigen::MatrixXd jac_end; // d x_end / d (state, parameters)
-    Eigen::MatrixXd normal;  // J'J
-    Eigen::VectorXd right;   // J'r
+    // Of the readings of each joint, at the noise of Fit::slopes: J'J, J'r.
+    Eigen::MatrixXd normal[MK_MAX_JOINTS];
+    Eigen::VectorXd right[MK_MAX_JOINTS];
     std::vector<double> residual;
     std::vector<int> joint;
     double sum2[MK_MAX_JOINTS] = {0.0, 0.0};
@@ -69,6 +70,13 @@ struct Correction {
 struct Fit::Corrections {
     double step = 0.0; // the long one, s
     std::vector<std::vector<Correction>> by_log;
+};
+
+// The point, the columns and the correction with which derivatives were taken.
+struct Fit::Slopes {
+    FitPoint point;
+    std::vector<int> free;
+    std::shared_ptr<const Corrections> correction;
 };
 
 } // namespace mk

@@ -8,6 +8,7 @@
 // lets the points near it be shot with them (coarsen).
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/parallel.hpp"
 #include "ident/fit_priv.hpp"
@@ -92,7 +93,9 @@ ShootTask Fit::task_of(const FitPoint &point, const Job &job, int columns)
     s.x_end.resize(ns);
     // The kernel writes ns rows of `columns` numbers, row-major. Eigen's default is column-major,
     // so that the matrix here is the transpose: jac_end(c, s) = d x_end(s) / d column c.
-    s.jac_end.resize(columns ? columns : 1, ns);
+    // Without columns the kernel writes none, and those of an earlier shooting stay.
+    if (columns > 0)
+        s.jac_end.resize(columns, ns);
     ShootTask task = {};
     task.model = &model_of(point, l);
     task.data = &data[l].shoot;
@@ -157,7 +160,8 @@ void Fit::shoot_some(const FitPoint &point, const std::vector<int> &free, const 
 // c and d = (dx_i, dp),
 //     1/2 |r - J d|^2 = 1/2 r'r - (J'r)' d + 1/2 d' (J'J) d ,
 // so that cost = r'r / 2, right = J'r and normal = J'J are all that the elimination needs. J itself
-// is given up: it has as many rows as the interval has readings.
+// is given up: it has as many rows as the interval has readings. Joint by joint, J'J and J'r go
+// with 1/sigma_j^2, and are good for every sigma_j.
 void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t i)
 {
     Segment &s = work[l][i];
@@ -186,12 +190,17 @@ void Fit::compress(const ShootTask &task, const double *noise, size_t l, size_t 
     s.cost = 0.5 * (s.sum2[0] + s.sum2[1]);
     if (task.columns == 0 || !s.finite)
         return;
+    const int joints = mk_model_joints(task.model);
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<const RowMajor> J(task.jac, (long)n, task.columns);
-    Eigen::Map<const VectorXd> r(s.residual.data(), (long)n);
-    s.normal.resize(task.columns, task.columns);
-    gram({task.jac, (long)n, task.columns, nullptr, 0}, s.normal.data());
-    s.right = J.transpose() * r;
+    for (int j = 0; j < joints; j++) {
+        s.normal[j].resize(task.columns, task.columns);
+        gram({task.jac, (long)n, task.columns, joints > 1 ? s.joint.data() : nullptr, j},
+             s.normal[j].data());
+        s.right[j].setZero(task.columns);
+    }
+    for (size_t r = 0; r < n; r++)
+        s.right[s.joint[r]] += s.residual[r] * J.row((long)r).transpose();
 }
 
 // Interval i of log l, without derivatives. Requires prepare() for this point.
@@ -201,13 +210,31 @@ void Fit::shoot_one(const FitPoint &point, size_t l, size_t i)
     shoot_some(point, {}, &job, &job + 1, false);
 }
 
-// Afterwards `work` has residuals and ends of all intervals, and normal equations if asked for.
+// Whether `work` has the derivatives of this point, at this noise or another. What was shot without
+// derivatives since then has left them alone.
+bool Fit::has_slopes(const FitPoint &point, const std::vector<int> &free) const
+{
+    if (!slopes || slopes->free != free || slopes->correction != correction)
+        return false;
+    const FitPoint &at = slopes->point;
+    if (std::memcmp(&at.model, &point.model, sizeof at.model) != 0 || at.step != point.step ||
+        at.own != point.own)
+        return false;
+    for (size_t l = 0; l < at.nodes.size(); l++)
+        if (at.nodes[l].row != point.nodes[l].row || at.nodes[l].x != point.nodes[l].x)
+            return false;
+    return true;
+}
+
+// Afterwards `work` has residuals and ends of all intervals, and normal equations if asked for. A
+// search often comes back to a point: derivatives take most of the time, and are not taken twice.
 void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool derivatives)
 {
     // Enough to keep all lanes busy, few enough to stay near the processor. What is shot together
     // must not depend on the number of threads.
     constexpr size_t FEW = 16, MANY = 64;
     prepare(point);
+    const bool known = derivatives && has_slopes(point, free);
     std::vector<Job> jobs;
     for (size_t l = 0; l < logs.size(); l++)
         for (size_t i = 0; i < work[l].size(); i++)
@@ -216,8 +243,10 @@ void Fit::shoot_all(const FitPoint &point, const std::vector<int> &free, bool de
     parallel_for(options.threads, parts, [&](size_t part) {
         const Job *all = jobs.data();
         shoot_some(point, free, all + jobs.size() * part / parts,
-                   all + jobs.size() * (part + 1) / parts, derivatives);
+                   all + jobs.size() * (part + 1) / parts, derivatives && !known);
     });
+    if (derivatives && !known)
+        slopes = std::make_unique<const Slopes>(Slopes{point, free, correction});
     double effort = 0.0, usual = 0.0;
     for (size_t l = 0; l < logs.size(); l++) {
         usual += logs[l]->duration() / PASS_STEP;

@@ -250,6 +250,8 @@ void Fit::prepare(const FitPoint &point)
     work.resize(logs.size());
     for (size_t l = 0; l < logs.size(); l++) {
         const ShootingNodes &nodes = point.nodes[l];
+        if (work[l].size() != nodes.row.size())
+            slopes.reset();
         work[l].resize(nodes.row.size());
         for (size_t i = 0; i < nodes.row.size(); i++) {
             Segment &s = work[l][i];
