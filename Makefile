@@ -121,8 +121,9 @@ FUSED := -O3 -fno-tree-slp-vectorize
 endif
 FUSED += -ffp-contract=fast -fno-math-errno -fno-trapping-math -fno-signed-zeros
 ISA_FLAGS_generic :=
-ISA_FLAGS_avx2    := -mavx2 -mfma $(FUSED)
-ISA_FLAGS_avx512  := $(FUSED) -mavx512f -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512
+# What src/sim/instruction_sets.hpp asks for.
+ISA_FLAGS_avx2    := -mavx2 -mfma -mbmi -mbmi2 $(FUSED)
+ISA_FLAGS_avx512  := $(ISA_FLAGS_avx2) -mavx512f -mavx512dq -mavx512vl -mprefer-vector-width=512
 # The shooting kernel besides for one stretch and for as many as go side by side, without and with
 # derivatives (0, 1).
 SHOOT_SRC           := src/sim/shoot_kernel.cc

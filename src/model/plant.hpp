@@ -54,15 +54,24 @@ struct Motion {
 };
 
 template <class S>
+inline void set_motion(Motion<S> &m, int joints, const S *q, const S *v)
+{
+    m.q[0] = q[0];
+    m.v[0] = v[0];
+    if (joints > 1) {
+        m.q[1] = q[1];
+        m.v[1] = v[1];
+    } else {
+        m.q[1] = m.v[1] = S(0.0);
+    }
+    m.w1 = v[0];
+    m.qg1 = q[0];
+}
+template <class S>
 inline Motion<S> motion_of(int joints, const S *q, const S *v)
 {
     Motion<S> m;
-    m.q[0] = q[0];
-    m.v[0] = v[0];
-    m.q[1] = joints > 1 ? q[1] : S(0.0);
-    m.v[1] = joints > 1 ? v[1] : S(0.0);
-    m.w1 = m.v[0];
-    m.qg1 = m.q[0];
+    set_motion(m, joints, q, v);
     return m;
 }
 
@@ -76,11 +85,11 @@ struct Assembler {
     void d11(int i) { m11 += p[i]; }
     void d12(int i) { m12 += p[i]; }
     void d22(int i) { m22 += p[i]; }
-    void d11(int i, const S &c) { m11 += p[i] * c; }
-    void d12(int i, const S &c) { m12 += p[i] * c; }
-    void d22(int i, const S &c) { m22 += p[i] * c; }
-    void h1(int i, const S &c) { f1 += p[i] * c; }
-    void h2(int i, const S &c) { f2 += p[i] * c; }
+    void d11(int i, const S &c) { add_product(m11, p[i], c); }
+    void d12(int i, const S &c) { add_product(m12, p[i], c); }
+    void d22(int i, const S &c) { add_product(m22, p[i], c); }
+    void h1(int i, const S &c) { add_product(f1, p[i], c); }
+    void h2(int i, const S &c) { add_product(f2, p[i], c); }
 };
 
 template <class S>

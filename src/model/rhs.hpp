@@ -76,13 +76,14 @@ inline void frame_begin(Frame<S> &f, const Compiled<S> &c, const U &t, const S *
 {
     f.c = &c;
     f.t = S(t);
-    f.m = motion_of(c.joints, x, x + c.joints);
+    set_motion(f.m, c.joints, x, x + c.joints);
     f.command[0] = S(clamp(u[0], U(-c.u_max), U(c.u_max)));
     f.command[1] = c.joints == 2 && c.motor == 0 ? S(u[1]) : S(0.0); // a second motor, if any
     f.motor_speed = f.m.v[c.motor];
     f.coulomb_scale = S(1.0);
     f.motor_detached = false;
     f.base_acceleration = S(0.0);
+    f.base_moves = false;
     for (int i = 0; i < c.effect_count; i++)
         if (auto *stage = effect_ops<S>(c.at(i).index).frame)
             stage(f, args_of(c.at(i), x));
@@ -156,8 +157,11 @@ inline void rhs_of(const Compiled<S> &c, const U &t, const S *x, const U *u, S *
         if (ops.inertia)
             ops.inertia(f, e);
     }
-    S r1 = f.tau[0] - sum.f1 - sum.m11 * f.base_acceleration;
-    S r2 = f.tau[1] - sum.f2 - sum.m12 * f.base_acceleration;
+    S r1 = f.tau[0] - sum.f1, r2 = f.tau[1] - sum.f2;
+    if (f.base_moves) {
+        r1 -= sum.m11 * f.base_acceleration;
+        r2 -= sum.m12 * f.base_acceleration;
+    }
     constexpr int J = Law::joints;
     solve_joints(J, f.m11, f.m12, f.m22, r1, r2, f.a);
     if constexpr (J == 2)

@@ -93,6 +93,13 @@ inline void write(double *to, double a, double b, double c, double d)
 }
 #endif
 
+// sum += a b. Numbers that carry derivatives have their own, without the product in between.
+template <class S>
+inline void add_product(S &sum, const S &a, const S &b)
+{
+    sum += a * b;
+}
+
 // a where x > 0, else b; both are evaluated.
 inline double if_positive(double x, double a, double b)
 {

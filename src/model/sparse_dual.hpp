@@ -193,6 +193,31 @@ inline SparseDual<B> if_positive(const SparseDual<B> &x, const SparseDual<B> &a,
     }
 }
 
+// Written in place: neither s nor c is x.
+template <class B>
+inline void sincos(const SparseDual<B> &x, SparseDual<B> &s, SparseDual<B> &c)
+{
+    sincos(x.v, s.v, c.v);
+    const B falling = -s.v;
+    s.mask = c.mask = x.mask;
+    SparseDual<B>::each(x.mask, [&](int i) {
+        s.d[i] = c.v * x.d[i];
+        c.d[i] = falling * x.d[i];
+    });
+}
+
+// sum += a b, and with it sum' += a' b + a b'.
+template <class B>
+inline void add_product(SparseDual<B> &sum, const SparseDual<B> &a, const SparseDual<B> &b)
+{
+    const uint32_t mask = a.mask | b.mask;
+    sum.v += a.v * b.v;
+    SparseDual<B>::each(mask & ~sum.mask, [&](int i) { sum.d[i] = B(0.0); });
+    sum.mask |= mask;
+    SparseDual<B>::each(a.mask, [&](int i) { sum.d[i] += b.v * a.d[i]; });
+    SparseDual<B>::each(b.mask, [&](int i) { sum.d[i] += a.v * b.d[i]; });
+}
+
 // Accelerations as in rhs.hpp. D a = r gives D da = dr - dD a: the equations are solved, not
 // differentiated.
 template <class B>

@@ -3,6 +3,8 @@
 
 #include <cmath>
 
+#include "sim/instruction_sets.hpp"
+
 namespace mk
 {
 
@@ -24,12 +26,11 @@ extern const FastKernel kernel;
 const FastKernel *fast_kernel(int index)
 {
     const FastKernel *usable[3] = {&isa_generic::kernel, nullptr, nullptr};
-#ifdef MK_WIDE_KERNELS // set by the Makefile where they are built
+#ifdef MK_WIDE_KERNELS
     int count = 1;
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    if (has_avx2())
         usable[count++] = &isa_avx2::kernel;
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
+    if (has_avx512())
         usable[count++] = &isa_avx512::kernel;
 #endif
     return index >= 0 && index < 3 ? usable[index] : nullptr;

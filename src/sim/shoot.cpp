@@ -1,6 +1,7 @@
 // Chooses the shooting kernel for the machine, for how many stretches go side by side and for the
 // number of derivatives.
 #include "sim/shoot.hpp"
+#include "sim/instruction_sets.hpp"
 
 namespace mk
 {
@@ -42,10 +43,9 @@ const Family &family()
     static const Family generic = MK_FAMILY(generic, 2);
 #ifdef MK_WIDE_KERNELS
     static const Family avx2 = MK_FAMILY(avx2, 4), avx512 = MK_FAMILY(avx512, 8);
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
+    if (has_avx512())
         return avx512;
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    if (has_avx2())
         return avx2;
 #endif
     return generic;

@@ -31,9 +31,9 @@ inline void Shooter<Law>::exact_runge_kutta(const Base &h)
     Base half = 0.5 * h, sixth = (1.0 / 6.0) * h, mid = now + half;
     first_stage(half);
     derivative(mid, y, stage);
-    next_stage(half);
+    next_stage(half, f0);
     derivative(mid, y, stage);
-    next_stage(h);
+    next_stage(h, stage_sum);
     derivative(now + h, y, stage);
     for (int i = 0; i < ns; i++)
         y.v[i] = x.v[i] + sixth * (stage_sum.v[i] + stage.v[i]);
@@ -41,24 +41,24 @@ inline void Shooter<Law>::exact_runge_kutta(const Base &h)
         y.d[i] = x.d[i] + sixth * (stage_sum.d[i] + stage.d[i]);
 }
 
-// y = x + h k1, and the sum of slopes begins.
+// y = x + h k1.
 template <class Law>
 inline void Shooter<Law>::first_stage(const Base &h)
 {
     for (int i = 0; i < ns; i++)
-        stage_sum.v[i] = f0.v[i], y.v[i] = x.v[i] + h * f0.v[i];
+        y.v[i] = x.v[i] + h * f0.v[i];
     for (int i = 0; i < ns * columns; i++)
-        stage_sum.d[i] = f0.d[i], y.d[i] = x.d[i] + h * f0.d[i];
+        y.d[i] = x.d[i] + h * f0.d[i];
 }
 
-// y = x + h k, k the slope of the stage before.
+// y = x + h k, k the slope of the stage before; `sum` is that of the slopes before it.
 template <class Law>
-inline void Shooter<Law>::next_stage(const Base &h)
+inline void Shooter<Law>::next_stage(const Base &h, const Point &sum)
 {
     for (int i = 0; i < ns; i++)
-        stage_sum.v[i] += 2.0 * stage.v[i], y.v[i] = x.v[i] + h * stage.v[i];
+        stage_sum.v[i] = sum.v[i] + 2.0 * stage.v[i], y.v[i] = x.v[i] + h * stage.v[i];
     for (int i = 0; i < ns * columns; i++)
-        stage_sum.d[i] += 2.0 * stage.d[i], y.d[i] = x.d[i] + h * stage.d[i];
+        stage_sum.d[i] = sum.d[i] + 2.0 * stage.d[i], y.d[i] = x.d[i] + h * stage.d[i];
 }
 
 // --- close ---

@@ -126,12 +126,13 @@ class Shooter
     Point between, older;
     Linear linear; // of a step, for close derivatives
     Base u[MK_MAX_INPUTS], now;
-    Base start;                     // of each lane's rows in their log, s
-    Scalar seen[MK_MAX_STATES];     // the state as laws see it
-    Base before[MK_MAX_STATES];     // slopes under the last command
-    Row passed;                     // of the start of a step at an instant where a law switched
-    double late = 0.0;              // delay of the command
-    double age[MK_MAX_JOINTS] = {}; // of each joint's readings
+    Base start;                       // of each lane's rows in their log, s
+    Scalar seen[MK_MAX_STATES];       // the state as laws see it
+    Scalar seen_slope[MK_MAX_STATES]; // its slope, as derivative() leaves it
+    Base before[MK_MAX_STATES];       // slopes under the last command
+    Row passed;                       // of the start of a step at an instant where a law switched
+    double late = 0.0;                // delay of the command
+    double age[MK_MAX_JOINTS] = {};   // of each joint's readings
     // Derivatives of these by the columns, the same in all lanes.
     double late_slope[MOST_COLUMNS + 1] = {}, age_slope[MK_MAX_JOINTS][MOST_COLUMNS + 1] = {};
     bool edges_move = false, ages_move = false; // there are any
@@ -451,12 +452,11 @@ class Shooter
     // f and df/dc at a state.
     void derivative(const Base &t, const Point &at, Point &f)
     {
-        Scalar dx[MK_MAX_STATES];
         look_at(at.v);
-        rhs_of<Law>(c, in_log(t), seen, u, dx);
+        rhs_of<Law>(c, in_log(t), seen, u, seen_slope);
         for (int i = 0; i < ns; i++) {
-            f.v[i] = base_of(dx[i]);
-            chain(dx[i], at, f.d + i * columns);
+            f.v[i] = base_of(seen_slope[i]);
+            chain(seen_slope[i], at, f.d + i * columns);
         }
     }
     void bare_slopes(const Base &t, const Base *at, Base *dx) const
@@ -475,14 +475,29 @@ class Shooter
             seen[i] = v[i];
 #endif
     }
-    // row = sum_i by[i] from[i], over `count` columns. N is how many terms there are where the
-    // compiler shall unroll them; 0: n of them.
+    // row = sum_i by[i] from[i] of N terms, over `count` columns. Factors and addresses stay in
+    // registers: for all that the compiler knows, writing the row could change them.
     template <int N>
-    static void weigh(int n, const Base *by, const Base *const *from, int count, Base *row)
+    static void weigh(const Base *by, const Base *const *from, int count, Base *row)
+    {
+        Base factor[N];
+        const Base *of[N];
+        for (int i = 0; i < N; i++)
+            factor[i] = by[i], of[i] = from[i];
+        for (int d = 0; d < count; d++) {
+            Base sum = factor[0] * of[0][d];
+#pragma GCC unroll 8
+            for (int i = 1; i < N; i++)
+                sum += factor[i] * of[i][d];
+            row[d] = sum;
+        }
+    }
+    // The same of n terms.
+    static void weigh_many(int n, const Base *by, const Base *const *from, int count, Base *row)
     {
         for (int d = 0; d < count; d++) {
             Base sum = Base(0.0);
-            for (int i = 0; i < (N ? N : n); i++)
+            for (int i = 0; i < n; i++)
                 sum += by[i] * from[i][d];
             row[d] = sum;
         }
@@ -532,19 +547,19 @@ class Shooter
     {
         switch (n) {
         case 1:
-            return weigh<1>(n, by, from, count, row);
+            return weigh<1>(by, from, count, row);
         case 2:
-            return weigh<2>(n, by, from, count, row);
+            return weigh<2>(by, from, count, row);
         case 3:
-            return weigh<3>(n, by, from, count, row);
+            return weigh<3>(by, from, count, row);
         case 4:
-            return weigh<4>(n, by, from, count, row);
+            return weigh<4>(by, from, count, row);
         case 5:
-            return weigh<5>(n, by, from, count, row);
+            return weigh<5>(by, from, count, row);
         case 6:
-            return weigh<6>(n, by, from, count, row);
+            return weigh<6>(by, from, count, row);
         default:
-            return weigh<0>(n, by, from, count, row);
+            return weigh_many(n, by, from, count, row);
         }
     }
     // Where each lane's step shall end.
@@ -692,7 +707,7 @@ class Shooter
     // sim/shoot_columns.hpp
     void exact_runge_kutta(const Base &h);
     void first_stage(const Base &h);
-    void next_stage(const Base &h);
+    void next_stage(const Base &h, const Point &sum);
     void close_runge_kutta(const Base &h);
     void linearise(const Base &t, const Base *at, Base *f);
     void move_columns(const Base &h);
