@@ -381,6 +381,18 @@ START_TEST(the_longest_watchdog_is_taken_and_a_longer_one_is_refused)
 }
 END_TEST
 
+START_TEST(a_watchdog_that_is_set_begins_to_count_then)
+{
+    greet();
+    pass(1000 * MS);
+    number(MK_MSG_WATCHDOG, 20);
+    pass(20 * MS);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
+    pass(1);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_WATCHDOG);
+}
+END_TEST
+
 START_TEST(only_exchanges_feed_the_watchdog)
 {
     greet();
@@ -807,6 +819,20 @@ START_TEST(a_host_that_hangs_up_leaves_the_motor_off_at_once)
 }
 END_TEST
 
+START_TEST(a_host_that_has_hung_up_is_not_missed_by_the_watchdog)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    exchange(VOLT);
+    mk_device_hang_up(&device);
+    pass(1000 * MS);
+    ck_assert_uint_eq(mk_device_next_event(&device), UINT64_MAX);
+    greet();
+    ck_assert_uint_eq(exchange(VOLT).fault, MK_WIRE_FAULT_NONE);
+    ck_assert_int_eq(hw.micro, VOLT);
+}
+END_TEST
+
 Suite *suite_device(void)
 {
     Suite *s = suite_create("device");
@@ -826,6 +852,7 @@ Suite *suite_device(void)
     tcase_add_test(t, the_watchdog_zeroes_and_stays_until_it_is_set_anew);
     tcase_add_test(t, a_host_that_set_no_watchdog_is_guarded_all_the_same);
     tcase_add_test(t, the_longest_watchdog_is_taken_and_a_longer_one_is_refused);
+    tcase_add_test(t, a_watchdog_that_is_set_begins_to_count_then);
     tcase_add_test(t, only_exchanges_feed_the_watchdog);
     tcase_add_test(t, a_fault_keeps_cause_and_time_until_it_is_cleared);
     tcase_add_test(t, a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not);
@@ -847,6 +874,7 @@ Suite *suite_device(void)
     tcase_add_test(t, a_step_that_comes_twice_is_one);
     tcase_add_test(t, a_greeting_lets_the_clock_run_and_a_time_is_refused_then);
     tcase_add_test(t, a_host_that_hangs_up_leaves_the_motor_off_at_once);
+    tcase_add_test(t, a_host_that_has_hung_up_is_not_missed_by_the_watchdog);
     suite_add_tcase(s, t);
     return s;
 }
