@@ -101,6 +101,25 @@ static bool change_the_bias(const struct mk_loop_snapshot *s, void *user)
     return false;
 }
 
+/* A change whose row found no room any more waits for that row to the end of its run. */
+START_TEST(a_change_that_a_log_had_no_room_for_is_not_in_the_next_one)
+{
+    bench.config.ring_samples = 4;
+    bench_build_driving(NULL, 0);
+    bench_start();
+    for (int k = 0; k < 4; k++)
+        ck_assert(mk_loop_tick(bench.loop));
+    bench_set_law(1, 1, 1e18);
+    (void)mk_loop_tick(bench.loop);
+    ck_assert_int_eq(bench_look().fault, MK_FAULT_LOG);
+    bench_halt();
+    mk_loop_acknowledge(bench.loop);
+    struct mk_log *log = bench_log_of_run(0.1);
+    ck_assert_ptr_null(mk_log_find_meta(log, "changed"));
+    mk_log_free(log);
+}
+END_TEST
+
 /* More of them between two writes than the log keeps: those it has are right, and of the others it
  * says that they were. */
 START_TEST(every_change_of_parameters_is_noted_at_its_time_however_many_there_are)
@@ -209,6 +228,16 @@ START_TEST(a_wish_beyond_the_limit_is_cut_and_marked)
 }
 END_TEST
 
+START_TEST(a_wish_at_the_limit_is_granted_and_not_marked)
+{
+    bench_build_driving(NULL, -10);
+    bench_start();
+    bench_wait_for(0.01);
+    ck_assert_double_eq(bench_look().sample.u, -10.0);
+    ck_assert_uint_eq(bench_look().sample.flags & MK_FLAG_SATURATED, 0);
+}
+END_TEST
+
 START_TEST(gains_change_while_a_real_time_run_goes_on)
 {
     bench_use_real_time(1000);
@@ -264,10 +293,12 @@ Suite *suite_loop_params(void)
     tcase_add_test(t, another_signal_takes_effect_in_one_sample_and_is_logged);
     tcase_add_test(t, parameters_that_change_in_a_run_leave_its_signal_alone);
     tcase_add_test(t, every_change_of_parameters_is_noted_at_its_time_however_many_there_are);
+    tcase_add_test(t, a_change_that_a_log_had_no_room_for_is_not_in_the_next_one);
     tcase_add_test(t, parameters_and_signal_changed_at_once_are_both_taken);
     tcase_add_test(t, a_law_is_told_of_new_parameters_before_a_run_and_in_it);
     tcase_add_test(t, parameters_out_of_range_change_nothing);
     tcase_add_test(t, a_wish_beyond_the_limit_is_cut_and_marked);
+    tcase_add_test(t, a_wish_at_the_limit_is_granted_and_not_marked);
     tcase_add_loop_test(t, a_reader_gets_the_newest_snapshot_and_it_stays_while_it_is_read, 0, 2);
     suite_add_tcase(s, t);
 

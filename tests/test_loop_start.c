@@ -246,9 +246,42 @@ START_TEST(whole_turns_are_forgotten_between_runs)
     double rest = mk_rig_state(mk_board_virtual_rig(bench.board))[0] + M_PI_2;
     bench_set_law(0, 1, 1e18);
     bench_start();
-    bench_wait_for(0.01);
+    ck_assert_int_eq(bench_wait_for(0.01), MK_OK);
     ck_assert_double_eq_tol(bench_look().sample.q[0], -M_PI_2 + remainder(rest, 2 * M_PI), 0.001);
     ck_assert_double_gt(fabs(rest), 3.0);
+}
+END_TEST
+
+/* The virtual board with the exchanges between two numbers failing. */
+static struct {
+    int from, to, exchanges;
+} gap;
+
+static enum mk_status gapped_exchange(struct mk_board *board, double u, struct mk_board_sample *out)
+{
+    const int k = gap.exchanges++;
+    return k >= gap.from && k < gap.to ? MK_ERR_TIMEOUT : bench.own->exchange(board, u, out);
+}
+
+/* Two short of what stops a run at the end of the first, two at the beginning of the second. The
+ * watch before the start takes 100 exchanges. */
+START_TEST(what_one_run_has_lost_does_not_count_in_the_next)
+{
+    const int most = bench.config.limits.lost_limit;
+    ck_assert_int_gt(most, 2);
+    bench_build(NULL);
+    bench_override_board()->exchange = gapped_exchange;
+    gap.exchanges = 0;
+    gap.from = 100 + 50 - (most - 1);
+    gap.to = 100 + 50;
+    bench_run(0.1);
+    ck_assert_uint_eq(bench_look().lost, (unsigned)most - 1);
+    gap.exchanges = 0;
+    gap.from = 100;
+    gap.to = 102;
+    bench_run(0.1);
+    ck_assert_uint_eq(bench_look().lost, 2);
+    bench_restore_board();
 }
 END_TEST
 
@@ -268,6 +301,7 @@ Suite *suite_loop_start(void)
     tcase_add_loop_test(t, a_start_says_which_link_is_how_far_from_rest, 0, 2);
     tcase_add_test(t, a_link_that_rests_where_its_counter_wraps_starts);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
+    tcase_add_test(t, what_one_run_has_lost_does_not_count_in_the_next);
     suite_add_tcase(s, t);
     return s;
 }
