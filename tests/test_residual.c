@@ -426,6 +426,19 @@ START_TEST(a_nudge_ends_when_the_controller_holds_the_upright_no_more)
 }
 END_TEST
 
+START_TEST(a_nudge_is_no_command_of_the_next_run)
+{
+    int joint = 0;
+    watch(MK_PLANT_PENDUBOT);
+    residual.balances = true;
+    for (int n = 0; !residual.rest.nudges && n < 2000; n++)
+        look(DT, -M_PI_2, M_PI, 0.0, &joint);
+    ck_assert_double_ne(mk_residual_command(&residual, 0.25), 0.25);
+    mk_residual_init(&residual, &model, &limits);
+    ck_assert_double_eq(mk_residual_command(&residual, 0.25), 0.25);
+}
+END_TEST
+
 /* Its bearing may hold a link upright, and friction the other one: then a nudge moves it. */
 START_TEST(a_rig_that_rests_while_it_is_balanced_is_nudged_and_left_alone)
 {
@@ -470,6 +483,21 @@ START_TEST(pushes_that_a_joint_may_have_stopped_between_do_not_add_up)
             ck_assert_msg(look(DT, 0.0, 0.0, u, &joint) == MK_FAULT_NONE, "push %d of %d samples",
                           push, enough / 2);
         }
+}
+END_TEST
+
+/* What a motor gives beyond its friction sets a heavier wheel in motion later. */
+START_TEST(a_wheel_that_is_a_quarter_heavier_than_its_model_has_the_time_to_move)
+{
+    int joint = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    model.parameter[0] = 1.0;
+    mk_residual_init(&residual, &model, &limits);
+    const double u = model.u_max, inertia = 1.25 * model.parameter[0];
+    const double t = DT * samples_until(MK_FAULT_STUCK, 0.0, 0.0, u, &joint);
+    const double way = 0.5 * (u - model.parameter[2]) / inertia * t * t;
+    ck_assert_msg(way > limits.still_way[0], "%g s: %g rad", t, way);
+    ck_assert_double_lt(t, 1.0);
 }
 END_TEST
 
@@ -606,8 +634,10 @@ Suite *suite_residual(void)
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
     tcase_add_test(t, a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel);
     tcase_add_test(t, a_nudge_ends_when_the_controller_holds_the_upright_no_more);
+    tcase_add_test(t, a_nudge_is_no_command_of_the_next_run);
     tcase_add_test(t, lost_samples_do_not_clear_what_is_known_of_a_dead_encoder);
     tcase_add_test(t, pushes_that_a_joint_may_have_stopped_between_do_not_add_up);
+    tcase_add_test(t, a_wheel_that_is_a_quarter_heavier_than_its_model_has_the_time_to_move);
     tcase_add_test(t, a_wheel_that_stops_dead_at_full_speed_has_lost_its_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_while_its_motor_gives_little_has_lost_its_encoder);
     tcase_add_test(t, a_wheel_that_stops_dead_is_found_as_soon_either_way_round);
