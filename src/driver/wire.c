@@ -153,8 +153,6 @@ static enum mk_status await_answer(struct mk_wire *w, enum mk_message type, stru
             if (answer->type == MK_MSG_REFUSED)
                 return refused(w, answer);
         }
-        if (answer->type != MK_MSG_SAMPLE)
-            w->stats.stale++;
     }
     return MK_ERR_TIMEOUT;
 }
@@ -191,11 +189,9 @@ static enum mk_status request(struct mk_wire *w, enum mk_message type, const uin
         timeout_ns = STEPPED_NS;
     w->trouble.status = MK_OK;
     w->sequence++;
-    w->stats.requests++;
     /* What a board that has forgotten us does it does by itself, but the motor is not left to that:
      * a link that is gone says so again. */
     for (int k = 0; k < tries && (!w->gone || type == MK_MSG_SAFE); k++) {
-        w->stats.retries += k > 0;
         int64_t deadline_ns = monotonic_ns() + timeout_ns;
         st = send_frame(w, type, payload, length, deadline_ns);
         if (st == MK_OK)
@@ -472,7 +468,6 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
         }
         if (f.type == MK_MSG_REFUSED && (f.sequence == w->sequence || is_before_step(w, &f)))
             return refused(w, &f);
-        w->stats.stale++;
     }
     return MK_ERR_TIMEOUT;
 }

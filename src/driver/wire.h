@@ -23,11 +23,6 @@ struct mk_link_ops {
     enum mk_status (*receive)(void *link, const uint8_t **bytes, size_t *n, int64_t deadline_ns);
 };
 
-struct mk_wire_stats {
-    uint32_t requests, retries;
-    uint32_t stale; /* answers that came too late */
-};
-
 struct mk_wire {
     const struct mk_link_ops *ops;
     void *link;
@@ -36,8 +31,7 @@ struct mk_wire {
     size_t rest_size;
     uint32_t sequence;
     bool gone;
-    bool unanswered; /* the newest request that waited for an answer got none in time */
-    struct mk_wire_stats stats;
+    bool unanswered;         /* the newest request that waited for an answer got none in time */
     struct mk_error trouble; /* why the newest request failed */
 
     struct mk_board_identity identity; /* from HELLO */
