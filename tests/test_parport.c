@@ -92,6 +92,19 @@ START_TEST(the_port_is_held_alone_and_given_back)
 }
 END_TEST
 
+/* It would wait for seconds where a board does not shake hands. */
+START_TEST(the_kernel_waits_for_a_board_no_longer_than_an_exchange_may_take)
+{
+    struct mk_parport port;
+    emu_bench_init(&bench, "parport", &config);
+    ck_assert_int_gt(bench.pp.patience_us, MK_WIRE_EXCHANGE_NS / 1000);
+    ck_assert_int_eq(mk_parport_open(&port, NULL, &err), MK_OK);
+    ck_assert_int_gt(bench.pp.patience_us, 0);
+    ck_assert_int_le(bench.pp.patience_us, MK_WIRE_EXCHANGE_NS / 1000);
+    mk_parport_close(&port);
+}
+END_TEST
+
 START_TEST(it_is_given_back_when_opening_fails)
 {
     emu_bench_init(&bench, "parport", &config);
@@ -237,6 +250,7 @@ Suite *suite_parport(void)
                         2);
     tcase_add_test(t, a_port_in_epp_mode_stays_in_it);
     tcase_add_test(t, the_port_is_held_alone_and_given_back);
+    tcase_add_test(t, the_kernel_waits_for_a_board_no_longer_than_an_exchange_may_take);
     tcase_add_test(t, it_is_given_back_when_opening_fails);
     tcase_add_test(t, what_stands_in_the_way_is_named);
     tcase_add_test(t, ports_are_listed);

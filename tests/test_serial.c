@@ -293,6 +293,9 @@ START_TEST(ports_are_listed_with_the_name_of_what_is_plugged_in)
     ck_assert_int_eq(mk_serial_find_in(dev, sys, f, 1), 2); /* more than there is room for */
     ck_assert_str_eq(f[1].device, "");
     ck_assert_int_eq(mk_serial_find_in("/nowhere", sys, f, 4), 0);
+    unlink(scratch("sys/ttyUSB3/adapter/product"));
+    ck_assert_int_eq(mk_serial_find_in(dev, sys, f, 4), 2);
+    ck_assert_str_eq(f[1].name, "serial port"); /* which is all that is known of it */
 }
 END_TEST
 

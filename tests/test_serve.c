@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <netinet/in.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -609,6 +610,29 @@ START_TEST(a_client_that_hangs_up_while_it_drives_leaves_the_motor_off)
 }
 END_TEST
 
+/* By name, for whoever looks at it knows its clients by theirs. */
+START_TEST(a_client_is_told_by_the_address_that_it_calls_from)
+{
+    struct mk_model model;
+    struct sockaddr_in from;
+    socklen_t size = sizeof from;
+    char expected[64];
+    mk_model_default(MK_PLANT_INERTIA_WHEEL, &model);
+    begin_serving(&model, "127.0.0.1:0");
+    int fd = call_server();
+    request(fd, MK_MSG_HELLO, 0, 0);
+    ck_assert_int_eq(getsockname(fd, (struct sockaddr *)&from, &size), 0);
+    snprintf(expected, sizeof expected, "client 127.0.0.1:%d left after 0 exchanges",
+             ntohs(from.sin_port));
+    close(fd);
+    for (const double end = wall_s() + 20.0; !atomic_load(&own.left) && wall_s() < end;)
+        usleep(1000);
+    stop_serving();
+    ck_assert_msg(strncmp(own.said, expected, strlen(expected)) == 0, "%s", own.said);
+    mk_serve_close(own.server);
+}
+END_TEST
+
 /* Far more than a terminal holds. */
 START_TEST(a_client_that_reads_late_gets_whole_answers_and_is_served_on)
 {
@@ -693,6 +717,7 @@ Suite *suite_serve(void)
     tcase_add_test(t, a_simulation_that_fails_ends_its_client_and_serves_the_next);
     tcase_add_loop_test(t, a_server_that_has_nothing_to_do_sleeps, 0, LINES);
     tcase_add_loop_test(t, a_client_that_hangs_up_while_it_drives_leaves_the_motor_off, 0, LINES);
+    tcase_add_test(t, a_client_is_told_by_the_address_that_it_calls_from);
     tcase_add_test(t, a_client_that_reads_late_gets_whole_answers_and_is_served_on);
     tcase_add_test(t, noise_and_clients_that_come_and_go_do_no_harm);
     suite_add_tcase(s, t);

@@ -249,7 +249,6 @@ void mk_parport_close(struct mk_parport *p)
     }
     close(p->fd);
     p->fd = -1;
-    p->claimed = false;
 }
 
 int mk_parport_find(struct mk_board_found *out, int max)

@@ -89,6 +89,8 @@ static int pp_ioctl(void *ctx, unsigned long request, void *arg)
     case PPNEGOT:
         return negotiate(p, *(int *)arg);
     case PPSETTIME:
+        p->patience_us =
+            1000000 * (int64_t)((struct timeval *)arg)->tv_sec + ((struct timeval *)arg)->tv_usec;
         return 0;
     case PPRSTATUS:
         let_time_pass(p);
@@ -173,6 +175,7 @@ void emu_pp_init(struct emu_pp *p, int number, unsigned board_modes, struct emu_
     p->board_modes = board_modes;
     p->port_modes = PARPORT_MODE_PCSPP | PARPORT_MODE_TRISTATE | PARPORT_MODE_EPP;
     p->mode = IEEE1284_MODE_COMPAT;
+    p->patience_us = 5000000; /* as in the kernel, until it is told otherwise */
     p->released_in = -1;
     snprintf(p->path, sizeof p->path, "/dev/parport%d", number);
     p->node = (struct emu_node){.path = p->path, .ops = &ops, .ctx = p};

@@ -19,6 +19,7 @@ struct emu_pp {
     bool excl, claimed;
     bool registered;          /* has been claimed since it was opened */
     int mode;                 /* IEEE1284_MODE_* negotiated */
+    int64_t patience_us;      /* of the kernel's handshakes */
     int released_in;          /* the mode in which it was released; -1: it has not been */
     int64_t blocked_until_ns; /* takes no request before; CLOCK_MONOTONIC */
     atomic_bool unplugged;    /* by whoever tests, while a loop runs */
