@@ -58,6 +58,7 @@
     X(loop_start)                                                                                  \
     X(loop_thread)                                                                                 \
     X(frame)                                                                                       \
+    X(wire)                                                                                        \
     X(device)                                                                                      \
     X(board)                                                                                       \
     X(standalone)                                                                                  \

@@ -256,6 +256,9 @@ START_TEST(a_run_of_samples_that_a_fault_ended_says_so)
     remote_must(mk_board_exchange(remote.board, 1.0, &s));
     ck_assert_uint_ne(s.status & MK_BOARD_ST_FAULT, 0);
     ck_assert_double_eq(s.u_applied, 0.0);
+    unsigned asked = remote.bench.line->requests; /* it is not asked for samples any more */
+    remote_must(mk_board_exchange(remote.board, 1.0, &s));
+    ck_assert_uint_eq(remote.bench.line->requests, asked + 1);
 }
 END_TEST
 

@@ -472,16 +472,22 @@ enum mk_status mk_wire_next_sample(struct mk_wire *w, int64_t timeout_ns, uint32
     return MK_ERR_TIMEOUT;
 }
 
+/* Sends what nobody waits to be answered. */
+static enum mk_status post(struct mk_wire *w, enum mk_message type, const uint8_t *payload,
+                           size_t length, int64_t timeout_ns)
+{
+    if (w->gone)
+        return MK_ERR_NODEV;
+    w->sequence++;
+    return send_frame(w, type, payload, length, monotonic_ns() + timeout_ns);
+}
+
 enum mk_status mk_wire_answer_sample(struct mk_wire *w, uint32_t number, double u)
 {
     uint8_t payload[8];
     mk_put32(payload, number);
     put_command(payload + 4, u);
-    if (w->gone)
-        return MK_ERR_NODEV;
-    w->sequence++;
-    return send_frame(w, MK_MSG_COMMAND, payload, sizeof payload,
-                      monotonic_ns() + MK_WIRE_EXCHANGE_NS);
+    return post(w, MK_MSG_COMMAND, payload, sizeof payload, MK_WIRE_EXCHANGE_NS);
 }
 
 /* Where the board's clock follows ours, its next sample waits for the clock, and ours for it. The
@@ -491,10 +497,7 @@ static enum mk_status step_to_sample(struct mk_wire *w)
     uint8_t payload[8];
     mk_clock_sleep_until(w->clock, w->next_ns - w->ahead_ns);
     mk_put64(payload, (uint64_t)w->next_ns);
-    if (w->gone)
-        return MK_ERR_NODEV;
-    w->sequence++;
-    return send_frame(w, MK_MSG_STEP, payload, sizeof payload, monotonic_ns() + STEPPED_NS);
+    return post(w, MK_MSG_STEP, payload, sizeof payload, STEPPED_NS);
 }
 
 /* Of several samples that wait the newest counts: the time of the others is gone. */
