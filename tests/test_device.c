@@ -201,6 +201,7 @@ START_TEST(hello_says_who_is_there)
     ck_assert_uint_eq(f.length, MK_HELLO_SIZE);
     ck_assert_uint_eq(f.payload[MK_HELLO_VERSION], MK_FRAME_VERSION);
     ck_assert_uint_eq(f.payload[MK_HELLO_COUNTER_BITS], 24);
+    ck_assert_uint_eq(f.payload[MK_HELLO_ENCODERS], 2);
     ck_assert_uint_eq(mk_get32(f.payload + MK_HELLO_CPR + 4), 2000);
     ck_assert_uint_eq(mk_get32(f.payload + MK_HELLO_U_MAX), 10 * VOLT);
     ck_assert_str_eq((const char *)f.payload + MK_HELLO_SERIAL, "MK-7");
@@ -331,6 +332,147 @@ START_TEST(what_is_no_request_is_refused_by_name)
 }
 END_TEST
 
+static bool takes(struct mk_frame f)
+{
+    return (f.type & MK_MSG_ANSWER) && f.type != MK_MSG_REFUSED;
+}
+
+static struct mk_frame ask_setup(uint8_t controller, uint8_t record_every, uint32_t period_us)
+{
+    uint8_t p[8] = {controller, record_every};
+    mk_put32(p + 4, period_us);
+    return ask(MK_MSG_SETUP, p, sizeof p);
+}
+
+START_TEST(what_is_at_a_bound_is_taken_and_what_is_beyond_it_is_not)
+{
+    static const struct {
+        uint32_t us;
+        bool taken;
+    } rows[] = {{MK_STREAM_MIN_US - 1, false},
+                {MK_STREAM_MIN_US, true},
+                {MK_STREAM_MAX_US, true},
+                {MK_STREAM_MAX_US + 1, false}};
+    greet();
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        ck_assert_int_eq(takes(ask_number(MK_MSG_STREAM, rows[i].us)), rows[i].taken);
+        pass(0); /* its first sample, if it has one */
+        must(MK_MSG_SAFE, NULL, 0);
+        ck_assert_int_eq(takes(ask_setup(MK_CONTROLLER_PI_SPEED, 1, rows[i].us)), rows[i].taken);
+    }
+    must_refuse(MK_REFUSED_RANGE, ask_setup(MK_CONTROLLER_PI_SPEED, 0, 1000));
+    must_refuse(MK_REFUSED_RANGE, ask_setup(MK_CONTROLLER_COUNT, 1, 1000));
+    ck_assert(takes(ask(MK_MSG_LCD, (const uint8_t *)"\001\x1f \x7e\x7f", 5)));
+    ck_assert_str_eq(hw.lcd[1], "? ~?");
+    ck_assert(takes(ask(MK_MSG_LCD, (const uint8_t *)"\000twenty characters...", 21)));
+    ck_assert_str_eq(hw.lcd[0], "twenty characters...");
+}
+END_TEST
+
+static struct mk_frame ask_gain(uint8_t first, float value)
+{
+    uint8_t p[6] = {first, 1};
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    mk_put32(p + 2, bits);
+    return ask(MK_MSG_GAINS, p, sizeof p);
+}
+
+START_TEST(gains_are_as_many_as_the_controller_has_and_no_larger_than_they_may_be)
+{
+    const float most = 9.9e8f;
+    greet();
+    ck_assert_uint_eq(ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000).payload[0], 3);
+    ck_assert(takes(ask_gain(2, most)) && takes(ask_gain(2, -most)));
+    ck_assert(device.standalone.gain[2] == -most);
+    must_refuse(MK_REFUSED_RANGE, ask_gain(3, 1.0f));
+    must_refuse(MK_REFUSED_RANGE, ask_gain(2, 1e9f));
+    must_refuse(MK_REFUSED_RANGE, ask_gain(2, -1e9f));
+    ck_assert(device.standalone.gain[2] == -most);
+}
+END_TEST
+
+static struct mk_frame ask_records(uint32_t first, uint8_t n)
+{
+    uint8_t p[5];
+    mk_put32(p, first);
+    p[4] = n;
+    return ask(MK_MSG_UPLOAD, p, sizeof p);
+}
+
+START_TEST(records_come_from_the_one_that_was_asked_for_on)
+{
+    greet();
+    ck_assert(takes(ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000)));
+    must(MK_MSG_START, NULL, 0);
+    for (int k = 0; k < 5; k++) {
+        hw.count[0] = 10 + k;
+        pass(k ? MS : 0);
+    }
+    must(MK_MSG_HALT, NULL, 0);
+    ck_assert_uint_eq(device.standalone.recorded, 5);
+    struct mk_frame f = ask_records(2, 2);
+    ck_assert_uint_eq(mk_get32(f.payload), 2);
+    ck_assert_uint_eq(f.payload[4], 2);
+    ck_assert_uint_eq(f.length, MK_UPLOAD_HEADER + 2 * MK_RECORD_SIZE);
+    ck_assert_uint_eq(mk_get32(f.payload + MK_UPLOAD_HEADER + 4), 12);
+    ck_assert_uint_eq(ask_records(2, MK_UPLOAD_MAX).payload[4], 3); /* all that there are */
+    ck_assert_uint_eq(ask_records(5, 1).payload[4], 0);
+    must_refuse(MK_REFUSED_RANGE, ask_records(6, 1));
+    must_refuse(MK_REFUSED_RANGE, ask_records(0, MK_UPLOAD_MAX + 1));
+}
+END_TEST
+
+/* Neither a run nor a stream begins in the other, and none of them while a fault is there. */
+START_TEST(what_cannot_be_now_is_refused_and_changes_nothing)
+{
+    greet();
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_START, NULL, 0)); /* of what? */
+    ck_assert(takes(ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000)));
+    number(MK_MSG_STREAM, 1000);
+    pass(0);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_START, NULL, 0));
+    must_refuse(MK_REFUSED_STATE, ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000));
+    number(MK_MSG_STREAM, 0);
+    must(MK_MSG_START, NULL, 0);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_START, NULL, 0));
+    must_refuse(MK_REFUSED_STATE, ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000));
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_STREAM, 1000));
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_ZERO, NULL, 0));
+    ck_assert(device.standalone.running);
+    must(MK_MSG_HALT, NULL, 0);
+    mk_device_trip(&device, MK_WIRE_FAULT_AMPLIFIER);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_START, NULL, 0));
+    must(MK_MSG_CLEAR, NULL, 0);
+    must(MK_MSG_START, NULL, 0);
+    must(MK_MSG_HALT, NULL, 0);
+    device.info.cpr[0] = 0;
+    must_refuse(MK_REFUSED_NOTSUP, ask_setup(MK_CONTROLLER_PI_SPEED, 1, 1000));
+}
+END_TEST
+
+START_TEST(a_host_of_another_version_has_to_greet_anew)
+{
+    greet();
+    must_refuse(MK_REFUSED_VERSION, send_frame(2, MK_MSG_EXCHANGE, ++sequence, NULL, 0));
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_EXCHANGE, VOLT));
+    greet();
+    ck_assert_int_eq(exchange(VOLT).micro, VOLT);
+}
+END_TEST
+
+START_TEST(what_has_no_answer_has_none_when_it_comes_again)
+{
+    uint8_t p[8] = {0};
+    greet();
+    number(MK_MSG_STREAM, 1000);
+    pass(0);
+    ck_assert_uint_eq(ask(MK_MSG_COMMAND, p, sizeof p).type, 0);
+    ck_assert_uint_eq(send_frame(MK_FRAME_VERSION, MK_MSG_COMMAND, sequence, p, sizeof p).type, 0);
+    ck_assert_uint_eq(device.repeated, 1);
+}
+END_TEST
+
 /* --- safety ------------------------------------------------------------------------------------
  */
 
@@ -386,6 +528,35 @@ START_TEST(a_watchdog_that_is_set_begins_to_count_then)
     greet();
     pass(1000 * MS);
     number(MK_MSG_WATCHDOG, 20);
+    pass(20 * MS);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
+    pass(1);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_WATCHDOG);
+}
+END_TEST
+
+START_TEST(a_watchdog_that_has_bitten_says_so_alone)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    pass(20 * MS + 1);
+    ck_assert_uint_eq(exchange(0).status, MK_WIRE_ST_WATCHDOG);
+    number(MK_MSG_WATCHDOG, 20);
+    struct reading r = exchange(0);
+    ck_assert_uint_eq(r.status, 0);
+    ck_assert_uint_eq(r.fault, MK_WIRE_FAULT_NONE);
+    mk_device_trip(&device, MK_WIRE_FAULT_AMPLIFIER);
+    number(MK_MSG_WATCHDOG, 20);
+    ck_assert_uint_eq(exchange(0).fault, MK_WIRE_FAULT_AMPLIFIER); /* that is not its own */
+}
+END_TEST
+
+START_TEST(a_fault_that_is_cleared_gives_the_host_its_time_again)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    pass(1000 * MS);
+    must(MK_MSG_CLEAR, NULL, 0);
     pass(20 * MS);
     ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
     pass(1);
@@ -456,6 +627,8 @@ START_TEST(a_storm_of_broken_frames_is_a_fault_and_a_rare_one_is_not)
     }
     ck_assert_int_le(storm, 12);
     ck_assert_uint_eq(exchange(0).fault, MK_WIRE_FAULT_LINE);
+    must(MK_MSG_CLEAR, NULL, 0); /* and the storm is forgotten */
+    ck_assert_int_eq(exchange(VOLT).micro, VOLT);
 }
 END_TEST
 
@@ -641,6 +814,69 @@ START_TEST(a_stream_that_begins_anew_drops_the_answer_that_waits)
 }
 END_TEST
 
+START_TEST(an_answer_whose_stream_has_ended_needs_no_guard)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_STREAM, 1000);
+    ck_assert_int_eq(streamed(20, &r), 1);
+    command(0, 5 * VOLT);
+    must(MK_MSG_SAFE, NULL, 0);
+    pass(1000 * MS);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
+}
+END_TEST
+
+START_TEST(a_stream_begins_and_ends_with_the_motor_off)
+{
+    struct reading r;
+    greet();
+    exchange(5 * VOLT);
+    number(MK_MSG_STREAM, 1000);
+    ck_assert_int_eq(hw.micro, 0);
+    streamed(20, &r);
+    command(0, 5 * VOLT);
+    streamed(MS, &r);
+    ck_assert_int_eq(hw.micro, 5 * VOLT);
+    number(MK_MSG_STREAM, 0);
+    ck_assert_int_eq(hw.micro, 0);
+}
+END_TEST
+
+/* The watchdog is fed by what begins a stream, and by each answer. */
+START_TEST(a_host_that_answers_its_samples_is_not_missed)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    pass(15 * MS);
+    number(MK_MSG_STREAM, 15000);
+    for (uint32_t k = 0; k < 5; k++) {
+        ck_assert_int_eq(streamed(k ? 15 * MS : 20, &r), 1);
+        command(k, VOLT);
+    }
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
+    pass(21 * MS);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_WATCHDOG);
+}
+END_TEST
+
+/* Eight samples may wait for their answer, and the ninth is not taken. */
+START_TEST(as_many_samples_wait_for_an_answer_as_may)
+{
+    struct reading r;
+    greet();
+    number(MK_MSG_WATCHDOG, 0);
+    number(MK_MSG_STREAM, 1000);
+    ck_assert_int_eq(streamed(20, &r), 1);
+    for (int k = 1; k < 8; k++)
+        ck_assert_int_eq(streamed(MS, &r), 1);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_NONE);
+    ck_assert_int_eq(streamed(MS, &r), 0);
+    ck_assert_uint_eq(device.fault, MK_WIRE_FAULT_STREAM);
+}
+END_TEST
+
 START_TEST(an_answer_to_a_sample_that_never_was_is_refused)
 {
     uint8_t p[8] = {0};
@@ -650,6 +886,8 @@ START_TEST(an_answer_to_a_sample_that_never_was_is_refused)
     number(MK_MSG_STREAM, 1000);
     ck_assert_int_eq(streamed(20, &r), 1);
     mk_put32(p, 7);
+    must_refuse(MK_REFUSED_STATE, ask(MK_MSG_COMMAND, p, 8));
+    mk_put32(p, 1); /* the next one */
     must_refuse(MK_REFUSED_STATE, ask(MK_MSG_COMMAND, p, 8));
 }
 END_TEST
@@ -754,6 +992,7 @@ START_TEST(a_simulated_board_says_so_and_goes_by_steps)
     must_refuse(MK_REFUSED_RANGE, exchange_at(0, UINT64_MAX));
     ck_assert_uint_eq(hw.now_ns, 11 * MS);
     ck_assert_int_eq(hw.micro, 3 * VOLT);
+    ck_assert_uint_eq(mk_get64(step(11 * MS + MK_STEP_MAX_NS).payload), 11 * MS + MK_STEP_MAX_NS);
 }
 END_TEST
 
@@ -849,6 +1088,14 @@ Suite *suite_device(void)
     tcase_add_test(t, sequence_numbers_may_wrap);
     tcase_add_test(t, another_version_is_refused_with_the_motor_off);
     tcase_add_test(t, what_is_no_request_is_refused_by_name);
+    tcase_add_test(t, what_is_at_a_bound_is_taken_and_what_is_beyond_it_is_not);
+    tcase_add_test(t, gains_are_as_many_as_the_controller_has_and_no_larger_than_they_may_be);
+    tcase_add_test(t, records_come_from_the_one_that_was_asked_for_on);
+    tcase_add_test(t, what_cannot_be_now_is_refused_and_changes_nothing);
+    tcase_add_test(t, a_host_of_another_version_has_to_greet_anew);
+    tcase_add_test(t, what_has_no_answer_has_none_when_it_comes_again);
+    tcase_add_test(t, a_watchdog_that_has_bitten_says_so_alone);
+    tcase_add_test(t, a_fault_that_is_cleared_gives_the_host_its_time_again);
     tcase_add_test(t, the_watchdog_zeroes_and_stays_until_it_is_set_anew);
     tcase_add_test(t, a_host_that_set_no_watchdog_is_guarded_all_the_same);
     tcase_add_test(t, the_longest_watchdog_is_taken_and_a_longer_one_is_refused);
@@ -868,6 +1115,10 @@ Suite *suite_device(void)
     tcase_add_test(t, a_stream_that_begins_anew_drops_the_answer_that_waits);
     tcase_add_test(t, of_samples_that_a_busy_board_was_late_for_one_is_taken);
     tcase_add_test(t, an_answer_to_a_sample_that_never_was_is_refused);
+    tcase_add_test(t, an_answer_whose_stream_has_ended_needs_no_guard);
+    tcase_add_test(t, a_stream_begins_and_ends_with_the_motor_off);
+    tcase_add_test(t, a_host_that_answers_its_samples_is_not_missed);
+    tcase_add_test(t, as_many_samples_wait_for_an_answer_as_may);
     tcase_add_test(t, a_real_board_refuses_to_be_stepped);
     tcase_add_test(t, a_simulated_board_says_so_and_goes_by_steps);
     tcase_add_test(t, what_is_due_within_a_step_is_done_at_its_time);

@@ -346,6 +346,28 @@ START_TEST(a_board_that_is_stepped_is_waited_for_as_long_as_a_simulation_may_tak
 }
 END_TEST
 
+/* Only the motor goes off without waiting for the board again. */
+START_TEST(a_stepped_board_that_did_not_answer_once_is_stepped_and_waited_for_as_before)
+{
+    struct mk_board slots = {.priv = &wire};
+    follow_at(0);
+    board.follows = true;
+    ck_assert_int_eq(mk_wire_board_safe(&slots), MK_OK);
+    ck_assert_int_gt(board.patience_ns, 100 * MS);
+    board.mute = true;
+    ck_assert_int_eq(mk_wire_leds(&wire, 1, &err), MK_ERR_TIMEOUT);
+    ck_assert_int_eq(mk_wire_board_safe(&slots), MK_ERR_TIMEOUT);
+    ck_assert_int_le(board.patience_ns, 10 * MS);
+    board.mute = false;
+    mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + 2 * MS);
+    board.sent = 0;
+    ck_assert_int_eq(mk_wire_leds(&wire, 1, &err), MK_OK);
+    ck_assert_int_eq(board.sent, 2);
+    ck_assert_int_gt(board.patience_ns, 100 * MS);
+    ck_assert_int_eq(wire.at_ns, 2 * MS);
+}
+END_TEST
+
 START_TEST(a_board_whose_clock_does_not_follow_is_told)
 {
     follow_at(5 * MS);
@@ -449,6 +471,7 @@ Suite *suite_wire(void)
     tcase_add_test(t, counters_and_counts_a_turn_that_cannot_be_are_refused);
     tcase_add_test(t, what_a_board_calls_itself_ends_where_it_is_no_text);
     tcase_add_test(t, a_board_that_is_stepped_is_waited_for_as_long_as_a_simulation_may_take);
+    tcase_add_test(t, a_stepped_board_that_did_not_answer_once_is_stepped_and_waited_for_as_before);
     tcase_add_test(t, a_board_whose_clock_does_not_follow_is_told);
     tcase_add_test(t, a_clock_that_is_stepped_is_set_to_now_in_steps_that_are_not_too_long);
     tcase_add_test(t, gains_are_sent_as_they_are_and_no_more_than_there_may_be);
