@@ -236,8 +236,7 @@ static enum mk_status wait_realtime(struct mk_loop *loop, double seconds,
                                     bool (*until)(const struct mk_loop_snapshot *, void *),
                                     void *user, const volatile int *cancel, struct mk_error *err)
 {
-    struct mk_loop_snapshot s;
-    mk_loop_get_snapshot(loop, &s);
+    struct mk_loop_snapshot s = *mk_publish_get(loop->published);
     uint64_t seen = s.ticks;
     double end_t = (s.ticks ? s.sample.t : 0.0) + seconds;
     for (;;) {
