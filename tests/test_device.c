@@ -219,6 +219,22 @@ START_TEST(nothing_moves_before_hello)
 }
 END_TEST
 
+START_TEST(a_board_that_is_switched_on_again_has_forgotten_its_host_and_its_fault)
+{
+    greet();
+    number(MK_MSG_WATCHDOG, 20);
+    exchange(5 * VOLT);
+    mk_device_trip(&device, MK_WIRE_FAULT_AMPLIFIER);
+    hw.micro = 5 * VOLT;
+    switch_on();
+    ck_assert_int_eq(hw.micro, 0);
+    must_refuse(MK_REFUSED_STATE, ask_number(MK_MSG_EXCHANGE, VOLT));
+    pass(1000 * MS);
+    greet();
+    ck_assert_uint_eq(exchange(VOLT).fault, MK_WIRE_FAULT_NONE);
+}
+END_TEST
+
 START_TEST(a_hello_that_is_refused_is_no_greeting)
 {
     uint8_t zeros[17] = {0};
@@ -1079,6 +1095,7 @@ Suite *suite_device(void)
     tcase_add_checked_fixture(t, setup, NULL);
     tcase_add_test(t, hello_says_who_is_there);
     tcase_add_test(t, nothing_moves_before_hello);
+    tcase_add_test(t, a_board_that_is_switched_on_again_has_forgotten_its_host_and_its_fault);
     tcase_add_test(t, a_hello_that_is_refused_is_no_greeting);
     tcase_add_test(t, hello_switches_the_motor_off_and_takes_any_sequence);
     tcase_add_test(t, an_exchange_reads_first_and_commands_then);
