@@ -370,6 +370,56 @@ START_TEST(links_that_rest_where_an_effect_of_the_model_may_hold_them_are_left_a
 }
 END_TEST
 
+/* Its dry friction is nothing at rest and all of it in the slowest motion. */
+START_TEST(a_wheel_that_an_effect_of_its_model_would_brake_is_left_alone)
+{
+    int joint = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_model_add_effect(&model, "coulomb", 1, NULL), MK_OK);
+    model.effect[0].value[0] = 5.0;
+    model.parameter[0] = 1.0; /* so heavy that it would be slow for long */
+    mk_residual_init(&residual, &model, &limits);
+    ck_assert_int_eq(samples_until(MK_FAULT_STUCK, 0.0, 0.0, 4.0, &joint), 2000);
+    ck_assert_int_lt(samples_until(MK_FAULT_STUCK, 0.0, 0.0, 9.5, &joint), 1000);
+}
+END_TEST
+
+/* Samples until link 2 of a pendubot that weighs nothing, and of which all is known but its speed,
+ * must have moved, and 30 if it need not: link 1 turns at 10 rad/s by its readings, and link 2
+ * rests if that is `true_v`. */
+static int samples_of_a_link_that_rests_at(double true_v)
+{
+    watch(MK_PLANT_PENDUBOT);
+    model.g = 0.0;
+    model.parameter[mk_plant(model.plant)->parameter_count - 1] = 0.0;
+    limits.model_share = limits.model_reserve = 0.0;
+    mk_residual_init(&residual, &model, &limits);
+    const double v[MK_MAX_JOINTS] = {10.0, 0.0}, w[MK_MAX_JOINTS] = {true_v, 0.0};
+    double q[MK_MAX_JOINTS] = {0.0, 0.5}, tau[MK_MAX_JOINTS] = {0.0, 0.0};
+    double coasting[MK_MAX_JOINTS], driven[MK_MAX_JOINTS];
+    mk_plant_acceleration(&model, q, w, tau, coasting);
+    tau[0] = 1.0;
+    mk_plant_acceleration(&model, q, w, tau, driven);
+    const double u = coasting[1] / (coasting[1] - driven[1]);
+    for (int k = 0; k < 30; k++) {
+        int joint = 0;
+        q[0] = v[0] * DT * k;
+        enum mk_fault f = mk_residual_step(&residual, DT * k, DT, q, v, u, &joint);
+        if (f == MK_FAULT_STUCK && joint == 2)
+            return k;
+    }
+    return 30;
+}
+
+START_TEST(a_speed_is_believed_to_a_tenth_and_half_a_radian_a_second)
+{
+    ck_assert_int_eq(samples_of_a_link_that_rests_at(10.0), 30);
+    ck_assert_int_eq(samples_of_a_link_that_rests_at(8.5), 30);
+    ck_assert_int_eq(samples_of_a_link_that_rests_at(11.5), 30);
+    ck_assert_int_lt(samples_of_a_link_that_rests_at(14.0), 30);
+}
+END_TEST
+
 /* A dead supply at an upright that needs no command: readings that stay as they are whatever the
  * motor does. */
 START_TEST(a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it)
@@ -630,6 +680,8 @@ Suite *suite_residual(void)
     tcase_add_test(t, links_that_hang_cannot_rest_while_the_motor_drives);
     tcase_add_test(t, links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone);
     tcase_add_test(t, links_that_rest_where_an_effect_of_the_model_may_hold_them_are_left_alone);
+    tcase_add_test(t, a_wheel_that_an_effect_of_its_model_would_brake_is_left_alone);
+    tcase_add_test(t, a_speed_is_believed_to_a_tenth_and_half_a_radian_a_second);
     tcase_add_test(
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
     tcase_add_test(t, a_nudge_ends_with_a_count_and_away_from_the_nearer_end_of_the_travel);
