@@ -189,6 +189,13 @@ START_TEST(mistakes_are_named_with_line_and_column)
         {"from 1 to 5 stuck 1 for 2", MK_ERR_PARSE, 1, 21, "expected no more"},
         {"at 99999999999999999999999 drop", MK_ERR_PARSE, 1, 4, "number of a sample"},
         {"at 1 a b c d e f g h i j k l", MK_ERR_PARSE, 1, 26, "12 words"},
+        {"at 1 a b c d e f g h i j", MK_ERR_PARSE, 1, 6, "expected drop"},
+        {"at 5 jump 1 by 8388608", MK_ERR_RANGE, 1, 16, "counts"},
+        {"at 5 jump 1 by -8388609", MK_ERR_RANGE, 1, 16, "counts"},
+        {"at 5 saturate 1000001", MK_ERR_RANGE, 1, 15, "from 0 on"},
+        {"at 5 delay 10.1s", MK_ERR_RANGE, 1, 12, "10s"},
+        {"at 5 delay 5 ms", MK_ERR_PARSE, 1, 12, "5ms"},
+        {"at 5 delay", MK_ERR_PARSE, 1, 6, "5ms, 200us or 0.1s, not 'end of rule'"},
     };
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         enum mk_status st = mk_fault_script_read(rows[i].text, 2, &script, &err);
@@ -198,6 +205,50 @@ START_TEST(mistakes_are_named_with_line_and_column)
         ck_assert_msg(strstr(err.message, rows[i].says) != NULL, "%s: %s", rows[i].text,
                       err.message);
     }
+}
+END_TEST
+
+START_TEST(numbers_may_be_as_large_as_they_may_be)
+{
+    read_ok("at 5 jump 1 by 8388607; at 5 jump 2 by -8388608; at 5 saturate 1000000");
+    struct mk_fault_effects fx = at(5);
+    ck_assert_int_eq(fx.slip[0], 8388607);
+    ck_assert_int_eq(fx.slip[1], -8388608);
+    ck_assert_double_eq(fx.u_limit, 1e6);
+    read_ok("at 5 delay 10s; at 5 saturate 0; at 6 drop 1");
+    ck_assert_double_eq(at(5).delay_s, 10.0);
+    ck_assert_double_eq(at(5).u_limit, 0.0);
+    ck_assert(at(6).drop && !at(7).drop);
+}
+END_TEST
+
+/* In a file and as it stands. */
+START_TEST(a_script_is_as_long_as_it_is_said_that_it_may_be)
+{
+    static char text[65536 + 2];
+    memset(text, '\n', sizeof text - 1);
+    memcpy(text, "at 1 drop", 9);
+    for (size_t length = 65536; length <= 65537; length++) {
+        const enum mk_status st = length == 65536 ? MK_OK : MK_ERR_RANGE;
+        text[length] = '\0';
+        const char *path = scratch_text("long", text);
+        ck_assert_int_eq(mk_fault_script_read(text, 2, &script, &err), st);
+        ck_assert_int_eq(mk_fault_script_read(path, 2, &script, &err), st);
+        text[length] = '\n';
+    }
+    ck_assert_ptr_nonnull(strstr(err.message, "larger than 65536 bytes"));
+}
+END_TEST
+
+START_TEST(a_file_with_a_zero_in_it_is_no_script)
+{
+    char path[] = "/tmp/mechkit-test-faults-XXXXXX";
+    int fd = mkstemp(path);
+    ck_assert_int_eq(write(fd, "at 1 drop\n\0", 11), 11);
+    close(fd);
+    ck_assert_int_eq(mk_fault_script_read(path, 2, &script, &err), MK_ERR_PARSE);
+    ck_assert_ptr_nonnull(strstr(err.message, "not a text file"));
+    unlink(path);
 }
 END_TEST
 
@@ -234,6 +285,9 @@ Suite *suite_fault_script(void)
     tcase_add_test(t, a_file_is_read_like_a_text);
     tcase_add_test(t, what_is_no_file_is_not_waited_for);
     tcase_add_test(t, mistakes_are_named_with_line_and_column);
+    tcase_add_test(t, numbers_may_be_as_large_as_they_may_be);
+    tcase_add_test(t, a_script_is_as_long_as_it_is_said_that_it_may_be);
+    tcase_add_test(t, a_file_with_a_zero_in_it_is_no_script);
     tcase_add_test(t, a_rig_of_one_joint_has_no_second);
     tcase_add_test(t, too_many_rules_are_refused);
     suite_add_tcase(s, t);

@@ -367,7 +367,7 @@ enum mk_status mk_fault_script_read(const char *source, int joints, struct mk_fa
     bool inside = is_inline(source);
     enum mk_status st = MK_OK;
     if (!inside)
-        st = read_file(source, text, SCRIPT_MAX_BYTES, err);
+        st = read_file(source, text, SCRIPT_MAX_BYTES + 1, err);
     else if (strlen(source) > SCRIPT_MAX_BYTES)
         st =
             mk_error_set(err, MK_ERR_RANGE, "fault script: larger than %d bytes", SCRIPT_MAX_BYTES);
