@@ -41,6 +41,21 @@ START_TEST(row_k_holds_the_command_applied_from_k_on)
 }
 END_TEST
 
+/* The test's law says its tick, and that it balances from tick 100 on. */
+START_TEST(a_row_has_the_reference_and_the_phase_that_its_law_says)
+{
+    bench_build(NULL);
+    struct mk_log *log = bench_log_of_run(0.3);
+    const double *ref = mk_log_get(log, "ref"), *phase = mk_log_get(log, "phase");
+    ck_assert_uint_eq(log->rows, 150);
+    for (size_t k = 0; k < log->rows; k++) {
+        ck_assert_double_eq(ref[k], (double)k);
+        ck_assert_double_eq(phase[k], k < 100 ? MK_PHASE_SWINGUP : MK_PHASE_BALANCE);
+    }
+    mk_log_free(log);
+}
+END_TEST
+
 START_TEST(the_log_says_what_made_it)
 {
     char key[] = "operator", value[] = "Ada", rig[] = "rig", kind[] = "my own words";
@@ -266,6 +281,7 @@ Suite *suite_loop_log(void)
     tcase_add_checked_fixture(t, bench_setup, bench_teardown);
     tcase_set_timeout(t, 20);
     tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);
+    tcase_add_test(t, a_row_has_the_reference_and_the_phase_that_its_law_says);
     tcase_add_test(t, the_log_says_what_made_it);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
