@@ -384,6 +384,51 @@ START_TEST(a_wheel_that_an_effect_of_its_model_would_brake_is_left_alone)
 }
 END_TEST
 
+/* 5 N m brake it the one way round, and 1 N m the other. */
+START_TEST(a_wheel_that_an_effect_of_its_model_would_brake_one_way_round_is_left_alone_there)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        int joint = 0;
+        watch(MK_PLANT_INERTIA_WHEEL);
+        ck_assert_int_eq(mk_model_add_effect(&model, "coulomb", 1, NULL), MK_OK);
+        ck_assert_int_eq(mk_model_add_effect(&model, "coulomb-asymmetry", 1, NULL), MK_OK);
+        model.effect[0].value[0] = 3.0;
+        model.effect[1].value[0] = side * 4.0;
+        model.parameter[0] = 1.0;
+        mk_residual_init(&residual, &model, &limits);
+        ck_assert_int_eq(samples_until(MK_FAULT_STUCK, 0.0, 0.0, side * 4.0, &joint), 2000);
+        ck_assert_int_lt(samples_until(MK_FAULT_STUCK, 0.0, 0.0, side * 9.5, &joint), 1000);
+    }
+}
+END_TEST
+
+/* Samples until link 1 of a pendubot, whose reading stands still while link 2 sways, is said to be
+ * stuck; the estimate of its speed lags and says `v1`. */
+static int samples_until_a_sway_is_missed(double v1, double amplitude)
+{
+    watch(MK_PLANT_PENDUBOT);
+    for (int k = 0; k < 1000; k++) {
+        int joint = 0;
+        const double phase = 12.0 * DT * k;
+        const double q[MK_MAX_JOINTS] = {-M_PI_2, 0.5 + amplitude * sin(phase)};
+        const double v[MK_MAX_JOINTS] = {v1, 12.0 * amplitude * cos(phase)};
+        enum mk_fault f = mk_residual_step(&residual, DT * k, DT, q, v, 0.3, &joint);
+        if (f != MK_FAULT_NONE)
+            return k;
+    }
+    return 1000;
+}
+
+START_TEST(a_sway_that_a_reading_does_not_show_is_missed_whatever_its_speed_estimate_says)
+{
+    ck_assert_int_eq(samples_until_a_sway_is_missed(0.0, 0.03), 1000);
+    const int found = samples_until_a_sway_is_missed(0.0, 0.04);
+    ck_assert_int_lt(found, 300);
+    ck_assert_int_eq(samples_until_a_sway_is_missed(6.0, 0.04), found);
+    ck_assert_int_eq(samples_until_a_sway_is_missed(-6.0, 0.04), found);
+}
+END_TEST
+
 /* Samples until link 2 of a pendubot that weighs nothing, and of which all is known but its speed,
  * must have moved, and 30 if it need not: link 1 turns at 10 rad/s by its readings, and link 2
  * rests if that is `true_v`. */
@@ -681,6 +726,10 @@ Suite *suite_residual(void)
     tcase_add_test(t, links_that_rest_where_gravity_holds_the_motors_torque_are_left_alone);
     tcase_add_test(t, links_that_rest_where_an_effect_of_the_model_may_hold_them_are_left_alone);
     tcase_add_test(t, a_wheel_that_an_effect_of_its_model_would_brake_is_left_alone);
+    tcase_add_test(
+        t, a_wheel_that_an_effect_of_its_model_would_brake_one_way_round_is_left_alone_there);
+    tcase_add_test(t,
+                   a_sway_that_a_reading_does_not_show_is_missed_whatever_its_speed_estimate_says);
     tcase_add_test(t, a_speed_is_believed_to_a_tenth_and_half_a_radian_a_second);
     tcase_add_test(
         t, a_link_that_stands_upright_is_nudged_and_has_no_encoder_if_that_does_not_move_it);
