@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "driver/byte_stream.h"
+#include "mechkit/rig.h"
 #include "support/remote.h"
 #include "support/wall.h"
 
@@ -243,6 +244,29 @@ START_TEST(the_first_sample_of_a_stepped_run_comes_at_once)
 }
 END_TEST
 
+/* Whoever steps the clock makes the same run as the one before. */
+START_TEST(a_rig_that_is_stepped_begins_anew_with_each_host)
+{
+    struct mk_board_sample s[2][20];
+    remote_plug_in("tcp-stepped");
+    for (int host = 0; host < 2; host++) {
+        remote_must(remote_open());
+        const double *state = mk_rig_state(remote.bench.board.rig);
+        for (int k = 0; k < 20; k++) {
+            remote_must(mk_board_exchange(remote.board, 5.0, &s[host][k]));
+            mk_clock_sleep_until(&remote.clock, mk_clock_now_ns(&remote.clock) + 2000000);
+        }
+        ck_assert_double_gt(state[0], 0.5);
+        remote_close();
+        for (int k = 0; k < 20; k++) {
+            ck_assert_int_eq(s[host][k].count[0], s[0][k].count[0]);
+            ck_assert_int_eq(s[host][k].board_ns - s[host][0].board_ns, k * INT64_C(2000000));
+        }
+    }
+    ck_assert_int_eq(s[0][0].count[0], 0);
+}
+END_TEST
+
 /* Where the board's clock follows the host's, what it refuses is not the last request. */
 START_TEST(a_run_of_samples_that_a_fault_ended_says_so)
 {
@@ -292,6 +316,7 @@ Suite *suite_streams(void)
     tcase_add_loop_test(t, answers_that_come_a_byte_at_a_time_are_put_together, 0, 2);
     tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
     tcase_add_test(t, the_first_sample_of_a_stepped_run_comes_at_once);
+    tcase_add_test(t, a_rig_that_is_stepped_begins_anew_with_each_host);
     tcase_add_loop_test(t, a_run_of_samples_that_a_fault_ended_says_so, 0, 2);
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);
