@@ -100,6 +100,52 @@ START_TEST(the_log_says_what_made_it)
 }
 END_TEST
 
+/* A reference that is longer than all that is said of a run may be is cut, and so is a change to
+ * it; more words of the caller than there is room for are left out. */
+START_TEST(what_there_is_no_room_for_is_cut_and_the_log_is_whole)
+{
+    enum { TERMS = 2500, WORDS = 70 };
+    static char text[2 * TERMS], key[WORDS][8];
+    static struct mk_log_meta meta[WORDS];
+    struct mk_signal *signal;
+    for (int i = 0; i < TERMS; i++)
+        memcpy(text + 2 * i, i + 1 < TERMS ? "0+" : "0", 2);
+    for (int i = 0; i < WORDS; i++) {
+        snprintf(key[i], sizeof key[i], "word%d", i);
+        meta[i] = (struct mk_log_meta){key[i], key[i]};
+    }
+    ck_assert_int_eq(mk_signal_create(text, &signal, NULL), MK_OK);
+    bench_build(NULL);
+    bench.ctrl.ref = signal;
+    bench_start();
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, NULL, NULL), MK_OK);
+    bench_wait_for(0.1);
+    ck_assert_int_eq(mk_loop_set_signal(bench.loop, signal, NULL), MK_OK);
+    bench_wait_for(0.1);
+    bench_halt();
+    struct mk_log *log = bench_read_log();
+    const char *reference = mk_log_find_meta(log, "reference");
+    ck_assert_uint_gt(strlen(reference), 3000);
+    ck_assert_int_eq(strncmp(text, reference, strlen(reference)), 0);
+    ck_assert_str_eq(mk_log_find_meta(log, "sample_rate_hz"), "500");
+    ck_assert_str_eq(mk_log_find_meta(log, "program"), "");
+    ck_assert_uint_eq(log->rows, 150);
+    mk_log_free(log);
+    bench.ctrl.ref = NULL;
+    ck_assert_int_eq(mk_loop_start(bench.loop, bench.path, meta, WORDS, NULL), MK_OK);
+    bench_wait_for(0.1);
+    bench_halt();
+    log = bench_read_log();
+    ck_assert_str_eq(mk_log_find_meta(log, "word0"), "word0");
+    ck_assert_str_eq(mk_log_find_meta(log, "word63"), "word63");
+    ck_assert_ptr_null(mk_log_find_meta(log, "word64"));
+    ck_assert_ptr_null(mk_log_find_meta(log, "setup"));
+    mk_log_free(log);
+    mk_signal_destroy(signal);
+}
+END_TEST
+
 START_TEST(the_log_of_an_axis_that_slides_has_its_units)
 {
     bench_use_plant(MK_PLANT_CART_POLE);
@@ -283,6 +329,7 @@ Suite *suite_loop_log(void)
     tcase_add_test(t, row_k_holds_the_command_applied_from_k_on);
     tcase_add_test(t, a_row_has_the_reference_and_the_phase_that_its_law_says);
     tcase_add_test(t, the_log_says_what_made_it);
+    tcase_add_test(t, what_there_is_no_room_for_is_cut_and_the_log_is_whole);
     tcase_add_test(t, the_log_of_an_axis_that_slides_has_its_units);
     tcase_add_test(t, a_rig_of_one_joint_has_no_columns_of_a_second);
     tcase_add_test(t, a_board_knows_its_encoders_better_than_the_model_if_it_knows_them);
