@@ -673,6 +673,28 @@ START_TEST(a_wheel_that_slips_right_behind_lost_samples_has_jumped)
 }
 END_TEST
 
+/* A wheel that dry friction of so many N m brakes, after a step back against its motion. */
+static enum mk_fault step_back(double friction, double rad)
+{
+    int joint = 0;
+    watch(MK_PLANT_INERTIA_WHEEL);
+    ck_assert_int_eq(mk_model_add_effect(&model, "coulomb", 1, NULL), MK_OK);
+    model.effect[0].value[0] = friction;
+    mk_residual_init(&residual, &model, &limits);
+    for (int k = 0; k < 50; k++)
+        ck_assert_int_eq(look(DT, 0.01 * k, 0.0, 0.5, &joint), MK_FAULT_NONE);
+    return look(DT, 0.01 * 50 - rad, 0.0, 0.5, &joint);
+}
+
+START_TEST(what_the_motor_or_an_effect_of_the_model_can_do_within_a_sample_is_no_jump)
+{
+    ck_assert_int_eq(step_back(0.0, 0.065), MK_FAULT_NONE);
+    ck_assert_int_eq(step_back(0.0, 0.1), MK_FAULT_JUMP);
+    ck_assert_int_eq(step_back(50.0, 0.1), MK_FAULT_NONE);
+    ck_assert_int_eq(step_back(50.0, 0.3), MK_FAULT_JUMP);
+}
+END_TEST
+
 START_TEST(a_link_that_rebounds_from_a_stop_has_not_jumped)
 {
     int joint = 0;
@@ -744,6 +766,7 @@ Suite *suite_residual(void)
     tcase_add_test(t, a_wheel_that_stops_dead_is_found_as_soon_either_way_round);
     tcase_add_test(t, a_joint_whose_reading_stands_still_is_judged_as_one_at_rest);
     tcase_add_test(t, a_wheel_that_slips_right_behind_lost_samples_has_jumped);
+    tcase_add_test(t, what_the_motor_or_an_effect_of_the_model_can_do_within_a_sample_is_no_jump);
     tcase_add_test(t, a_link_that_rebounds_from_a_stop_has_not_jumped);
     suite_add_tcase(s, t);
     return s;
