@@ -113,6 +113,26 @@ START_TEST(an_answer_that_is_late_by_several_samples_skips_them_all)
 }
 END_TEST
 
+/* A second reader, beside the log; one that does not read holds nobody up. */
+START_TEST(who_listens_gets_every_sample_that_there_is_room_for)
+{
+    struct mk_ring *tap;
+    struct mk_sample s;
+    ck_assert_int_eq(mk_ring_create(64, sizeof s, &tap), MK_OK);
+    bench.config.tap = tap;
+    bench_build("at 20 drop");
+    bench_run(0.2);
+    ck_assert_uint_eq(bench_look().ticks, 100);
+    uint64_t k = 0;
+    for (; mk_ring_pop(tap, &s); k++) {
+        ck_assert_uint_eq(s.tick, k);
+        ck_assert_uint_eq(s.flags, k == 20 ? MK_FLAG_LOST : 0);
+    }
+    ck_assert_uint_eq(k, 64);
+    mk_ring_destroy(tap);
+}
+END_TEST
+
 /* Speed of joint 1 at tick `tick` of a run that accelerates, on a board with those faults. */
 static double speed_at(const char *faults, double tick)
 {
@@ -416,6 +436,7 @@ Suite *suite_loop_samples(void)
     tcase_add_test(t, an_exchange_that_nobody_knows_of_is_a_gap_and_a_lost_one_is_not);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
     tcase_add_test(t, an_answer_that_is_late_by_several_samples_skips_them_all);
+    tcase_add_test(t, who_listens_gets_every_sample_that_there_is_room_for);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
     tcase_add_test(t, after_missed_ticks_the_law_is_told_how_much_time_went_by);
     tcase_add_test(t, a_board_that_cannot_stream_is_refused);
