@@ -104,9 +104,6 @@ enum mk_status mk_loop_create(struct mk_board *board, struct mk_ctrl *ctrl,
     loop->host.zeroed = config->zeroed;
     loop->has_rig = !(board->ops->capabilities & MK_BOARD_CAP_NO_RIG);
     mk_safety_init(&loop->safety, &ctrl->model, &loop->config.limits);
-    mk_histogram_clear(&loop->lateness);
-    mk_histogram_clear(&loop->busy);
-
     loop->published = malloc(sizeof *loop->published);
     st = loop->published ? MK_OK : mk_error_set(err, MK_ERR_NOMEM, "no memory for the loop");
     size_t ring = config->ring_samples ? config->ring_samples : 8192;
