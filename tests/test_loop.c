@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <time.h>
 
@@ -61,6 +62,11 @@ START_TEST(a_loop_refuses_what_it_cannot_run)
     bench.config.rate_hz = 1000; /* the controller is made for 500 */
     ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &loop, &err),
                      MK_ERR_INVALID);
+    bench.config.rate_hz = 500;
+    bench.config.ring_samples = SIZE_MAX;
+    ck_assert_int_eq(mk_loop_create(bench.board, &bench.ctrl, &bench.config, &loop, &err),
+                     MK_ERR_INVALID);
+    ck_assert_str_eq(err.message, "no memory for the control loop");
     ck_assert_ptr_null(loop);
     ck_assert_int_eq(mk_loop_start(bench.loop, "/nonexistent/x.csv", NULL, 0, &err),
                      MK_ERR_NOTFOUND);
