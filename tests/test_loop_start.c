@@ -252,6 +252,25 @@ START_TEST(whole_turns_are_forgotten_between_runs)
 }
 END_TEST
 
+/* A wheel, and an arm that is level: where they came to rest is of no account. */
+START_TEST(what_rests_anywhere_begins_each_run_at_zero)
+{
+    static const enum mk_plant_kind plants[] = {MK_PLANT_INERTIA_WHEEL, MK_PLANT_FURUTA};
+    bench_use_plant(plants[_i]);
+    bench_build_driving(NULL, 1.0);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.3), MK_OK);
+    bench_halt();
+    ck_assert_int_eq(bench_wait_for(120), MK_OK);
+    const double rests_at = mk_rig_state(mk_board_virtual_rig(bench.board))[0];
+    ck_assert_double_gt(fabs(remainder(rests_at, 2 * M_PI)), 0.1);
+    bench_set_law(0, 1, 1e18);
+    bench_start();
+    ck_assert_int_eq(bench_wait_for(0.01), MK_OK);
+    ck_assert_double_eq_tol(bench_look().sample.q[0], mk_plant(plants[_i])->rest[0], 0.01);
+}
+END_TEST
+
 /* The virtual board with the exchanges between two numbers failing. */
 static struct {
     int from, to, exchanges;
@@ -301,6 +320,7 @@ Suite *suite_loop_start(void)
     tcase_add_loop_test(t, a_start_says_which_link_is_how_far_from_rest, 0, 2);
     tcase_add_test(t, a_link_that_rests_where_its_counter_wraps_starts);
     tcase_add_test(t, whole_turns_are_forgotten_between_runs);
+    tcase_add_loop_test(t, what_rests_anywhere_begins_each_run_at_zero, 0, 2);
     tcase_add_test(t, what_one_run_has_lost_does_not_count_in_the_next);
     suite_add_tcase(s, t);
     return s;
