@@ -373,6 +373,18 @@ START_TEST(a_stuck_counter_stands_still_and_then_catches_up)
 }
 END_TEST
 
+START_TEST(a_stuck_counter_can_be_zeroed)
+{
+    use_wheel();
+    open_virtual("at 50 stuck 1");
+    for (int k = 0; k < 60; k++)
+        trade(5.0);
+    ck_assert_int_gt(trade(5.0).count[0], 100);
+    ck_assert_int_eq(board->ops->zero_counters(board, NULL), MK_OK);
+    ck_assert_int_eq(trade(5.0).count[0], 0);
+}
+END_TEST
+
 START_TEST(a_jump_stays_until_the_counters_are_zeroed)
 {
     open_virtual("at 2 jump 2 by -300; at 3 jump 2 by 100");
@@ -556,6 +568,7 @@ Suite *suite_board(void)
     tcase_add_test(t, a_mute_board_obeys_all_the_same);
     tcase_add_test(t, a_delayed_answer_takes_its_time);
     tcase_add_test(t, a_stuck_counter_stands_still_and_then_catches_up);
+    tcase_add_test(t, a_stuck_counter_can_be_zeroed);
     tcase_add_test(t, a_jump_stays_until_the_counters_are_zeroed);
     tcase_add_test(t, noise_comes_and_goes_with_its_rule);
     tcase_add_test(t, a_weak_amplifier_shows_in_status_and_plant);

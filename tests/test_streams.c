@@ -267,6 +267,34 @@ START_TEST(a_rig_that_is_stepped_begins_anew_with_each_host)
 }
 END_TEST
 
+/* Noise begins anew, and what has slipped or stuck is forgotten. */
+START_TEST(what_faults_have_done_to_the_counters_of_a_stepped_rig_is_gone_for_the_next_host)
+{
+    struct mk_board_sample s[2][10], last;
+    remote_plug_in("tcp-stepped");
+    struct mk_fault_effects *effects = &remote.bench.board.effects;
+    for (int host = 0; host < 2; host++) {
+        effects->stuck[0] = false;
+        effects->noise_counts = 20.0;
+        remote_must(remote_open());
+        for (int k = 0; k < 10; k++) {
+            remote_must(mk_board_exchange(remote.board, 0.0, &s[host][k]));
+            ck_assert_int_eq(s[host][k].count[0], s[0][k].count[0]);
+        }
+        effects->noise_counts = 0.0;
+        effects->slip[0] = 500;
+        effects->stuck[0] = true;
+        remote_must(mk_board_exchange(remote.board, 0.0, &last));
+        ck_assert_int_eq(last.count[0], 500);
+        remote_close();
+    }
+    ck_assert_int_ne(s[0][0].count[0], s[0][1].count[0]);
+    remote_must(remote_open()); /* it is stuck from its first reading on */
+    remote_must(mk_board_exchange(remote.board, 0.0, &last));
+    ck_assert_int_eq(last.count[0], 0);
+}
+END_TEST
+
 /* Where the board's clock follows the host's, what it refuses is not the last request. */
 START_TEST(a_run_of_samples_that_a_fault_ended_says_so)
 {
@@ -317,6 +345,8 @@ Suite *suite_streams(void)
     tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
     tcase_add_test(t, the_first_sample_of_a_stepped_run_comes_at_once);
     tcase_add_test(t, a_rig_that_is_stepped_begins_anew_with_each_host);
+    tcase_add_test(
+        t, what_faults_have_done_to_the_counters_of_a_stepped_rig_is_gone_for_the_next_host);
     tcase_add_loop_test(t, a_run_of_samples_that_a_fault_ended_says_so, 0, 2);
     tcase_add_loop_test(
         t, a_board_that_does_not_say_it_is_simulated_is_not_driven_in_simulated_time, 0, 2);

@@ -59,10 +59,8 @@ static int32_t hal_apply(void *user, int32_t micro)
 static void hal_send(void *user, const uint8_t *bytes, size_t n)
 {
     struct mk_emulated *e = user;
-    if (n > sizeof e->sent - e->sent_size) {
-        e->overrun += (uint32_t)n;
-        return;
-    }
+    if (n > sizeof e->sent - e->sent_size)
+        return; /* nobody has taken the others in time */
     memcpy(e->sent + e->sent_size, bytes, n);
     e->sent_size += n;
 }

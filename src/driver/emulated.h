@@ -42,7 +42,6 @@ struct mk_emulated {
 
     uint8_t sent[8 * MK_FRAME_MAX]; /* by the board, not taken yet */
     size_t sent_size;
-    uint32_t overrun; /* bytes that nobody took in time */
 };
 
 MK_NODISCARD enum mk_status mk_emulated_init(struct mk_emulated *e,
