@@ -267,6 +267,27 @@ START_TEST(a_rig_that_is_stepped_begins_anew_with_each_host)
 }
 END_TEST
 
+/* Not with the motion of the time since anybody looked. */
+START_TEST(a_rig_begins_anew_at_the_moment_when_its_clock_is_first_stepped)
+{
+    static struct mk_emulated e;
+    struct mk_step_clock steps;
+    struct mk_model model;
+    mk_model_default(MK_PLANT_PENDUBOT, &model);
+    mk_step_clock_init(&steps);
+    const struct mk_board_config config = {.model = &model, .clock = &steps.clock, .start = {0.5}};
+    remote_must(mk_emulated_init(&e, &config, "rig", "", &remote.err));
+    mk_emulated_allow_steps(&e, &steps);
+    const double begins_at = mk_rig_state(e.rig)[0];
+    usleep(20000);
+    e.hal.step(&e, 0);
+    ck_assert_double_eq(mk_rig_state(e.rig)[0], begins_at);
+    e.hal.step(&e, e.hal.now_ns(&e) + 20000000);
+    ck_assert_double_ne(mk_rig_state(e.rig)[0], begins_at);
+    mk_emulated_free(&e);
+}
+END_TEST
+
 /* Noise begins anew, and what has slipped or stuck is forgotten. */
 START_TEST(what_faults_have_done_to_the_counters_of_a_stepped_rig_is_gone_for_the_next_host)
 {
@@ -345,6 +366,7 @@ Suite *suite_streams(void)
     tcase_add_loop_test(t, nothing_is_answered_before_the_first_sample_of_a_run, 0, 2);
     tcase_add_test(t, the_first_sample_of_a_stepped_run_comes_at_once);
     tcase_add_test(t, a_rig_that_is_stepped_begins_anew_with_each_host);
+    tcase_add_test(t, a_rig_begins_anew_at_the_moment_when_its_clock_is_first_stepped);
     tcase_add_test(
         t, what_faults_have_done_to_the_counters_of_a_stepped_rig_is_gone_for_the_next_host);
     tcase_add_loop_test(t, a_run_of_samples_that_a_fault_ended_says_so, 0, 2);

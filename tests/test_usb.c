@@ -8,6 +8,7 @@
 #include "driver/usb_priv.h"
 #include "emu/bench.h"
 #include "mechkit/loop.h"
+#include "mechkit/rig.h"
 
 static struct mk_model model;
 static struct mk_clock clock_;
@@ -278,7 +279,10 @@ START_TEST(a_board_that_restarts_is_gone_until_it_is_opened_again)
     must_open(NULL);
     ck_assert_int_eq(trade(5.0), MK_OK);
     bench.board.sent_size = 5; /* of an answer that nobody has fetched */
+    const double stood_at = mk_rig_state(bench.board.rig)[0];
+    mk_clock_sleep_until(&clock_, mk_clock_now_ns(&clock_) + 10000000);
     mk_emulated_restart(&bench.board);
+    ck_assert_double_ne(mk_rig_state(bench.board.rig)[0], stood_at); /* driven until then */
     ck_assert_uint_eq(bench.board.sent_size, 0);
     ck_assert_int_eq(trade(5.0), MK_ERR_NODEV);
     ck_assert_double_eq(bench.board.u, 0.0);

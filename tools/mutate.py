@@ -35,7 +35,7 @@ SUITES = [
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
     (r"src/driver/standalone.*\.c", "standalone device"),
     (r"src/driver/(fault_script|board_virtual)\.c", "fault_script board loop_faults loop_lies loop_start"),
-    (r"src/driver/emulated\.c", "fault_script board loop_faults loop_lies loop_start streams stream_troubles"),
+    (r"src/driver/emulated\.c", "fault_script board loop_faults loop_lies loop_start usb streams stream_troubles"),
     (r"src/driver/(byte_stream|tcp|resolve|serial|board_stream)\.c", "streams tcp serial stream_troubles bus_faults"),
     (r"src/driver/step_clock\.c", "clock frame device board standalone bus_faults"),
     (r"src/driver/device\.c", "device standalone frame bus_faults"),
