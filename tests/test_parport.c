@@ -6,6 +6,7 @@
 #include <linux/parport.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "driver/parport.h"
@@ -208,6 +209,35 @@ START_TEST(silence_at_the_port_is_over_at_its_deadline)
 }
 END_TEST
 
+static int64_t read_clock(clockid_t which)
+{
+    struct timespec t;
+    clock_gettime(which, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+/* After a millisecond, for an answer and for a board that takes nothing: of 50 it uses few. */
+START_TEST(a_host_that_waits_at_the_port_sleeps)
+{
+    const uint8_t *bytes, byte = 0;
+    size_t n;
+    struct mk_parport port;
+    emu_bench_init(&bench, "parport", &config);
+    ck_assert_int_eq(mk_parport_open(&port, NULL, &err), MK_OK);
+    bench.pp.blocked_until_ns = INT64_MAX;
+    for (int sends = 0; sends < 2; sends++) {
+        const int64_t begun_ns = read_clock(CLOCK_MONOTONIC);
+        const int64_t used_ns = read_clock(CLOCK_THREAD_CPUTIME_ID);
+        ck_assert_int_eq(sends ? mk_parport_link.send(&port, &byte, 1, begun_ns + 50000000)
+                               : mk_parport_link.receive(&port, &bytes, &n, begun_ns + 50000000),
+                         MK_ERR_TIMEOUT);
+        ck_assert_int_ge(read_clock(CLOCK_MONOTONIC) - begun_ns, 50000000);
+        ck_assert_int_lt(read_clock(CLOCK_THREAD_CPUTIME_ID) - used_ns, 25000000);
+    }
+    mk_parport_close(&port);
+}
+END_TEST
+
 /* Nobody says so on a parallel port: requests stay unanswered. */
 START_TEST(a_board_that_is_switched_off_loses_samples_and_comes_back)
 {
@@ -257,6 +287,7 @@ Suite *suite_parport(void)
     tcase_add_test(t, a_port_that_is_not_listed_is_opened_by_its_name_alone);
     tcase_add_test(t, a_program_without_standard_input_has_its_port_too);
     tcase_add_loop_test(t, silence_at_the_port_is_over_at_its_deadline, 0, 3);
+    tcase_add_test(t, a_host_that_waits_at_the_port_sleeps);
     tcase_add_loop_test(t, a_board_that_is_switched_off_loses_samples_and_comes_back, 0, 2);
     suite_add_tcase(s, t);
     return s;
