@@ -105,7 +105,7 @@ END_TEST
 START_TEST(what_there_is_no_room_for_is_cut_and_the_log_is_whole)
 {
     enum { TERMS = 2500, WORDS = 70 };
-    static char text[2 * TERMS], key[WORDS][8];
+    static char text[2 * TERMS], key[WORDS][16];
     static struct mk_log_meta meta[WORDS];
     struct mk_signal *signal;
     for (int i = 0; i < TERMS; i++)
