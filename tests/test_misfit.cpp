@@ -127,8 +127,12 @@ Suite *suite_misfit(void)
     TCase *t = tcase_create("data that a model does not follow");
     tcase_set_timeout(t, 120);
     tcase_add_test(t, a_model_that_misses_something_is_told_how_much);
-    tcase_add_test(t, data_of_another_rig_are_asked_about);
-    tcase_add_test(t, a_fit_does_not_leave_measured_data_that_its_start_follows);
     suite_add_tcase(s, t);
+    TCase *more = tcase_create("more that a model does not follow");
+    tcase_set_timeout(more, 120);
+    tcase_set_tags(more, "long");
+    tcase_add_test(more, data_of_another_rig_are_asked_about);
+    tcase_add_test(more, a_fit_does_not_leave_measured_data_that_its_start_follows);
+    suite_add_tcase(s, more);
     return s;
 }

@@ -124,9 +124,13 @@ Suite *suite_places(void)
     TCase *t = tcase_create("places");
     tcase_set_timeout(t, 120.0);
     tcase_add_test(t, cogging_is_found_though_every_log_was_zeroed_elsewhere);
-    tcase_add_test(t, so_is_a_ripple_under_an_arm_that_turns_level);
-    tcase_add_test(t, logs_with_one_zero_are_left_where_they_are);
-    tcase_add_test(t, a_place_that_logs_have_in_common_is_not_taken_from_them);
     suite_add_tcase(s, t);
+    TCase *more = tcase_create("more places");
+    tcase_set_timeout(more, 120.0);
+    tcase_set_tags(more, "long");
+    tcase_add_test(more, so_is_a_ripple_under_an_arm_that_turns_level);
+    tcase_add_test(more, logs_with_one_zero_are_left_where_they_are);
+    tcase_add_test(more, a_place_that_logs_have_in_common_is_not_taken_from_them);
+    suite_add_tcase(s, more);
     return s;
 }
