@@ -58,8 +58,14 @@ struct Frame {
     S m11, m12, m22;          // mass matrix
     S lag_input[2];           // commands before the actuators' lag
     S a[2];                   // accelerations, known from the derivative stage on
-    bool base_moves;          // some effect gives the base an acceleration
-    S base_acceleration;      // of a rocking base, about joint 1's axis; 0 where none does
+    S base_acceleration;      // of a rocking base, about joint 1's axis
+    bool base_moves;          // it is not 0: accelerate_base() was called
+
+    void accelerate_base(const S &by)
+    {
+        base_acceleration += by;
+        base_moves = true;
+    }
 };
 
 template <class S>

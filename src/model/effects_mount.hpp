@@ -66,9 +66,8 @@ struct BaseCompliance {
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
         S w = TWO_PI * e.p[0];
-        f.base_moves = true;
-        f.base_acceleration -=
-            w * w * e.z[0] + 2.0 * e.p[1] * w * e.z[1] + e.p[2] * f.motor_torque / f.c->p[0];
+        f.accelerate_base(
+            -(w * w * e.z[0] + 2.0 * e.p[1] * w * e.z[1] + e.p[2] * f.motor_torque / f.c->p[0]));
     }
     template <class S>
     static void derivative(Frame<S> &f, const EffectArgs<S> &e, S *dz)
