@@ -60,6 +60,7 @@
     X(frame)                                                                                       \
     X(wire)                                                                                        \
     X(device)                                                                                      \
+    X(device_stream)                                                                               \
     X(board)                                                                                       \
     X(standalone)                                                                                  \
     X(doctor)                                                                                      \

@@ -33,15 +33,15 @@ SUITES = [
     (r"src/base/(out_file|temporary|log_write|log_writer)\.c", "log_writer log"),
     (r"src/driver/usb.*\.c", "usb bus_faults bus_runs"),
     (r"src/driver/(board_)?parport\.c", "parport bus_faults"),
-    (r"src/driver/standalone.*\.c", "standalone device"),
+    (r"src/driver/standalone.*\.c", "standalone device device_stream"),
     (r"src/driver/(fault_script|board_virtual)\.c", "fault_script board loop_faults loop_lies loop_start"),
     (r"src/driver/emulated\.c", "fault_script board loop_faults loop_lies loop_start usb streams stream_troubles"),
     (r"src/driver/(byte_stream|tcp|resolve|serial|board_stream)\.c", "streams tcp serial stream_troubles bus_faults"),
-    (r"src/driver/step_clock\.c", "clock frame device board standalone bus_faults"),
-    (r"src/driver/device\.c", "device standalone frame bus_faults"),
+    (r"src/driver/step_clock\.c", "clock frame device device_stream board standalone bus_faults"),
+    (r"src/driver/device\.c", "device device_stream standalone frame bus_faults"),
     (r"src/driver/serve\.c", "serve streams tcp serial stream_troubles bus_faults"),
-    (r"src/driver/wire\.c", "wire frame device usb board bus_runs standalone streams stream_troubles bus_faults"),
-    (r"src/driver/", "frame device board usb bus_faults"),
+    (r"src/driver/wire\.c", "wire frame device device_stream usb board bus_runs standalone streams stream_troubles bus_faults"),
+    (r"src/driver/", "frame device device_stream board usb bus_faults"),
 ]
 
 SWAPS = [
