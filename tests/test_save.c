@@ -29,6 +29,46 @@ START_TEST(saving_never_overwrites)
 }
 END_TEST
 
+/* A model, a command file, whatever else somebody keeps in the folder of the logs. */
+START_TEST(saving_over_a_file_replaces_logs_and_empty_files_only)
+{
+    char out[256], path[300];
+    const char *script =
+        scratch_text("keep.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\nsave! own.txt\n");
+    snprintf(out, sizeof out, "%s", scratch("own"));
+    ck_assert_int_eq(mkdir(out, 0777), 0);
+    snprintf(path, sizeof path, "%s/own.txt", out);
+    static const struct {
+        const char *content;
+        bool replaced;
+    } rows[] = {
+        {"", true},
+        {"[plant]\nkind = pendubot\n", false},
+        {"# by hand\n# mechkit-log: 1\nt,q1\n", true},
+        {"# by hand\nt,q1\n# mechkit-log: 1\n", false},
+        {"setup pi-speed # mechkit-log: 1\n", false},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        scratch_text("own/own.txt", rows[i].content);
+        struct outcome o = MECHKIT("run", script, "--fast", "--out", out);
+        char *now = slurp_file(path);
+        ck_assert_ptr_nonnull(now);
+        ck_assert_msg((o.code == 0) == rows[i].replaced, "%zu: %d %s", i, o.code, o.err);
+        ck_assert_msg((strcmp(now, rows[i].content) == 0) == !rows[i].replaced, "%zu", i);
+        ck_assert(rows[i].replaced ||
+                  (o.code == 1 && strstr(o.err, "own.txt: this file is no log")));
+        free(now);
+    }
+    /* Nor does a name that means standard output elsewhere make a file. */
+    struct outcome o = MECHKIT("run",
+                               scratch_text("dash.cmd", "setup pi-speed\nstart\nwait 0.1\n"
+                                                        "halt\nsave -\n"),
+                               "--fast", "--out", out);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "'-' is no name of one"), "%d %s", o.code, o.err);
+    ck_assert_int_eq(count_files("own/-"), 0);
+}
+END_TEST
+
 START_TEST(saving_over_a_file_replaces_files_only)
 {
     const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
@@ -331,6 +371,7 @@ Suite *suite_save(void)
     tcase_set_timeout(t, 40);
     tcase_add_test(t, saving_never_overwrites);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
+    tcase_add_test(t, saving_over_a_file_replaces_logs_and_empty_files_only);
     tcase_add_test(t, a_name_that_is_no_file_is_refused_and_not_numbered);
     tcase_add_test(t, the_name_says_whether_the_log_is_compressed);
     tcase_add_test(t, programs_that_share_a_folder_lose_no_log);

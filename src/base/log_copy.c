@@ -2,6 +2,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <string.h>
 #include <unistd.h>
 #include <zlib.h>
 
@@ -74,4 +75,23 @@ int mk_log_copy_new(const char *from, const char *to, const char *name)
         unlink(to);
     gzclose_r(in);
     return failure;
+}
+
+/* A log begins with comments, and one of them is its version. */
+bool mk_log_may_replace(const char *path)
+{
+    static const char version[] = "# " MK_LOG_VERSION_KEY ":";
+    char line[256];
+    bool begins = true, is_log = false, is_empty = true;
+    gzFile in = gzopen(path, "rb");
+    while (in && !is_log && gzgets(in, line, sizeof line)) {
+        is_empty = false;
+        if (begins && line[0] != '#')
+            break;
+        is_log = begins && strncmp(line, version, sizeof version - 1) == 0;
+        begins = strchr(line, '\n') != NULL;
+    }
+    if (in)
+        gzclose_r(in);
+    return in && (is_log || is_empty);
 }

@@ -12,4 +12,7 @@ bool mk_log_paths_agree(const char *one, const char *other);
  * on failure nothing of the copy is left. */
 int mk_log_copy_new(const char *from, const char *to, const char *name);
 
+/* Whether a file may be replaced by a log: it is one, plain or compressed, or it is empty. */
+bool mk_log_may_replace(const char *path);
+
 #endif

@@ -604,7 +604,8 @@ static bool is_same_file(const char *one, const char *other)
            a.st_ino == b.st_ino;
 }
 
-/* Puts the log under a name that may exist: the old file stays until the new one is safe. */
+/* Puts the log under a name that may exist: the old file stays until the new one is safe. EINVAL:
+ * it is no file; ENOEXEC: it is no log, but a model or a command file, say. */
 static int replace(const char *log, const char *path)
 {
     struct stat old;
@@ -612,6 +613,8 @@ static int replace(const char *log, const char *path)
         return errno == ENOENT ? link_or_copy(log, path, path) : errno;
     if (!S_ISREG(old.st_mode))
         return EINVAL;
+    if (!mk_log_may_replace(path))
+        return ENOEXEC;
     char beside[SESSION_PATH + 32];
     snprintf(beside, sizeof beside, "%s.%ld-0.tmp", path, (long)getpid());
     mk_temporary_clean(path);
@@ -645,6 +648,8 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
         return mk_error_set(err, MK_ERR_STATE, "the log grows still: halt first");
     if (!s->log_path[0])
         return mk_error_set(err, MK_ERR_STATE, "there is no run to save");
+    if (strcmp(name, "-") == 0)
+        return mk_error_set(err, MK_ERR_INVALID, "a log is saved to a file: '-' is no name of one");
     char path[SESSION_PATH];
     enum mk_status st = path_in_out(s, name, path, err);
     if (st != MK_OK)
@@ -657,6 +662,9 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     if (why == EINVAL)
         return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
                            "this is no regular file and is not replaced: choose another name");
+    if (why == ENOEXEC)
+        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                           "this file is no log and is not replaced: choose another name");
     if (why)
         return mk_error_errno(err, why, path, "cannot save the log");
     /* The first name replaces run-NNN.csv; later ones are added. */
