@@ -484,6 +484,25 @@ START_TEST(an_fmu_without_a_compiler_has_its_sources)
 }
 END_TEST
 
+/* What is wrong is in the compiler's own words, the first error of them. */
+START_TEST(an_fmu_that_cannot_be_compiled_says_what_the_compiler_says)
+{
+    char out[1024], cc[300];
+    snprintf(cc, sizeof cc, "%s",
+             scratch_text("poor-cc", "#!/bin/sh\necho 'in a function:' >&2\n"
+                                     "echo 'm.c:7: error: no such thing' >&2\n"
+                                     "echo '7 | thing' >&2\nexit 1\n"));
+    ck_assert_int_eq(chmod(cc, 0700), 0);
+    int code = run_command(out, sizeof out,
+                           "CC=%s " MK_TEST_APP " export --model %s/models/furuta.ini --out %s", cc,
+                           MK_SOURCE_DIR, scratch("poor.fmu"));
+    ck_assert_msg(code == 1 && strstr(out, "poor-cc cannot compile the model: "
+                                           "m.c:7: error: no such thing\n"),
+                  "%d %s", code, out);
+    ck_assert_int_eq(count_files("poor.fmu"), 0);
+}
+END_TEST
+
 /* A Python that has FMPy: the one MECHKIT_FMPY names, that of `make fmpy`, or the system's; NULL.
  */
 static const char *fmpy_python(void)
@@ -662,6 +681,7 @@ Suite *suite_export_model(void)
     tcase_add_test(c, an_fmu_with_play_predicts_what_simulate_predicts);
     tcase_add_test(c, an_fmu_with_an_old_sensor_does_not_mind_tiny_steps);
     tcase_add_test(c, an_fmu_without_a_compiler_has_its_sources);
+    tcase_add_test(c, an_fmu_that_cannot_be_compiled_says_what_the_compiler_says);
     tcase_add_test(c, an_fmu_without_a_folder_to_be_built_in_names_it);
     tcase_add_loop_test(c, a_signal_while_the_fmu_is_built_leaves_no_folder, 0, 3);
     tcase_add_test(c, fmpy_validates_the_fmu_and_predicts_what_simulate_predicts);

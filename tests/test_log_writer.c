@@ -391,7 +391,7 @@ START_TEST(a_program_that_ends_removes_what_is_temporary_and_nothing_else)
         char inside[PATH_MAX];
         bool good = mk_out_file_save(done, "all of it", 9, NULL) == MK_OK &&
                     mk_out_file_open(&file, path, NULL) == MK_OK &&
-                    mk_temporary_folder_open(&folder, "ended", NULL) == MK_OK;
+                    mk_temporary_folder_open(&folder, NULL, "ended", NULL) == MK_OK;
         snprintf(inside, sizeof inside, "%s/file", folder.path);
         mk_temporary_add(inside);
         close(open(inside, O_WRONLY | O_CREAT, 0600));
@@ -426,7 +426,7 @@ START_TEST(a_folder_that_a_dead_program_left_is_removed)
     ck_assert_int_eq(symlink(mine, linked), 0);
     strcat(left, "/file");
     close(open(left, O_WRONLY | O_CREAT, 0600));
-    ck_assert_int_eq(mk_temporary_folder_open(&folder, "shop", NULL), MK_OK);
+    ck_assert_int_eq(mk_temporary_folder_open(&folder, NULL, "shop", NULL), MK_OK);
     ck_assert_int_eq(count_files("shop.*-0.tmp"), 1);
     mk_temporary_folder_close(&folder);
     ck_assert_int_eq(count_files("shop.*-0.tmp"), 0);
@@ -434,7 +434,7 @@ START_TEST(a_folder_that_a_dead_program_left_is_removed)
     ck_assert_int_eq(access(mine, F_OK), 0);
     struct mk_error err = MK_ERROR_INIT;
     setenv("TMPDIR", "/nowhere", 1);
-    ck_assert_int_eq(mk_temporary_folder_open(&folder, "shop", &err), MK_ERR_NOTFOUND);
+    ck_assert_int_eq(mk_temporary_folder_open(&folder, NULL, "shop", &err), MK_ERR_NOTFOUND);
     ck_assert_str_eq(err.file, "/nowhere");
     unsetenv("TMPDIR");
 }

@@ -155,10 +155,10 @@ static int make_folder(char *path, size_t size, const char *target)
     return failure;
 }
 
-enum mk_status mk_temporary_folder_open(struct mk_temporary_folder *folder, const char *name,
-                                        struct mk_error *err)
+enum mk_status mk_temporary_folder_open(struct mk_temporary_folder *folder, const char *where,
+                                        const char *name, struct mk_error *err)
 {
-    const char *base = getenv("TMPDIR");
+    const char *base = where ? where : getenv("TMPDIR");
     char target[PATH_MAX];
     *folder = (struct mk_temporary_folder){.lock = -1};
     if (!base || !*base)

@@ -24,16 +24,18 @@ void mk_temporary_remove(void);
  * whose process is gone and that nobody has locked. */
 void mk_temporary_clean(const char *target);
 
-/* A folder of this process: $TMPDIR/NAME.PID-WHATEVER.tmp, or in /tmp. Folders of this name that a
- * killed program left are removed first. */
+/* A folder of this process: WHERE/NAME.PID-WHATEVER.tmp. Folders of this name that a killed program
+ * left there are removed first. */
 struct mk_temporary_folder {
     char *path;
     int lock; /* descriptor of the folder, which is locked */
 };
 
-/* On failure there is nothing to close. The error names the folder. */
+/* `where` NULL: $TMPDIR, or /tmp. On failure there is nothing to close. The error names the folder
+ * in which there can be none. */
 MK_NODISCARD enum mk_status mk_temporary_folder_open(struct mk_temporary_folder *folder,
-                                                     const char *name, struct mk_error *err);
+                                                     const char *where, const char *name,
+                                                     struct mk_error *err);
 /* Removes the folder with the files in it. */
 void mk_temporary_folder_close(struct mk_temporary_folder *folder);
 

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <fcntl.h>
 #include <new>
 #include <spawn.h>
 #include <string>
@@ -39,7 +40,7 @@ class Workshop
     Workshop &operator=(const Workshop &) = delete;
     enum mk_status open(mk_error *err)
     {
-        return mk_temporary_folder_open(&folder_, "mechkit-fmu", err);
+        return mk_temporary_folder_open(&folder_, nullptr, "mechkit-fmu", err);
     }
     std::string file(const std::string &name)
     {
@@ -54,37 +55,6 @@ class Workshop
     std::vector<char *> files_;
 };
 
-// Runs the C compiler quietly. MK_ERR_NOTFOUND: there is none.
-enum mk_status compile_library(const std::string &library, const std::vector<std::string> &sources,
-                               mk_error *err)
-{
-    const char *cc = std::getenv("CC");
-    std::vector<std::string> words = {cc && *cc ? cc : "cc", "-shared", "-fPIC", "-O2",  "-std=c99",
-                                      "-fvisibility=hidden", "-w",      "-o",    library};
-    words.insert(words.end(), sources.begin(), sources.end());
-    words.push_back("-lm");
-    std::vector<char *> argv;
-    for (std::string &w : words)
-        argv.push_back(w.data());
-    argv.push_back(nullptr);
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", 1 /* O_WRONLY */, 0);
-    pid_t child = 0;
-    int failure = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
-    posix_spawn_file_actions_destroy(&actions);
-    if (failure != 0)
-        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
-    int status = 0;
-    while (waitpid(child, &status, 0) < 0 && errno == EINTR)
-        continue;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
-        return MK_OK;
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
-        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
-    return mk_error_set(err, MK_ERR_EXPECT, "%s cannot compile the model", argv[0]);
-}
-
 bool slurp(const std::string &path, std::string &out)
 {
     FILE *f = std::fopen(path.c_str(), "rb");
@@ -97,6 +67,52 @@ bool slurp(const std::string &path, std::string &out)
     bool good = !std::ferror(f);
     std::fclose(f);
     return good;
+}
+
+// The line with the first error, or the first line, as ": LINE"; empty where it said nothing.
+std::string first_complaint(const std::string &path)
+{
+    std::string all;
+    if (!slurp(path, all) || all.empty())
+        return "";
+    const size_t error = all.find("error: ");
+    size_t begin = error == std::string::npos ? 0 : all.rfind('\n', error);
+    begin = begin == std::string::npos ? 0 : all.find_first_not_of('\n', begin);
+    return begin == std::string::npos ? ""
+                                      : ": " + all.substr(begin, all.find('\n', begin) - begin);
+}
+
+// Runs the C compiler; what it says goes to the file `complaints`. MK_ERR_NOTFOUND: there is none.
+enum mk_status compile_library(const std::string &library, const std::vector<std::string> &sources,
+                               const std::string &complaints, mk_error *err)
+{
+    const char *cc = std::getenv("CC");
+    std::vector<std::string> words = {cc && *cc ? cc : "cc", "-shared", "-fPIC", "-O2",  "-std=c99",
+                                      "-fvisibility=hidden", "-w",      "-o",    library};
+    words.insert(words.end(), sources.begin(), sources.end());
+    words.push_back("-lm");
+    std::vector<char *> argv;
+    for (std::string &w : words)
+        argv.push_back(w.data());
+    argv.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, complaints.c_str(),
+                                     O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    pid_t child = 0;
+    int failure = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (failure != 0)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
+    int status = 0;
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR)
+        continue;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return MK_OK;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
+        return mk_error_set(err, MK_ERR_NOTFOUND, "there is no C compiler '%s'", argv[0]);
+    return mk_error_set(err, MK_ERR_EXPECT, "%s cannot compile the model%s", argv[0],
+                        first_complaint(complaints).c_str());
 }
 
 struct Sources {
@@ -118,7 +134,7 @@ enum mk_status build(const Sources &s, std::string &library, mk_error *err)
     if (st == MK_OK)
         st = write_text(wrapper, s.wrapper, err);
     if (st == MK_OK)
-        st = compile_library(out, {model, wrapper}, err);
+        st = compile_library(out, {model, wrapper}, shop.file("complaints"), err);
     if (st == MK_ERR_NOTFOUND)
         return MK_OK;
     if (st == MK_OK && !slurp(out, library))

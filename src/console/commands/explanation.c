@@ -1,4 +1,5 @@
 #include "console/commands/explanation.h"
+#include "base/temporary.h"
 #include "console/commands/budget.h"
 #include "console/commands/data_checks.h"
 #include "explain/report/log_value_text.h"
@@ -458,31 +459,38 @@ static enum mk_status move_parts(const char *from, const char *folder, bool has_
     return st;
 }
 
+/* All parts to the folder `aside`, and from there at once. */
+static enum mk_status write_and_move(const struct parts *p, const char *aside, const char *folder,
+                                     struct mk_error *err)
+{
+    char path[PATH_BYTES];
+    enum mk_status st = MK_OK;
+    if (strlen(aside) + sizeof "/extended.ini.1234567-1000.tmp" > PATH_BYTES)
+        return mk_error_errno(err, ENAMETOOLONG, folder, "cannot write to the folder");
+    for (int file = 0; file < FILES && st == MK_OK; file++) {
+        st = write_part(p, file, in(path, aside, names[file]), err);
+        if (st != MK_OK && err)
+            snprintf(err->file, sizeof err->file, "%.255s", in(path, folder, names[file]));
+    }
+    return st == MK_OK ? move_parts(aside, folder, p->e->next.input[0] != '\0', err) : st;
+}
+
 enum mk_status explanation_write(const char *folder, const char *model,
                                  const struct mk_explanation *e, const char *const *holdouts,
                                  size_t holdout_count, const struct mk_log *shown,
                                  struct mk_error *err)
 {
     const struct parts parts = {model, e, holdouts, holdout_count, shown};
-    char aside[PATH_BYTES], path[PATH_BYTES];
+    struct mk_temporary_folder aside;
     bool made;
     enum mk_status st = explanation_make_folder(folder, &made, err);
     if (st != MK_OK)
         return st;
-    in(aside, folder, ".report-XXXXXX");
-    errno = ENAMETOOLONG;
-    if (strlen(aside) + sizeof "/extended.ini.1234567-1000.tmp" > PATH_BYTES || !mkdtemp(aside))
-        return mk_error_errno(err, errno, folder, "cannot write to the folder");
-    for (int file = 0; file < FILES && st == MK_OK; file++) {
-        st = write_part(&parts, file, in(path, aside, names[file]), err);
-        if (st != MK_OK && err)
-            snprintf(err->file, sizeof err->file, "%.255s", in(path, folder, names[file]));
+    st = mk_temporary_folder_open(&aside, folder, ".report", err);
+    if (st == MK_OK) {
+        st = write_and_move(&parts, aside.path, folder, err);
+        mk_temporary_folder_close(&aside);
     }
-    if (st == MK_OK)
-        st = move_parts(aside, folder, e->next.input[0] != '\0', err);
-    for (int file = 0; file < FILES; file++)
-        (void)unlink(in(path, aside, names[file]));
-    (void)rmdir(aside);
     if (st != MK_OK && made)
         (void)rmdir(folder);
     return st;
