@@ -2,10 +2,14 @@
  * and completion know every row. */
 #include "suites.h"
 
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "console/commands/options.h"
 #include "support/files.h"
@@ -292,6 +296,43 @@ START_TEST(a_dash_is_no_output_where_it_is_none)
 }
 END_TEST
 
+/* A setup is a word: that a file has the same name does not make it one to be read. */
+START_TEST(a_file_named_as_a_setup_is_written_twice)
+{
+    char folder[512];
+    ck_assert_ptr_nonnull(getcwd(folder, sizeof folder));
+    ck_assert_int_eq(chdir(scratch(".")), 0);
+    for (int time = 0; time < 2; time++) {
+        struct outcome o =
+            MECHKIT("standalone", "pi-speed", "--fast", "--seconds", "0.1", "--out", "pi-speed");
+        ck_assert_msg(o.code == 0, "%d: %s", time, o.err);
+    }
+    ck_assert_int_eq(chdir(folder), 0);
+}
+END_TEST
+
+/* A report is put together in a folder of its own, which a killed program leaves. */
+START_TEST(what_a_killed_explain_left_is_gone_with_the_next_report)
+{
+    char log[300], report[300], left[400];
+    snprintf(log, sizeof log, "%s", open_loop_log("pendulum", "2*sin(5*t)", 2.0));
+    snprintf(report, sizeof report, "%s", scratch("again"));
+    pid_t dead = fork();
+    if (dead == 0)
+        _exit(0);
+    ck_assert_int_eq(waitpid(dead, NULL, 0), dead);
+    snprintf(left, sizeof left, "%s/.report.%ld-0.tmp", report, (long)dead);
+    ck_assert_int_eq(mkdir(report, 0777) | mkdir(left, 0777), 0);
+    strcat(left, "/extended.ini");
+    close(open(left, O_WRONLY | O_CREAT, 0600));
+    struct outcome o = MECHKIT("explain", "--model", MK_SOURCE_DIR "/models/pendulum.ini", "--out",
+                               report, "--seconds", "1", log);
+    ck_assert_msg(o.code == 0, "%s", o.err);
+    ck_assert_int_eq(count_files("again/report.json"), 1);
+    ck_assert_int_eq(count_files("again/.report*"), 0);
+}
+END_TEST
+
 /* Names come from archives and from other people: they must not steer the terminal. */
 START_TEST(a_name_does_not_steer_the_terminal_whatever_prints_it)
 {
@@ -454,10 +495,12 @@ Suite *suite_options(void)
     tcase_set_timeout(c, 60);
     tcase_add_test(c, a_command_line_fills_the_struct);
     tcase_add_test(c, no_output_takes_the_place_of_an_input_or_of_another_output);
+    tcase_add_test(c, a_file_named_as_a_setup_is_written_twice);
     tcase_add_test(c, an_error_names_the_option_and_what_would_be_right);
     tcase_add_test(c, what_does_not_arrive_on_a_full_disk_is_a_failure);
     tcase_add_test(c, a_directory_in_place_of_a_file_is_named);
     tcase_add_test(c, an_output_that_cannot_be_written_is_a_failure);
+    tcase_add_test(c, what_a_killed_explain_left_is_gone_with_the_next_report);
     tcase_add_test(c, a_name_does_not_steer_the_terminal_whatever_prints_it);
     tcase_add_test(c, a_dash_is_no_output_where_it_is_none);
     tcase_add_test(c, the_tables_are_sound);

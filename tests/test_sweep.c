@@ -18,6 +18,7 @@
 #include "explain/sweep_explain.h"
 #include "support/files.h"
 #include "support/program.h"
+#include "support/spawn.h"
 
 #define RUNS 24
 static const char small[] = "[sweep]\nkind = robustness\nruns = 4\nseed = 7\n"
@@ -210,6 +211,34 @@ START_TEST(an_output_that_cannot_be_written_is_refused_before_the_sweep)
                   out);
     ck_assert_ptr_null(strstr(out, "runs"));
     ck_assert_int_eq(count_files("*.journal") + count_files("*.tmp"), 0);
+    char *path = strdup(getenv("PATH"));
+    setenv("PATH", "/nowhere", 1);
+    struct outcome o =
+        MECHKIT("sweep", spec, "--out", scratch("s.csv"), "--plot", scratch("s.svg"));
+    setenv("PATH", path, 1);
+    free(path);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "gnuplot is not installed"), "%d %s", o.code, o.err);
+    ck_assert_int_eq(count_files("s.csv*"), 0);
+}
+END_TEST
+
+/* Only the spec says that this file is read. */
+START_TEST(an_output_does_not_replace_a_model_that_the_spec_names)
+{
+    char out[4096], model[512], spec[512];
+    snprintf(model, sizeof model, "%s", scratch("own.ini"));
+    ck_assert_int_eq(run_command(NULL, 0, "cp %s/models/furuta.ini %s", MK_SOURCE_DIR, model), 0);
+    char *before = slurp_file(model);
+    snprintf(spec, sizeof spec, "%s",
+             scratch_text("own-model.ini", "[sweep]\nkind = basin\n[rig]\nsetup = furuta\n"
+                                           "model = own.ini\n[start]\nq2 = 0\n"));
+    int code = run_mechkit(out, sizeof out, "sweep %s --out %s", spec, model);
+    ck_assert_msg(code == 2 && strstr(out, "own.ini: that is a model of the sweep"), "%d %s", code,
+                  out);
+    char *after = slurp_file(model);
+    ck_assert_str_eq(before, after);
+    free(before);
+    free(after);
 }
 END_TEST
 
@@ -625,6 +654,7 @@ Suite *suite_sweep(void)
     tcase_add_test(t, a_killed_sweep_goes_on_and_gives_the_same_file);
     tcase_add_loop_test(t, a_signal_stops_a_sweep_which_says_what_is_kept, 0, 3);
     tcase_add_test(t, an_output_that_cannot_be_written_is_refused_before_the_sweep);
+    tcase_add_test(t, an_output_does_not_replace_a_model_that_the_spec_names);
     tcase_add_test(t, processes_under_mpirun_write_the_same_file);
     tcase_add_test(t, a_hidden_delay_is_named_and_nothing_where_there_is_none);
     tcase_add_test(t, a_picture_is_drawn);

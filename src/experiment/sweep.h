@@ -67,6 +67,7 @@ struct sweep {
     uint64_t fingerprint;               /* of everything that results depend on */
     struct mk_model model[MK_PLANT_COUNT]; /* believed, by kind of rig */
     bool own_model[MK_PLANT_COUNT];        /* given by [rig] model */
+    char *model_path[MK_PLANT_COUNT];      /* of it; NULL where there is none */
 };
 
 /* Errors name file, line and what would be right. sweep_free also after a failure. */

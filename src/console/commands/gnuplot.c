@@ -3,6 +3,7 @@
 #include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -50,6 +51,28 @@ static pid_t start(FILE *script, int out, FILE *complaints)
     _exit(errno == ENOENT ? 127 : 126);
 }
 
+static enum mk_status is_not_installed(struct mk_error *err)
+{
+    return mk_error_set(err, MK_ERR_NOTSUP, "gnuplot is not installed: install gnuplot-nox");
+}
+
+/* As execlp(3) looks for it. */
+enum mk_status gnuplot_check(struct mk_error *err)
+{
+    char path[PATH_MAX];
+    const char *rest = getenv("PATH");
+    rest = rest ? rest : "/bin:/usr/bin";
+    while (*rest) {
+        const int length = (int)strcspn(rest, ":");
+        if (snprintf(path, sizeof path, "%.*s/gnuplot", length ? length : 1, length ? rest : ".") <
+                (int)sizeof path &&
+            access(path, X_OK) == 0)
+            return MK_OK;
+        rest += (size_t)length + (rest[length] == ':');
+    }
+    return is_not_installed(err);
+}
+
 /* The last line of the complaints, which says what is wrong; the place in the script before it
  * means nothing to a user. */
 static void last_complaint(FILE *complaints, char *text, size_t size)
@@ -78,7 +101,7 @@ static enum mk_status finish(pid_t child, FILE *complaints, struct mk_error *err
     last_complaint(complaints, text, sizeof text);
     /* 127 is also what the loader ends with: it says why. */
     if (WIFEXITED(status) && WEXITSTATUS(status) == 127 && !text[0])
-        return mk_error_set(err, MK_ERR_NOTSUP, "gnuplot is not installed: install gnuplot-nox");
+        return is_not_installed(err);
     return mk_error_set(err, MK_ERR_EXPECT, "gnuplot cannot draw this: %s", text);
 }
 

@@ -14,6 +14,8 @@ MK_NODISCARD enum mk_status gnuplot_run(const char *path,
                                         enum mk_status (*write)(FILE *f, const void *user,
                                                                 struct mk_error *err),
                                         const void *user, struct mk_error *err);
+/* Whether there is a gnuplot to be started, before work that takes long. MK_ERR_NOTSUP. */
+MK_NODISCARD enum mk_status gnuplot_check(struct mk_error *err);
 /* Text in a double-quoted string that stands for itself: nothing in it is substituted, and what is
  * no UTF-8 is written \\x1b. Cut at 1000 bytes. */
 void gnuplot_quote(FILE *f, const char *text);

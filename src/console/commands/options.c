@@ -195,7 +195,7 @@ static int check_output(const struct subcommand *sub, const struct option_row *o
     if (!path || is_standard_output(path))
         return EXIT_OK;
     bool read = false;
-    for (int i = 0; i < rest->count; i++)
+    for (int i = 0; i < rest->count && !sub->argument_is_name; i++)
         read = read || same_file(rest->text[i], path);
     for (const struct option_row *row = sub->options; row->name; row++) {
         const bool replaced = output->replaces && strcmp(output->replaces, row->name) == 0;

@@ -20,6 +20,7 @@ struct subcommand {
     const struct option_row *options;  /* NULL: none (console/options.h) */
     const char *notes;                 /* after the options; may be NULL */
     const char *argument;              /* what an argument without dashes is, as "log" */
+    bool argument_is_name;             /* not a file to be read, which no output may replace */
     int least, most;                   /* of them */
     int (*run)(int argc, char **argv); /* argv[0] is the subcommand's name; returns an exit code */
 };

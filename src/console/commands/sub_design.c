@@ -66,6 +66,7 @@ const struct subcommand sub_design = {
         "command `swingup` takes (docs/swingup.md).",
     .options = option_rows,
     .argument = "what to design",
+    .argument_is_name = true,
     .most = 1,
     .run = run,
 };

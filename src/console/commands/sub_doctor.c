@@ -68,6 +68,7 @@ const struct subcommand sub_boards = {
              "in the\n"
              "way of using them. Moves nothing.",
     .argument = "board",
+    .argument_is_name = true,
     .run = run_boards,
 };
 
@@ -113,6 +114,7 @@ const struct subcommand sub_doctor = {
         "problem. Without --drive the motor stays off.",
     .options = option_rows,
     .argument = "board",
+    .argument_is_name = true,
     .run = run_doctor,
 };
 

@@ -41,6 +41,7 @@ const struct subcommand sub_measure = {
         "  torque    m g l in command units: pendulum, slow sweep",
     .options = option_rows,
     .argument = "kind",
+    .argument_is_name = true,
     .most = 1 + MAX_FILES,
     .run = run,
 };

@@ -76,6 +76,7 @@ const struct subcommand sub_robustness = {
         "Exit code 1 when a setup holds less than 95 %.",
     .options = option_rows,
     .argument = "setup",
+    .argument_is_name = true,
     .run = run,
 };
 

@@ -43,6 +43,7 @@ const struct subcommand sub_serve = {
              "--fast\n\n"
              "Whoever can reach the address can drive the rig: there is no password.",
     .argument = "rig",
+    .argument_is_name = true,
     .run = run,
 };
 

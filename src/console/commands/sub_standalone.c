@@ -107,6 +107,7 @@ const struct subcommand sub_standalone = {
         "still. Setups: pendubot-mid, pendubot-top, reaction-wheel, furuta, pi-speed.",
     .options = option_rows,
     .argument = "setup",
+    .argument_is_name = true,
     .least = 1,
     .most = 1,
     .run = run,

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "base/out_file.h"
+#include "console/commands/gnuplot.h"
 #include "console/commands/options.h"
 #include "console/commands/sweep_report.h"
 #include "experiment/sweep_journal.h"
@@ -207,6 +208,23 @@ static void sum_up(const struct options *o, const struct progress *p,
     putchar('\n');
 }
 
+/* What would be found wrong only when all is done. */
+static enum mk_status check_outputs(const struct options *o, const struct sweep *s,
+                                    struct mk_error *err)
+{
+    for (int kind = 0; kind < MK_PLANT_COUNT; kind++)
+        for (int plot = 0; plot < 2; plot++)
+            if (same_file(plot ? o->plot : o->out, s->model_path[kind]))
+                return mk_error_set(err, MK_ERR_USAGE, "--%s %s: that is a model of the sweep",
+                                    plot ? "plot" : "out", plot ? o->plot : o->out);
+    enum mk_status st = mk_out_file_check(o->out, err);
+    if (st == MK_OK)
+        st = mk_out_file_check(o->plot, err);
+    if (st == MK_OK && o->plot)
+        st = gnuplot_check(err);
+    return st;
+}
+
 /* Rank 0, or the only one. */
 static int lead(const struct options *o, struct sweep *s, struct sweep_ranks *ranks, int threads,
                 enum mk_status st, struct mk_error *err)
@@ -215,9 +233,7 @@ static int lead(const struct options *o, struct sweep *s, struct sweep_ranks *ra
     struct sweep_journal j = {.fd = -1};
     struct progress p = {.journal = &j, .show = !o->quiet && isatty(STDERR_FILENO)};
     if (st == MK_OK)
-        st = mk_out_file_check(o->out, err);
-    if (st == MK_OK)
-        st = mk_out_file_check(o->plot, err);
+        st = check_outputs(o, s, err);
     if (st == MK_OK)
         st = sweep_journal_open(&j, s, o->out, err);
     if (!sweep_ranks_agree(ranks, st == MK_OK, s->fingerprint, threads) && st == MK_OK)

@@ -256,6 +256,9 @@ static enum mk_status read_models(struct sweep *s, struct mk_ini *ini, struct mk
         if (s->own_model[m.plant])
             return mk_ini_refuse(ini, e, err, "one model a kind of rig");
         s->own_model[m.plant] = true;
+        s->model_path[m.plant] = strdup(path);
+        if (!s->model_path[m.plant])
+            return mk_error_set(err, MK_ERR_NOMEM, "no memory for a sweep");
         s->model[m.plant] = m;
     }
     return MK_OK;
@@ -365,4 +368,8 @@ void sweep_free(struct sweep *s)
         free(s->axis[i].word);
     }
     s->axis_count = 0;
+    for (int kind = 0; kind < MK_PLANT_COUNT; kind++) {
+        free(s->model_path[kind]);
+        s->model_path[kind] = NULL;
+    }
 }
