@@ -529,6 +529,27 @@ START_TEST(an_imbalance_is_named_beside_friction_though_gravity_could_take_a_par
 }
 END_TEST
 
+// Where its mass sits the parameters of the rig do not say; what the arm feels is no cogging.
+START_TEST(a_tilted_base_is_all_that_is_named_whatever_the_arm_weighs_and_where)
+{
+    truth::Wish wish;
+    wish.rig = "furuta", wish.seed = 4, wish.effect = "base-tilt";
+    truth::Case c = truth::make_case(wish);
+    while (std::fabs(c.rig.effects[0].value.at("arm") - 1.0) < 0.3) {
+        wish.seed++;
+        c = truth::make_case(wish);
+    }
+    const double arm = c.rig.effects[0].value.at("arm");
+    const mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 1);
+    ck_assert_str_eq(e.cause[0].effect->name, "base-tilt");
+    ck_assert_double_gt(e.closed, 0.95);
+    ck_assert_double_eq_tol(e.cause[0].value[1], arm, 0.1);
+    ck_assert_double_lt(std::fabs(e.cause[0].value[1] - arm), 5.0 * e.cause[0].std_error[1]);
+}
+END_TEST
+
 START_TEST(a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it)
 {
     all_are_named("pair", 9639262, 2);
@@ -754,6 +775,7 @@ extern "C" Suite *suite_hidden(void)
                    a_first_cause_that_leaves_the_model_far_from_its_data_is_followed_by_a_second);
     tcase_add_test(t, two_frictions_take_the_place_of_a_term_without_a_name_that_stood_for_both);
     tcase_add_test(t, an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it);
+    tcase_add_test(t, a_tilted_base_is_all_that_is_named_whatever_the_arm_weighs_and_where);
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
     tcase_add_test(
         t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);

@@ -125,6 +125,36 @@ START_TEST(the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own)
 }
 END_TEST
 
+/* Where the arm's mass sits matters to a Furuta pendulum alone. */
+START_TEST(a_parameter_that_does_nothing_on_a_rig_is_neither_written_nor_fitted)
+{
+    for (int arm = 0; arm < 2; arm++) {
+        struct mk_model m, back;
+        struct mk_error err = MK_ERROR_INIT;
+        mk_model_default(arm ? MK_PLANT_FURUTA : MK_PLANT_PENDUBOT, &m);
+        ck_assert_int_eq(mk_model_add_effect(&m, "base-tilt", 0, &err), MK_OK);
+        const struct mk_parameter_info *info = &mk_effect(m.effect[0].index)->parameter[1];
+        ck_assert_str_eq(info->name, "arm");
+        ck_assert_double_eq(m.effect[0].value[1], 1.0);
+        ck_assert(mk_parameter_applies(info, m.plant) == arm);
+        ck_assert(mk_parameter_goes_without_saying(info, m.plant) != arm);
+        m.effect[0].value[1] = arm ? 0.7 : 1.0;
+        const char *path = scratch("tilted.ini");
+        ck_assert_int_eq(mk_model_write(path, &m, NULL, &err), MK_OK);
+        char *text = slurp_file(path), *line = strstr(text, "\narm = 0.7\n");
+        ck_assert(!strstr(text, "\narm =") == !arm && (!arm || line));
+        ck_assert_int_eq(mk_model_read(path, &back, &err), MK_OK);
+        ck_assert_double_eq(back.effect[0].value[1], m.effect[0].value[1]);
+        if (line) { /* left out, it is that of a uniform rod */
+            memmove(line, line + strlen("\narm = 0.7"), strlen(line + strlen("\narm = 0.7")) + 1);
+            ck_assert_int_eq(mk_model_read(scratch_text("rod.ini", text), &back, &err), MK_OK);
+            ck_assert_double_eq(back.effect[0].value[1], 1.0);
+        }
+        free(text);
+    }
+}
+END_TEST
+
 START_TEST(units_that_do_not_go_together_are_refused)
 {
 #define SLIDE(more) "[rig]\nkind = inertia-wheel\n" more "[parameters]\np1 = 1\np2 = 0\np3 = 0\n"
@@ -394,6 +424,7 @@ Suite *suite_model_file(void)
     tcase_add_test(t, a_joint_that_slides_reads_back_equal);
     tcase_add_test(t, a_device_that_never_ends_a_line_is_no_model_file);
     tcase_add_test(t, the_sharpness_of_friction_is_the_rig_s_unless_an_effect_has_its_own);
+    tcase_add_test(t, a_parameter_that_does_nothing_on_a_rig_is_neither_written_nor_fitted);
     tcase_add_test(t, units_that_do_not_go_together_are_refused);
     tcase_add_test(t, units_follow_the_joint_and_the_command);
     tcase_add_test(t, a_model_that_is_written_reads_back_equal);

@@ -82,9 +82,12 @@ struct mk_parameter_info {
 #ifdef __cplusplus
     enum mk_parameter_fit fit = MK_FIT_FREE;
     bool optional = false; /* left out of a model file it is `initial` */
+    unsigned plants = 0;   /* bits (1u << enum mk_plant_kind) of the plants on which it does
+                            * something, by their rows; 0: all */
 #else
     enum mk_parameter_fit fit;
     bool optional;
+    unsigned plants;
 #endif
 };
 
@@ -133,6 +136,9 @@ struct mk_plant_info {
     struct mk_equilibrium equilibrium[MK_MAX_EQUILIBRIA];
     const char *unsuited[MK_MAX_PLANT_NAMES]; /* effects that make no sense on it */
     const char *measures[MK_MAX_PLANT_NAMES]; /* measurements that it allows (mechkit/measure.h) */
+    /* Parameters of effects that do something on it, and nothing on a plant that does not list
+     * them. */
+    const char *own[MK_MAX_PLANT_NAMES];
 };
 
 /* The row of a plant; NULL out of range. Static. */
@@ -269,9 +275,13 @@ MK_NODISCARD enum mk_status mk_model_add_effect(struct mk_model *model, const ch
 
 /* Whether a parameter may have a value of its own in every log: no count, no phase, no constant. */
 bool mk_parameter_may_differ(const struct mk_parameter_info *info);
-/* Whether it is a constant of a law that follows from the rig where nothing else is said, so that
- * nobody needs to be told of it: the sharpness of a friction. */
-bool mk_parameter_goes_without_saying(const struct mk_parameter_info *info);
+/* Whether it does something on rigs of this kind. */
+bool mk_parameter_applies(const struct mk_parameter_info *info, enum mk_plant_kind plant);
+/* Whether nobody needs to be told of it: a constant of a law that follows from the rig where
+ * nothing else is said, as the sharpness of a friction, and what does nothing on this kind of rig.
+ */
+bool mk_parameter_goes_without_saying(const struct mk_parameter_info *info,
+                                      enum mk_plant_kind plant);
 /* Whether some parameter of the model has (a spread above 0). */
 bool mk_model_has_own_values(const struct mk_model *model);
 

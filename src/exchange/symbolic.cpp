@@ -30,7 +30,8 @@ std::string effect_name(const mk_model &model, int index)
 Expr parameter(SymbolicModel &s, int joint, const mk_parameter_info &info, const std::string &name,
                double value)
 {
-    if (info.fit == MK_FIT_FIXED) // says which law, not how much of it
+    // Says which law, not how much of it, or does nothing here.
+    if (info.fit == MK_FIT_FIXED || !mk_parameter_applies(&info, s.model.plant))
         return Expr(value);
     s.parameters.push_back({name, mk_model_unit(&s.model, joint, info.unit), info.help, value});
     return Expr::variable(s.graph, name, value);

@@ -83,8 +83,9 @@ std::vector<int> fitted_parameters(const mk_model &model)
         char name[64];
         const mk_parameter_info *info = mk_model_parameter_info(&model, i, name, sizeof name);
         // Most library terms have no frequency.
-        bool idle = strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
-                    mk_model_parameter(&model, i - 1) < 8.0;
+        bool idle = !mk_parameter_applies(info, model.plant) ||
+                    (strcmp(info->name, "frequency") == 0 && strstr(name, "custom-wave") &&
+                     mk_model_parameter(&model, i - 1) < 8.0);
         if (info->fit != MK_FIT_FIXED && info->fit != MK_FIT_INTEGER && !idle && i != held)
             free.push_back(i);
     }

@@ -109,7 +109,8 @@ void name_parameters(const mk_ident_options &options, mk_ident_result &r)
         p.value = mk_model_parameter(&r.model, i);
         p.initial = options.unknown[i] ? std::nan("") : p.value;
         p.std_error = p.crb = std::nan("");
-        p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER;
+        p.fixed = options.fixed[i] || info->fit == MK_FIT_FIXED || info->fit == MK_FIT_INTEGER ||
+                  !mk_parameter_applies(info, r.model.plant);
     }
 }
 

@@ -275,7 +275,7 @@ static void name_cause(const struct mk_explanation *e, const struct mk_cause *c,
         n += snprintf(text + n, size - (size_t)n, " at joint %d", c->joint);
     for (int k = 0; k < c->effect->parameter_count && (size_t)n < size; k++) {
         const struct mk_parameter_info *p = &c->effect->parameter[k];
-        if (mk_parameter_goes_without_saying(p))
+        if (mk_parameter_goes_without_saying(p, e->given.plant))
             continue;
         n += snprintf(text + n, size - (size_t)n, "%s%s %.4g", k ? ", " : ": ", p->name,
                       c->value[k]);

@@ -393,7 +393,7 @@ static void put_model(struct book *b)
         char name[64];
         const struct mk_parameter_info *info =
             mk_model_parameter_info(&b->now, i, name, sizeof name);
-        if (i >= base && mk_parameter_goes_without_saying(info))
+        if (i >= base && mk_parameter_goes_without_saying(info, b->now.plant))
             continue;
         row_begins(b);
         cell(b, "%s", name);

@@ -6,10 +6,13 @@
 namespace
 {
 
-// The row of an effect without the plants that say that it makes no sense on them.
+// The row of an effect with what the plants' rows say of it: where it makes no sense, and where
+// a parameter does something that has nothing to do elsewhere.
 constexpr mk_effect_info suited(mk_effect_info effect)
 {
     effect.plants &= mk::plants_suited_to(effect.name);
+    for (int k = 0; k < effect.parameter_count; k++)
+        effect.parameter[k].plants = mk::plants_that_own(effect.parameter[k].name);
     return effect;
 }
 
@@ -69,9 +72,14 @@ bool mk_parameter_may_differ(const mk_parameter_info *info)
     return info->fit == MK_FIT_FREE || info->fit == MK_FIT_CENTRE;
 }
 
-bool mk_parameter_goes_without_saying(const mk_parameter_info *info)
+bool mk_parameter_applies(const mk_parameter_info *info, enum mk_plant_kind plant)
 {
-    return info->fit == MK_FIT_FIXED && info->optional;
+    return info->plants == 0 || (info->plants & (1u << plant)) != 0;
+}
+
+bool mk_parameter_goes_without_saying(const mk_parameter_info *info, enum mk_plant_kind plant)
+{
+    return (info->fit == MK_FIT_FIXED && info->optional) || !mk_parameter_applies(info, plant);
 }
 
 bool mk_model_has_own_values(const mk_model *model)

@@ -11,18 +11,21 @@ inline namespace MK_KERNEL_NS
 
 // Gravity is turned by `angle` counter-clockwise in the plane of joint 1. What that does beside
 // turning qg1 the plant says: a Furuta pendulum tilts about its arm's zero direction, and the arm
-// then feels gravity too.
+// then feels gravity too, as much as its mass sits far out.
 struct BaseTilt {
-    static constexpr mk_effect_info info = {"base-tilt",
-                                            "gravity turned by angle in the plane of q1",
-                                            "rig not levelled",
-                                            MK_EFFECT_JOINT_NONE,
-                                            MK_STAGE_FRAME | MK_STAGE_TORQUE,
-                                            ALL_PLANTS,
-                                            0,
-                                            0,
-                                            1,
-                                            {{"angle", "rad", "angle", -1.6, 1.6, 0.01}}};
+    static constexpr mk_effect_info info = {
+        "base-tilt",
+        "gravity turned by angle in the plane of q1",
+        "rig not levelled",
+        MK_EFFECT_JOINT_NONE,
+        MK_STAGE_FRAME | MK_STAGE_TORQUE,
+        ALL_PLANTS,
+        0,
+        0,
+        2,
+        {{"angle", "rad", "angle", -1.6, 1.6, 0.01},
+         {"arm", "", "first moment of the arm over that of a uniform rod", -100.0, 100.0, 1.0,
+          MK_FIT_FREE, true}}};
     static constexpr mk_effect_words words = {"a base that is tilted",
                                               "The table or the foot is not level.",
                                               "Level it with a spirit level."};
@@ -34,7 +37,7 @@ struct BaseTilt {
     template <class S>
     static void torque(Frame<S> &f, const EffectArgs<S> &e)
     {
-        with_plant(f.c->plant, [&](auto plant) { plant.tilt(f.m, f.c->p, f.c->g, e.p[0], f.tau); });
+        with_plant(f.c->plant, [&](auto plant) { plant.tilt(f.m, f.c->p, f.c->g, e.p, f.tau); });
     }
 };
 

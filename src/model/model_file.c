@@ -595,7 +595,7 @@ static bool goes_without_saying(const struct mk_model *m, const struct mk_effect
     const struct mk_parameter_info *p = &mk_effect(use->index)->parameter[k];
     struct mk_model alone = *m;
     alone.effect_count = 0;
-    return mk_parameter_goes_without_saying(p) &&
+    return mk_parameter_goes_without_saying(p, m->plant) &&
            mk_model_add_effect(&alone, mk_effect(use->index)->name, use->joint, NULL) == MK_OK &&
            alone.effect[0].value[k] == use->value[k];
 }

@@ -112,10 +112,11 @@ struct Regressor {
 struct Plant {
     // The mass matrix is positive definite everywhere where sides[0] > sides[1].
     static void mass_sides(const double *, double sides[2]) { sides[0] = 1.0, sides[1] = 0.0; }
-    // Adds to tau what gravity does beyond the law when the base is tilted by `angle`: where the
-    // law takes its gravity from qg1, which has been turned already, nothing.
+    // Adds to tau what gravity does beyond the law when the base is tilted by e[0]; `e` are the
+    // parameters of base-tilt. Where the law takes its gravity from qg1, which has been turned
+    // already, nothing.
     template <class S>
-    static void tilt(const Motion<S> &, const S *, double, const S &, S *)
+    static void tilt(const Motion<S> &, const S *, double, const S *, S *)
     {
     }
     // The free link as a pendulum whose pivot the motor moves; false: there is none.

@@ -87,14 +87,14 @@ struct CartPole : Plant {
     {
         return j == 0 ? p[0] : p[2];
     }
-    // The track rises towards +q1 by `angle`. Potential
+    // The track rises towards +q1 by e[0]. Potential
     // g sin(tilt) (p1 q1 + p2 sin q2) + g cos(tilt) p2 cos q2.
     template <class S>
-    static void tilt(const Motion<S> &m, const S *p, double g, const S &angle, S *tau)
+    static void tilt(const Motion<S> &m, const S *p, double g, const S *e, S *tau)
     {
         S sb, cb, st, ct;
         sincos(m.q[1], sb, cb);
-        sincos(angle, st, ct);
+        sincos(e[0], st, ct);
         tau[0] -= g * st * p[0];
         tau[1] -= g * st * p[1] * cb + g * (1.0 - ct) * p[1] * sb;
     }

@@ -39,6 +39,7 @@ struct Furuta : Plant {
         i.parameter[5] = {"p6", "N m",     "Coulomb friction of the motor joint",
                           0.0,  PLANT_INF, 0.2014};
         i.mass_rule = "16 p1 p3 must be larger than p2^2";
+        i.own[0] = "arm"; // of base-tilt
         i.equilibrium_count = 2;
         i.equilibrium[0] = {"hanging", {0.0, PLANT_PI}, nullptr};
         i.equilibrium[1] = {"top", {0.0, 0.0}, "furuta"};
@@ -95,16 +96,17 @@ struct Furuta : Plant {
         return tip + 1.5 * (p[0] - tip * l1) / l1;
     }
     // Tilted about the arm's zero direction, the arm feels gravity too. Potential
-    // g sin(tilt) (k sin a + p4 sin b cos a) + g cos(tilt) p4 cos b.
+    // g sin(tilt) (k sin a + p4 sin b cos a) + g cos(tilt) p4 cos b, with k = e[1] times the first
+    // moment of uniform rods: where the arm's mass sits, p1 to p4 do not say.
     template <class S>
-    static void tilt(const Motion<S> &m, const S *p, double g, const S &angle, S *tau)
+    static void tilt(const Motion<S> &m, const S *p, double g, const S *e, S *tau)
     {
         S sa, ca, sb, cb, st, ct;
         sincos(m.q[0], sa, ca);
         sincos(m.q[1], sb, cb);
-        sincos(angle, st, ct);
+        sincos(e[0], st, ct);
         S side = g * st;
-        tau[0] -= side * (arm_moment(p) * ca - p[3] * sb * sa);
+        tau[0] -= side * (e[1] * arm_moment(p) * ca - p[3] * sb * sa);
         tau[1] -= side * p[3] * cb * ca + g * (1.0 - ct) * p[3] * sb;
     }
     static bool free_link(const double *p, double g, const double *x, mk_free_link *out)

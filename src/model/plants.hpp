@@ -63,6 +63,15 @@ constexpr unsigned plants_suited_to(const char *effect)
 #undef MK_PLANT_SUITS
     return plants;
 }
+// Those on which a parameter of an effect does something; 0: all.
+constexpr unsigned plants_that_own(const char *parameter)
+{
+    unsigned plants = 0;
+#define MK_PLANT_OWNS(P) plants |= plant_lists(P::info.own, parameter) ? 1u << P::info.kind : 0u;
+    MK_PLANT_TABLE(MK_PLANT_OWNS)
+#undef MK_PLANT_OWNS
+    return plants;
+}
 constexpr unsigned plants_measured_by(const char *measurement)
 {
     unsigned plants = 0;

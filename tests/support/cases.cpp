@@ -258,8 +258,11 @@ const Row rows[] = {
      }},
     {"base-tilt",
      [](const std::string &rig, int joint) { return joint == 0 && !is(rig, "inertia-wheel"); },
-     [](const Rig &, int, Draw &d, double k) -> Values {
-         return {{"angle", d.sign() * k * about(d, 0.008, 0.05)}};
+     [](const Rig &r, int, Draw &d, double k) -> Values {
+         const double angle = d.sign() * k * about(d, 0.008, 0.05);
+         if (!is(r.kind, "furuta"))
+             return {{"angle", angle}};
+         return {{"angle", angle}, {"arm", shape(d, 0.5, 1.6)}}; // a hub, or a weight at its end
      }},
     {"base-compliance",
      [](const std::string &rig, int joint) {

@@ -230,9 +230,12 @@ void Machine::gravity(const State &s, Forces &f) const
                 for (int k = 0; k < 2; k++)
                     f.on[k] += rod.mass[n] * down[i] * J[i][k];
         }
-        // The arm is a uniform rod too.
-        double arm = p[0] - rod.about_axis();
-        f.on[LINK1] += 1.5 * arm / rod.reach * down[1] * std::cos(s.y[LINK1]);
+        // The arm is a uniform rod too, unless its mass sits further in or out: what all masses
+        // come to about the axis is then `arm` times as much.
+        const double tip = rod.about_axis(), uniform = (tip + 1.5 * (p[0] - tip)) / rod.reach;
+        const double moment =
+            (tilt && tilt->value.count("arm") ? at_(*tilt, "arm") : 1.0) * uniform;
+        f.on[LINK1] += (moment - tip / rod.reach) * down[1] * std::cos(s.y[LINK1]);
         break;
     }
     }

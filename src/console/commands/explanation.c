@@ -34,7 +34,7 @@ static void print_cause(FILE *out, const struct mk_model *model, const struct mk
         fprintf(out, " at joint %d", c->joint);
     fprintf(out, ": ");
     for (int k = 0; k < c->effect->parameter_count; k++) {
-        if (mk_parameter_goes_without_saying(&c->effect->parameter[k]))
+        if (mk_parameter_goes_without_saying(&c->effect->parameter[k], model->plant))
             continue;
         fprintf(out, "%s%s %.4g", k ? ", " : "", c->effect->parameter[k].name, c->value[k]);
         if (isfinite(c->std_error[k]))
@@ -146,7 +146,7 @@ static void print_values(FILE *out, const struct mk_explanation *e)
         const struct mk_effect_use *given = &e->given.effect[i], *refit = &e->refit.effect[i];
         const struct mk_effect_info *info = mk_effect(given->index);
         for (int k = 0; k < info->parameter_count; k++)
-            if (!mk_parameter_goes_without_saying(&info->parameter[k]))
+            if (!mk_parameter_goes_without_saying(&info->parameter[k], plant->kind))
                 fprintf(out, "  %s, %s: given %.4g, refitted %.4g\n", info->name,
                         info->parameter[k].name, given->value[k], refit->value[k]);
     }

@@ -509,7 +509,7 @@ std::string cause_table(const mk_explanation &e)
             break; // the formula stands above
         s += "<tr><td><b>" + cause_name(c.effect, c.joint) + "</b></td><td>";
         for (int k = 0; k < c.effect->parameter_count; k++) {
-            if (mk_parameter_goes_without_saying(&c.effect->parameter[k]))
+            if (mk_parameter_goes_without_saying(&c.effect->parameter[k], e.given.plant))
                 continue;
             add(s, "%s%s = %.4g", k ? "<br>" : "", c.effect->parameter[k].name, c.value[k]);
             if (std::isfinite(c.std_error[k]))
@@ -557,7 +557,7 @@ std::string parameter_table(const mk_explanation &e)
         const mk_effect_use &given = e.given.effect[i];
         const mk_effect_info *info = mk_effect(given.index);
         for (int k = 0; k < info->parameter_count; k++)
-            if (!mk_parameter_goes_without_saying(&info->parameter[k]))
+            if (!mk_parameter_goes_without_saying(&info->parameter[k], plant->kind))
                 row(cause_name(info, given.joint) + ", " + info->parameter[k].name, given.value[k],
                     e.refit.effect[i].value[k], fitted.effect[i].value[k], std::nan(""));
     }

@@ -17,6 +17,8 @@ cJSON *parameters_of(const mk_model &model, const mk_cause &c)
 {
     cJSON *all = cJSON_CreateObject();
     for (int k = 0; k < c.effect->parameter_count; k++) {
+        if (!mk_parameter_applies(&c.effect->parameter[k], model.plant))
+            continue;
         cJSON *p = cJSON_AddObjectToObject(all, c.effect->parameter[k].name);
         cJSON_AddItemToObject(p, "value", mk_json_number(c.value[k]));
         // Whole numbers were tried one by one: no other is near.

@@ -69,7 +69,7 @@ std::string formula_of(const mk_cause &cause, const mk_plant_info &plant)
     } else {
         std::string values;
         for (int k = 0; k < info.parameter_count; k++) {
-            if (mk_parameter_goes_without_saying(&info.parameter[k]))
+            if (mk_parameter_goes_without_saying(&info.parameter[k], plant.kind))
                 continue;
             char one[64];
             snprintf(one, sizeof one, "%s%s=%.4g", k ? ", " : "", info.parameter[k].name, v[k]);
