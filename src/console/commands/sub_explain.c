@@ -115,13 +115,27 @@ static void warn_of_repeats(struct mk_log *const *logs, size_t count,
 
 static char *made_folder; /* by us, and nothing is in it yet */
 
+/* Signals that end the program wait until *before is put back. */
+static void hold_signals(sigset_t *before)
+{
+    sigset_t enders;
+    const struct ending_signal *s;
+    sigemptyset(&enders);
+    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
+        sigaddset(&enders, s->number);
+    pthread_sigmask(SIG_BLOCK, &enders, before);
+}
+
 /* The folder is there from now on; a search that is ended leaves none behind. */
 static enum mk_status make_folder(const char *path, struct mk_error *err)
 {
     bool made = false;
+    sigset_t before;
+    hold_signals(&before);
     enum mk_status st = explanation_make_folder(path, &made, err);
     made_folder = made ? strdup(path) : NULL;
     mk_temporary_add(made_folder);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
     return st;
 }
 
@@ -139,12 +153,8 @@ static enum mk_status write_reports(const struct options *o, const struct mk_exp
 {
     const char *last = o->input.text[o->input.count - 1];
     bool given = o->holdout.count > 0;
-    sigset_t enders, before;
-    const struct ending_signal *s;
-    sigemptyset(&enders);
-    for (int i = 0; (s = signals_ending(i)) != NULL; i++)
-        sigaddset(&enders, s->number);
-    pthread_sigmask(SIG_BLOCK, &enders, &before);
+    sigset_t before;
+    hold_signals(&before);
     enum mk_status st = explanation_write(o->out, o->model, e, given ? o->holdout.text : &last,
                                           given ? o->holdout.count : 1, shown, err);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
