@@ -172,6 +172,60 @@ START_TEST(after_lost_samples_a_joint_may_have_moved_further)
 }
 END_TEST
 
+/* Host and board each have a clock: a sample may seem to come early. */
+START_TEST(a_sample_that_comes_early_may_have_moved_as_far_as_another)
+{
+    const double q[] = {-M_PI_2, 0}, far[] = {-M_PI_2, 0.9 * limits.jump_rad[1]}, v[] = {0, 0};
+    mk_safety_check(&safety, 0, DT, q, v, 0);
+    ck_assert_int_eq(mk_safety_check(&safety, 0.5 * DT, 0.5 * DT, far, v, 0), MK_FAULT_NONE);
+}
+END_TEST
+
+/* A caller's own limits may say nothing of a sample time. */
+START_TEST(a_jump_is_one_where_the_limits_are_for_no_sample_time)
+{
+    const double q[] = {-M_PI_2, 0}, far[] = {-M_PI_2, 1.1 * limits.jump_rad[1]}, v[] = {0, 0};
+    safety.limits.dt_s = 0.0;
+    mk_safety_check(&safety, 0, DT, q, v, 0);
+    ck_assert_int_eq(mk_safety_check(&safety, DT, DT, far, v, 0), MK_FAULT_JUMP);
+}
+END_TEST
+
+/* Between two samples its reading changes by nothing or by a count, however slow it is. */
+START_TEST(a_coarse_encoder_does_not_jump_by_a_few_counts)
+{
+    static const struct {
+        int counts;
+        enum mk_fault fault;
+    } rows[] = {{3, MK_FAULT_NONE}, {-3, MK_FAULT_NONE}, {6, MK_FAULT_JUMP}, {-6, MK_FAULT_JUMP}};
+    mk_model_default(MK_PLANT_PENDUBOT, &model);
+    model.encoder_cpr[1] = 16;
+    const double count = mk_model_count(&model, 1);
+    mk_safety_default(&model, DT, &limits);
+    ck_assert_double_lt(1.25 * limits.v_max[1] * DT, count);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        mk_safety_init(&safety, &model, &limits);
+        look(0, -M_PI_2, 0, 0, 0, 0);
+        ck_assert_int_eq(look(DT, -M_PI_2, rows[i].counts * count, 0, 0, 0), rows[i].fault);
+    }
+}
+END_TEST
+
+/* What stands in the arrays behind its joint is nobody's reading. */
+START_TEST(of_a_rig_with_one_joint_nothing_else_is_looked_at)
+{
+    use_plant(MK_PLANT_PENDULUM);
+    const struct mk_plant_info *plant = mk_plant(MK_PLANT_PENDULUM);
+    const double rest[] = {plant->rest[0], 0.0};
+    ck_assert_int_eq(plant->joints, 1);
+    for (int k = 0; k < 10; k++)
+        ck_assert_int_eq(look(k * DT, rest[0], 1e3 * k, 0, 1e6, 0), MK_FAULT_NONE);
+    const double q[] = {rest[0], 2.0};
+    const bool is_wheel[] = {false, false};
+    ck_assert_int_eq(mk_safety_check_rest(&safety, q, rest, is_wheel), MK_FAULT_NONE);
+}
+END_TEST
+
 START_TEST(a_silent_encoder_under_a_hard_command_is_stuck)
 {
     double t = 0;
@@ -269,8 +323,11 @@ START_TEST(a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway)
         double u;
         int samples;
         enum mk_fault fault;
-    } rows[] = {{-0.5, 20, MK_FAULT_NONE}, {-5.0, 1, MK_FAULT_NONE}, {-5.0, 3, MK_FAULT_RUNAWAY}};
-    for (int i = 0; i < 3; i++) {
+    } rows[] = {{-0.5, 20, MK_FAULT_NONE},
+                {-1.0, 20, MK_FAULT_RUNAWAY}, /* a tenth of what there is */
+                {-5.0, 1, MK_FAULT_NONE},
+                {-5.0, 3, MK_FAULT_RUNAWAY}};
+    for (int i = 0; i < 4; i++) {
         use_plant(MK_PLANT_INERTIA_WHEEL);
         double q = 0.0, v = 50.0;
         for (int k = 0; k < 20; k++)
@@ -280,6 +337,42 @@ START_TEST(a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway)
         q = 0.1;
         ck_assert_int_eq(mk_safety_check(&safety, 20 * DT, DT, &q, &v, rows[i].u), rows[i].fault);
     }
+}
+END_TEST
+
+/* In times and ways that binary fractions hold to the bit. */
+START_TEST(a_joint_runs_away_after_the_time_and_the_way_that_the_limits_say)
+{
+    const double dt = 1.0 / 512.0, v = 0.0;
+    static const struct {
+        int samples; /* under the command */
+        double q;
+        enum mk_fault fault;
+    } rows[] = {{8, -0.0625, MK_FAULT_NONE},
+                {8, -0.0703125, MK_FAULT_RUNAWAY},
+                {7, -0.0703125, MK_FAULT_NONE}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        double q = 0.0;
+        use_plant(MK_PLANT_INERTIA_WHEEL);
+        safety.runaway_travel = 0.0625;
+        safety.limits.runaway_s = 8 * dt;
+        for (int k = 0; k < rows[i].samples; k++)
+            mk_safety_check(&safety, k * dt, dt, &q, &v, 5.0);
+        q = rows[i].q;
+        ck_assert_int_eq(mk_safety_check(&safety, 1.0, dt, &q, &v, 5.0), rows[i].fault);
+    }
+}
+END_TEST
+
+/* A command that has just changed its sign has not turned anything round yet. */
+START_TEST(a_joint_that_leaves_with_the_command_before_is_no_runaway)
+{
+    use_plant(MK_PLANT_INERTIA_WHEEL);
+    double q = 0.0, v = 5.0;
+    for (int k = 0; k < 20; k++)
+        mk_safety_check(&safety, k * DT, DT, &q, &v, k < 19 ? 5.0 : -5.0);
+    q = 0.1;
+    ck_assert_int_eq(mk_safety_check(&safety, 20 * DT, DT, &q, &v, -5.0), MK_FAULT_NONE);
 }
 END_TEST
 
@@ -316,9 +409,8 @@ START_TEST(lost_samples_in_a_row_trip_at_the_limit)
         ck_assert_int_eq(mk_safety_link(&safety, 0, false), MK_FAULT_NONE);
     for (int k = 0; k < limits.lost_limit - 1; k++)
         ck_assert_int_eq(mk_safety_link(&safety, 0, true), MK_FAULT_NONE);
-    for (int k = 0; k < limits.lost_limit; k++)
-        mk_safety_link(&safety, 4.0, true);
-    ck_assert_int_eq(safety.fault, MK_FAULT_LINK);
+    ck_assert_int_eq(mk_safety_link(&safety, 4.0, true), MK_FAULT_LINK);
+    ck_assert_double_eq(safety.fault_t, 4.0);
 }
 END_TEST
 
@@ -402,7 +494,7 @@ START_TEST(a_carriage_whose_rest_is_limited_rests_there_and_not_a_turn_further)
     const struct mk_plant_info *plant = mk_plant(MK_PLANT_CART_POLE);
     safety.limits.rest_tolerance[0] = 0.1;
     for (int run = 0; run < 2; run++) { /* cleared as well as new */
-        const double near[] = {0.05, plant->rest[1]}, far[] = {2.0 * M_PI, plant->rest[1]};
+        const double near[] = {0.1, plant->rest[1]}, far[] = {2.0 * M_PI, plant->rest[1]};
         ck_assert_int_eq(mk_safety_check_rest(&safety, near, plant->rest, plant->joint_is_wheel),
                          MK_FAULT_NONE);
         ck_assert_int_eq(mk_safety_check_rest(&safety, far, plant->rest, plant->joint_is_wheel),
@@ -480,6 +572,10 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_joint_may_go_as_far_in_a_sample_as_the_limit_says);
     tcase_add_test(t, a_jump_trips_and_names_its_joint);
     tcase_add_test(t, after_lost_samples_a_joint_may_have_moved_further);
+    tcase_add_test(t, a_sample_that_comes_early_may_have_moved_as_far_as_another);
+    tcase_add_test(t, a_jump_is_one_where_the_limits_are_for_no_sample_time);
+    tcase_add_test(t, a_coarse_encoder_does_not_jump_by_a_few_counts);
+    tcase_add_test(t, of_a_rig_with_one_joint_nothing_else_is_looked_at);
     tcase_add_test(t, a_silent_encoder_under_a_hard_command_is_stuck);
     tcase_add_test(t, a_silent_encoder_is_found_at_the_time_that_the_limit_says);
     tcase_add_test(t, a_silent_encoder_under_a_weak_command_is_a_resting_link);
@@ -487,6 +583,8 @@ Suite *suite_safety(void)
     tcase_add_test(t, a_joint_that_runs_away_is_named_wherever_it_started);
     tcase_add_test(t, motion_against_the_command_after_a_good_start_is_no_runaway);
     tcase_add_test(t, a_joint_that_is_moved_while_the_motor_hardly_drives_is_no_runaway);
+    tcase_add_test(t, a_joint_runs_away_after_the_time_and_the_way_that_the_limits_say);
+    tcase_add_test(t, a_joint_that_leaves_with_the_command_before_is_no_runaway);
     tcase_add_test(t, a_wheel_that_already_spins_may_be_braked);
     tcase_add_test(t, late_samples_in_a_row_trip_at_the_limit);
     tcase_add_test(t, lost_samples_in_a_row_trip_at_the_limit);

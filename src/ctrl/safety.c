@@ -46,8 +46,16 @@ const char *mk_fault_text(enum mk_fault fault)
 void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety_limits *out)
 {
     const struct mk_plant_info *plant = mk_plant(model->plant);
-    memset(out, 0, sizeof *out);
-    out->dt_s = dt;
+    *out = (struct mk_safety_limits){.dt_s = dt,
+                                     .stuck_s = 0.3,
+                                     .stuck_u = 0.8 * model->u_max,
+                                     .runaway_s = 0.003,
+                                     .runaway_u = 0.1 * model->u_max,
+                                     .model_share = 0.25,
+                                     .model_reserve = 0.03 * model->u_max,
+                                     .late_limit = 10,
+                                     .lost_limit = 5,
+                                     .stale_limit = 5};
     for (int j = 0; j < MK_MAX_JOINTS; j++) {
         bool there = j < plant->joints;
         bool either = there && plant->joint_motion[j] == MK_JOINT_EITHER;
@@ -62,15 +70,6 @@ void mk_safety_default(const struct mk_model *model, double dt, struct mk_safety
         out->rest_tolerance[j] = plant->joint_is_level[j] ? (double)INFINITY : 0.1 * size;
         out->still_way[j] = fmax(STILL_WAY_RAD * size, STILL_WAY_COUNTS * count);
     }
-    out->stuck_s = 0.3;
-    out->stuck_u = 0.8 * model->u_max;
-    out->model_share = 0.25;
-    out->model_reserve = 0.03 * model->u_max;
-    out->runaway_s = 0.003;
-    out->runaway_u = 0.1 * model->u_max;
-    out->late_limit = 10;
-    out->lost_limit = 5;
-    out->stale_limit = 5;
 }
 
 void mk_safety_init(struct mk_safety *s, const struct mk_model *model,
@@ -163,8 +162,7 @@ enum mk_fault mk_safety_check(struct mk_safety *s, double t, double dt, const do
         if (check_runaway(s, dt, q[m], u))
             mk_safety_latch(s, MK_FAULT_RUNAWAY, t, m + 1);
     }
-    for (int j = 0; j < s->joints; j++)
-        s->last_q[j] = q[j];
+    memcpy(s->last_q, q, (size_t)s->joints * sizeof *q);
     s->last_u = u;
     s->primed = true;
     return s->fault;
