@@ -233,6 +233,73 @@ START_TEST(a_board_clock_may_be_off_by_two_and_no_more)
 }
 END_TEST
 
+/* One step of a watch, with readings that go on. */
+static enum mk_fault watch_step(struct mk_board_watch *w, int64_t host_ns, int64_t board_ns,
+                                double sent, double applied)
+{
+    static uint32_t sequence;
+    const struct mk_board_sample reading = {
+        .sequence = ++sequence, .board_ns = board_ns, .u_applied = applied};
+    return mk_board_watch_step(
+        w, &(struct mk_board_watch_sample){.reading = &reading, .sent = sent, .host_ns = host_ns});
+}
+
+/* Wherever the two clocks stand when a run begins. Until 100 ms are over a board cannot be too
+ * slow. */
+START_TEST(clocks_are_compared_over_100_ms_of_the_host)
+{
+    static const struct {
+        int64_t host_ns, board_ns;
+        enum mk_fault fault;
+    } rows[] = {{1, 220000000, MK_FAULT_NONE},         {1, 220000001, MK_FAULT_STALE},
+                {99999999, 29999999, MK_FAULT_NONE},   {100000000, 30000000, MK_FAULT_NONE},
+                {100000000, 29999999, MK_FAULT_STALE}, {100000000, 220000000, MK_FAULT_NONE},
+                {100000000, 220000001, MK_FAULT_STALE}};
+    static const int64_t begin[][2] = {{0, 0}, {5000000000, 7}, {7, 5000000000}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+        for (size_t k = 0; k < sizeof begin / sizeof begin[0]; k++) {
+            struct mk_board_watch watch = {0};
+            mk_board_watch_reset(&watch, false, MK_BOARD_CLOCK_WEIGHT);
+            ck_assert_int_eq(watch_step(&watch, begin[k][0], begin[k][1], 0, 0), MK_FAULT_NONE);
+            enum mk_fault fault = watch_step(&watch, begin[k][0] + rows[i].host_ns,
+                                             begin[k][1] + rows[i].board_ns, 0, 0);
+            ck_assert_msg(fault == rows[i].fault, "row %zu from %zu: %d", i, k, (int)fault);
+        }
+}
+END_TEST
+
+/* An answer to a streamed sample that is late acts with a later one; without a stream the command
+ * of an exchange is in force with its reading. */
+START_TEST(one_of_the_last_four_commands_is_in_force_with_a_stream_and_the_last_without)
+{
+    for (int streaming = 0; streaming < 2; streaming++)
+        for (int ago = 0; ago < 6; ago++) {
+            struct mk_board_watch watch = {0};
+            enum mk_fault fault = MK_FAULT_NONE;
+            mk_board_watch_reset(&watch, streaming, 5);
+            for (int k = 0; k <= ago && fault == MK_FAULT_NONE; k++) {
+                const int64_t ns = 2000000 * (k + 1);
+                fault = watch_step(&watch, ns, ns, k ? 1.0 : -2.0, k == ago ? -2.0 : 0.0);
+            }
+            ck_assert_int_eq(fault == MK_FAULT_NONE, ago < (streaming ? MK_BOARD_WATCH_SENT : 1));
+        }
+}
+END_TEST
+
+/* A board that was opened again counts and tells the time from anywhere. */
+START_TEST(a_watch_that_begins_anew_has_forgotten_the_run_before)
+{
+    struct mk_board_watch watch = {0};
+    mk_board_watch_reset(&watch, true, MK_BOARD_CLOCK_WEIGHT);
+    watch_step(&watch, 1000000000, 1000000000, 9.0, 9.0);
+    ck_assert_int_eq(watch_step(&watch, 2000000000, 1000000001, 9.0, 9.0), MK_FAULT_STALE);
+    mk_board_watch_reset(&watch, true, MK_BOARD_CLOCK_WEIGHT);
+    ck_assert_int_eq(watch_step(&watch, 3000000000, 5, 0.0, 0.0), MK_FAULT_NONE);
+    ck_assert_int_eq(watch_step(&watch, 3002000000, 2000005, 0.0, 0.0), MK_FAULT_NONE);
+    ck_assert_int_eq(watch_step(&watch, 3004000000, 4000005, 0.0, 9.0), MK_FAULT_DISOBEYED);
+}
+END_TEST
+
 START_TEST(a_board_whose_exchange_numbers_are_nonsense_is_stale)
 {
     ck_assert_double_le(lie_from(COUNTS_NONSENSE, 200, MK_FAULT_STALE), 0.01);
@@ -302,6 +369,9 @@ Suite *suite_loop_lies(void)
     tcase_add_test(t, a_board_whose_clock_stands_still_is_stale);
     tcase_add_test(t, a_board_whose_clock_races_is_stale);
     tcase_add_test(t, a_board_clock_may_be_off_by_two_and_no_more);
+    tcase_add_test(t, clocks_are_compared_over_100_ms_of_the_host);
+    tcase_add_test(t, one_of_the_last_four_commands_is_in_force_with_a_stream_and_the_last_without);
+    tcase_add_test(t, a_watch_that_begins_anew_has_forgotten_the_run_before);
     tcase_add_test(t, a_board_whose_exchange_numbers_are_nonsense_is_stale);
     tcase_add_test(t, a_board_that_loses_four_of_five_exchanges_is_stopped);
     tcase_add_test(t, a_streaming_board_whose_clock_stands_still_does_not_hold_the_host);
