@@ -8,7 +8,9 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "ctrl/link_pump.h"
 #include "driver/standalone.h"
+#include "driver/standalone_laws.h"
 #include "driver/wire.h"
 #include "mechkit/log.h"
 #include "mechkit/rig.h"
@@ -338,6 +340,73 @@ START_TEST(a_board_balances_from_its_box_on_until_the_link_has_fallen)
 }
 END_TEST
 
+/* Gains in the order of docs/protocol.md. */
+enum {
+    PUMP = 11,
+    SHARPNESS,
+    REACH,
+    HOLD_P,
+    HOLD_D,
+    HOLD_SPEED,
+    CENTRE_P,
+    CENTRE_D,
+    BOX,
+    BOX_U = 21
+};
+
+/* Two laws in two precisions, of the same energy by the same equations: on the way up, about to
+ * turn, beyond the reach, and at rest below, where each gives the first push. */
+START_TEST(the_board_swings_links_up_by_the_law_of_the_host)
+{
+    static const struct {
+        enum mk_controller law;
+        enum mk_plant_kind plant;
+        double target;
+    } rows[] = {{MK_CONTROLLER_PENDUBOT_MID, MK_PLANT_PENDUBOT, -M_PI_2},
+                {MK_CONTROLLER_PENDUBOT_TOP, MK_PLANT_PENDUBOT, M_PI_2},
+                {MK_CONTROLLER_FURUTA, MK_PLANT_FURUTA, 0.0}};
+    static const double off[][4] = {{0.3, 0.7, 1.1, -2.3}, {-0.8, 2.6, -3.7, 1.9},
+                                    {0.2, -1.4, 0.4, 6.1}, {-0.1, 1.9, -0.2, 0.3},
+                                    {1.6, 0.5, 2.1, 3.2},  {-1.5, -2.9, 0.3, -4.0},
+                                    {1.1, 3.0, -0.6, -8.0}};
+    static struct mk_standalone s;
+    const struct mk_plant_info *plant = mk_plant(rows[_i].plant);
+    mk_model_default(rows[_i].plant, &model);
+    ck_assert(mk_standalone_setup(&s, rows[_i].law, 2000, 1));
+    s.gain[SHARPNESS] = 0.9f; /* so that a pump is not all or nothing */
+    s.gain[BOX_U] = 0.0f;
+    const double row[MK_PUMP_ROWS] = {s.gain[PUMP],
+                                      s.gain[SHARPNESS],
+                                      0.0,
+                                      s.gain[REACH],
+                                      1.5,
+                                      s.gain[HOLD_P],
+                                      s.gain[HOLD_D],
+                                      s.gain[HOLD_SPEED],
+                                      s.gain[CENTRE_P],
+                                      s.gain[CENTRE_D]};
+    for (size_t k = 0; k <= sizeof off / sizeof off[0]; k++)
+        for (uint32_t turn = 0; turn < 5; turn++) {
+            double x[4] = {plant->rest[0], plant->rest[1], 0.02, -0.01};
+            for (int i = 0; k > 0 && i < 4; i++)
+                x[i] = off[k - 1][i] + (i == 0 ? rows[_i].target : 0.0);
+            for (int j = 0; j < MK_WIRE_JOINTS; j++) {
+                s.angle[j] = (float)(x[j] - plant->rest[j]);
+                s.speed[j] = (float)x[2 + j];
+            }
+            s.phase = MK_STANDALONE_SWINGUP;
+            s.sample = 750 * turn + 10; /* the strength changes after a second and a half */
+            const double since_s = 0.002 * s.sample;
+            const double want = mk_pfl_command(
+                &model, x, mk_link_pump(&model, x, rows[_i].target, since_s, 0.0, row));
+            const double got = mk_laws[rows[_i].law]->step(&s);
+            ck_assert_uint_eq(s.phase, MK_STANDALONE_SWINGUP);
+            ck_assert_msg(fabs(got - want) < 1e-4 * (1.0 + fabs(want)),
+                          "state %zu, turn %u: %g, not %g", k, turn, got, want);
+        }
+}
+END_TEST
+
 /* Over the top at 6 rad/s with the wheel at its limit already, which would be so for ever. */
 START_TEST(a_pendulum_that_goes_round_is_brought_back_by_the_board)
 {
@@ -440,6 +509,7 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
     tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
     tcase_add_test(t, a_board_balances_from_its_box_on_until_the_link_has_fallen);
+    tcase_add_loop_test(t, the_board_swings_links_up_by_the_law_of_the_host, 0, 3);
     tcase_add_test(t, a_pendulum_that_goes_round_is_brought_back_by_the_board);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);

@@ -337,11 +337,11 @@ static void effects_torque(const struct mk_residual *r, double t, const double *
     }
 }
 
-/* The most that effects do to each row of two at rest: in slow motion, either way. */
-static void slow_effects(const struct mk_residual *r, double t, const double *q, const double *mass,
-                         double *most)
+/* Adds the most that effects do to each row of two at rest: in slow motion, either way. */
+static void add_slow_effects(const struct mk_residual *r, double t, const double *q,
+                             const double *mass, double *off)
 {
-    most[0] = most[1] = 0.0;
+    double most[MK_MAX_JOINTS] = {0.0, 0.0};
     for (int corner = 0; corner < 4 && r->model->effect_count > 0; corner++) {
         double torque[MK_MAX_JOINTS];
         const double w[MK_MAX_JOINTS] = {
@@ -351,6 +351,8 @@ static void slow_effects(const struct mk_residual *r, double t, const double *q,
         for (int i = 0; i < MK_MAX_JOINTS; i++)
             most[i] = fmax(most[i], fabs(torque[i]));
     }
+    for (int i = 0; i < MK_MAX_JOINTS; i++)
+        off[i] += most[i];
 }
 
 /* A command that nothing can hold, towards the middle of the travel. `off` is what may hold it at
@@ -375,18 +377,17 @@ static bool cannot_rest(struct mk_residual *r, double t, double dt, const double
 {
     const double still[MK_MAX_JOINTS] = {0.0, 0.0};
     double mass[MK_MAX_JOINTS * MK_MAX_JOINTS], h[MK_MAX_JOINTS];
-    double off[MK_MAX_JOINTS] = {0.0, 0.0}, effects[MK_MAX_JOINTS];
+    double off[MK_MAX_JOINTS] = {0.0, 0.0};
     int motor = mk_plant(r->plant.plant)->motor_joint;
     bool moved = false;
     r->rest.still_s = r->balances ? r->rest.still_s + dt : 0.0;
     mk_plant_mass(&r->plant, q, still, mass, h);
     torque_off(r, q, still, still, off);
-    slow_effects(r, t, q, mass, effects);
+    add_slow_effects(r, t, q, mass, off);
     for (int i = 0; i < MK_MAX_JOINTS; i++) {
         double push = (i == motor ? r->u : 0.0) - h[i], allowed = 0.0;
         for (int j = 0; j < MK_MAX_JOINTS; j++)
             allowed += fabs(mass[MK_MAX_JOINTS * i + j]) * r->limits->still_way[j];
-        off[i] += effects[i];
         double swing = r->plant.u_max * (TURNING_SAMPLES * dt) * (TURNING_SAMPLES * dt);
         double way = go_on(r->rest.row[i], push * dt, off[i] * dt, dt, r);
         moved = moved || way > fmax(allowed, swing);
