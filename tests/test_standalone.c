@@ -407,6 +407,62 @@ START_TEST(the_board_swings_links_up_by_the_law_of_the_host)
 }
 END_TEST
 
+/* Report (2.27), (2.31), within the command that there is; a push where there is no direction, and
+ * the motor's friction beside all of it. States are th, dth and the wheel's speed on the pendulum.
+ */
+START_TEST(the_board_pumps_a_pendulum_with_its_wheel_by_the_law_of_the_report)
+{
+    static const double state[][3] = {{0.0, 0.0, 0.0},   {0.03, 0.05, 3.0},  {0.03, -0.05, -3.0},
+                                      {0.5, 1.0, 20.0},  {-1.9, 2.5, -60.0}, {2.4, -3.1, 150.0},
+                                      {-2.8, -0.4, 5.0}, {3.1, 5.9, 80.0},   {2.9, -7.0, -120.0},
+                                      {1.2, 0.02, 0.3},  {-2.0, 4.0, 449.0}, {-1.0, -8.4, 330.0}};
+    enum { P1 = 3, P3 = 5, VISCOUS, COULOMB, K_E = 8, K_V, K_U, KICK, WHEEL_BOX = 13 };
+    static struct mk_standalone s;
+    ck_assert(mk_standalone_setup(&s, MK_CONTROLLER_REACTION_WHEEL, 2000, 1));
+    s.gain[K_U] = 0.05f; /* so that some of it is within the limit */
+    s.gain[WHEEL_BOX] = 0.0f;
+    double k[MK_STANDALONE_GAINS];
+    for (int i = 0; i < MK_STANDALONE_GAINS; i++)
+        k[i] = s.gain[i];
+    for (size_t i = 0; i < sizeof state / sizeof state[0]; i++) {
+        const double th = state[i][0], v = state[i][1], relative = state[i][2], w = v + relative;
+        const double weight = k[P3] * 9.81, top = 2.0 * weight;
+        const double energy = 0.5 * k[P1] * v * v + weight * (1.0 - cos(th));
+        double want = -k[K_U] * (k[K_V] * w - k[K_E] * (energy - top) * v);
+        want = fmin(fmax(want, -k[KICK]), k[KICK]);
+        if (energy < 0.004 * top)
+            want = v > 0.0 ? -k[KICK] : k[KICK];
+        want += k[VISCOUS] * relative + k[COULOMB] * tanh(15.0 * relative);
+        s.angle[0] = (float)th;
+        s.speed[0] = (float)v;
+        s.speed[1] = (float)relative;
+        s.phase = MK_STANDALONE_SWINGUP;
+        s.going_round = false;
+        const double got = mk_laws[MK_CONTROLLER_REACTION_WHEEL]->step(&s);
+        ck_assert_msg(fabs(got - want) < 1e-3, "state %zu: %g, not %g", i, got, want);
+        ck_assert(!s.going_round);
+    }
+}
+END_TEST
+
+/* A wheel that is held by hand: the integral grows until it asks for all that there is by itself.
+ */
+START_TEST(the_integral_of_a_speed_that_is_not_reached_ends_at_the_whole_command)
+{
+    static struct mk_standalone s;
+    for (int side = -1; side <= 1; side += 2) {
+        ck_assert(mk_standalone_setup(&s, MK_CONTROLLER_PI_SPEED, 2000, 1));
+        mk_standalone_start(&s, 0);
+        s.gain[2] = (float)side * 50.0f;
+        for (int k = 1; k <= 200; k++) {
+            const double want = 0.15 * 50.0 + fmin(0.75 * 50.0 * 0.002 * k, 10.0);
+            const double got = mk_laws[MK_CONTROLLER_PI_SPEED]->step(&s);
+            ck_assert_double_eq_tol(got, side * want, 1e-3);
+        }
+    }
+}
+END_TEST
+
 /* Over the top at 6 rad/s with the wheel at its limit already, which would be so for ever. */
 START_TEST(a_pendulum_that_goes_round_is_brought_back_by_the_board)
 {
@@ -510,6 +566,8 @@ Suite *suite_standalone(void)
     tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
     tcase_add_test(t, a_board_balances_from_its_box_on_until_the_link_has_fallen);
     tcase_add_loop_test(t, the_board_swings_links_up_by_the_law_of_the_host, 0, 3);
+    tcase_add_test(t, the_board_pumps_a_pendulum_with_its_wheel_by_the_law_of_the_report);
+    tcase_add_test(t, the_integral_of_a_speed_that_is_not_reached_ends_at_the_whole_command);
     tcase_add_test(t, a_pendulum_that_goes_round_is_brought_back_by_the_board);
     tcase_add_test(t, only_what_is_there_can_be_chosen);
     suite_add_tcase(s, t);
