@@ -295,6 +295,14 @@ END_TEST
 /* --- reads that fail -----------------------------------------------------------------------------
  */
 
+/* A request for the board's name, and how long its answer is. */
+static size_t put_hello(uint8_t out[MK_FRAME_MAX])
+{
+    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
+    return mk_frame_encode(&f, out);
+}
+#define HELLO_ANSWER ((size_t)MK_FRAME_HEADER + MK_HELLO_SIZE + MK_FRAME_TRAILER)
+
 /* More often than there are reads under way: each is put again. */
 START_TEST(a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard)
 {
@@ -319,11 +327,11 @@ START_TEST(a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_ans
     static struct mk_usb usb;
     uint8_t hello[MK_FRAME_MAX];
     const uint8_t *bytes;
-    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
-    size_t size = mk_frame_encode(&f, hello), n = 0;
+    size_t size = put_hello(hello), n = 0;
     ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
-    usb.garbled = true;
+    usb.garbled = usb.halted_in = true;
     ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, INT64_MAX), MK_OK);
+    ck_assert(!usb.halted_in); /* cleared once: whoever clears it again loses the next packet */
     ck_assert_int_eq(mk_usb_link.receive(&usb, &bytes, &n, INT64_MAX), MK_OK);
     enum mk_status st = MK_OK;
     while (st == MK_OK) /* an answer may come in parts */
@@ -357,6 +365,53 @@ START_TEST(a_write_that_comes_back_long_after_it_was_cancelled_holds_up_no_later
     emu_usb_give_back(&bench.usb);
     ck_assert_int_eq(trade(2.0), MK_OK);
     ck_assert_double_eq(bench.board.u, 2.0);
+}
+END_TEST
+
+/* Whatever became of it, nothing of it is left when the next one is sent. */
+START_TEST(how_a_write_ended_is_told_and_a_board_that_is_gone_is_written_to_no_more)
+{
+    static const struct {
+        enum emu_fault fault;
+        enum mk_status st;
+    } rows[] = {{EMU_FAULT_BLOCK_OUT, MK_ERR_TIMEOUT},
+                {EMU_FAULT_STALL_OUT, MK_ERR_PROTO},
+                {EMU_FAULT_ERROR_OUT, MK_ERR_PROTO}};
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    const size_t size = put_hello(hello);
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    emu_line_arm(bench.line, rows[_i].fault, 0, 1);
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, mk_usb_now_ns() + 20000000), rows[_i].st);
+    ck_assert_uint_eq(bench.line->injected, 1);
+    ck_assert(usb.write_done);
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, INT64_MAX), MK_OK);
+    ck_assert(!usb.halted_out);
+    usb.gone = true;
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, INT64_MAX), MK_ERR_NODEV);
+    mk_usb_close(&usb);
+}
+END_TEST
+
+/* The host may have been away for longer than it wanted to wait. */
+START_TEST(an_answer_that_is_there_is_heard_after_the_deadline)
+{
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    const uint8_t *bytes;
+    size_t n = 0, size = put_hello(hello), heard = 0;
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    memcpy(usb.write_bytes, hello, size);
+    usb.write->length = (int)size;
+    usb.write_done = 0;
+    ck_assert_int_eq(libusb_submit_transfer(usb.write), LIBUSB_SUCCESS); /* and looks at nothing */
+    for (int k = 0; k < 10 && heard < HELLO_ANSWER; k++) {
+        usleep(2000);
+        if (mk_usb_link.receive(&usb, &bytes, &n, mk_usb_now_ns() - 5000000000) == MK_OK)
+            heard += n;
+    }
+    ck_assert_uint_eq(heard, HELLO_ANSWER);
+    mk_usb_close(&usb);
 }
 END_TEST
 
@@ -421,8 +476,7 @@ START_TEST(more_than_the_buffer_holds_is_counted_and_dropped)
 {
     static struct mk_usb usb;
     uint8_t hello[MK_FRAME_MAX];
-    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
-    size_t n = mk_frame_encode(&f, hello);
+    size_t n = put_hello(hello);
     ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
     usb.used = MK_USB_BUFFER - 10; /* nobody has looked for a while */
     for (int k = 0; k < 50 && usb.overrun == 0; k++)
@@ -430,6 +484,24 @@ START_TEST(more_than_the_buffer_holds_is_counted_and_dropped)
     ck_assert_uint_gt(usb.overrun, 0);
     ck_assert_uint_le(usb.used, MK_USB_BUFFER);
     ck_assert_uint_eq(usb.handed, 0);
+    mk_usb_close(&usb);
+}
+END_TEST
+
+START_TEST(what_just_fits_into_the_buffer_is_kept)
+{
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    size_t n = put_hello(hello);
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    usb.used = MK_USB_BUFFER - HELLO_ANSWER;
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, n, INT64_MAX), MK_OK);
+    for (int k = 0; k < 50 && usb.used < MK_USB_BUFFER && usb.overrun == 0; k++) {
+        struct timeval moment = {0, 2000};
+        (void)libusb_handle_events_timeout_completed(usb.context, &moment, NULL);
+    }
+    ck_assert_uint_eq(usb.overrun, 0);
+    ck_assert_uint_eq(usb.used, MK_USB_BUFFER);
     mk_usb_close(&usb);
 }
 END_TEST
@@ -457,10 +529,14 @@ Suite *suite_usb(void)
     tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);
     tcase_add_loop_test(t, a_board_that_is_unplugged_with_a_halted_endpoint_is_gone, 0, 2);
     tcase_add_test(t, a_write_that_comes_back_long_after_it_was_cancelled_holds_up_no_later_one);
+    tcase_add_loop_test(t, how_a_write_ended_is_told_and_a_board_that_is_gone_is_written_to_no_more,
+                        0, 3);
+    tcase_add_test(t, an_answer_that_is_there_is_heard_after_the_deadline);
     tcase_add_test(t, all_transfers_are_given_back_before_a_board_is_closed);
     tcase_add_test(t, streamed_samples_arrive_and_their_answers_act);
     tcase_add_test(t, the_panel_is_reached_through_the_bus);
     tcase_add_test(t, more_than_the_buffer_holds_is_counted_and_dropped);
+    tcase_add_test(t, what_just_fits_into_the_buffer_is_kept);
     suite_add_tcase(s, t);
     return s;
 }
