@@ -340,6 +340,66 @@ START_TEST(a_board_balances_from_its_box_on_until_the_link_has_fallen)
 }
 END_TEST
 
+/* Three poles at exp(-120 dt): what a step of an angle leaves of itself after n samples is known,
+ * as is that nothing is left of a steady acceleration. */
+START_TEST(speeds_are_estimated_without_ringing_and_without_lagging_behind)
+{
+    static struct mk_standalone s;
+    const double dt = 0.002, z = exp(-120.0 * dt);
+    ck_assert(mk_standalone_setup(&s, MK_CONTROLLER_PENDUBOT_MID, 2000, 1));
+    mk_standalone_start(&s, 0);
+    for (int n = -1; n < 60; n++, s.sample++) {
+        const float q[MK_WIRE_JOINTS] = {n < 0 ? 0.0f : 1.0f, n < 0 ? 0.0f : -0.5f};
+        (void)mk_standalone_step(&s, q);
+        /* The inverse transform of (1 - z^-1)^2 / (1 - p z^-1)^3. */
+        double off = 0.0;
+        for (int k = 0, weight[] = {1, -2, 1}; k < 3; k++)
+            off += n < k ? 0.0 : weight[k] * 0.5 * (n - k + 1) * (n - k + 2) * pow(z, n - k);
+        off *= z * z * z;
+        ck_assert_double_eq_tol((double)s.angle[0], n < 0 ? 0.0 : 1.0 - off, 1e-4);
+        ck_assert_double_eq_tol((double)s.angle[1], n < 0 ? 0.0 : -0.5 * (1.0 - off), 1e-4);
+    }
+    mk_standalone_start(&s, 0);
+    for (; s.sample < 150; s.sample++) {
+        const double t = dt * s.sample;
+        const float q[MK_WIRE_JOINTS] = {(float)(10.0 * t * t), (float)(-5.0 * t * t)};
+        (void)mk_standalone_step(&s, q);
+    }
+    ck_assert_double_eq_tol((double)s.speed[0], 20.0 * 149 * dt, 0.02);
+    ck_assert_double_eq_tol((double)s.speed[1], -10.0 * 149 * dt, 0.02);
+}
+END_TEST
+
+/* What a board did before says nothing of what comes. */
+START_TEST(a_controller_that_is_chosen_or_started_anew_begins_from_nothing)
+{
+    static struct mk_standalone s;
+    const int32_t count[MK_WIRE_JOINTS] = {0, 0};
+    const float rest[MK_WIRE_JOINTS] = {0.1f, 0.1f}, gone[MK_WIRE_JOINTS] = {3.0f, -2.0f};
+    for (int c = MK_CONTROLLER_NONE + 1; c < MK_CONTROLLER_COUNT; c++) {
+        float first[2];
+        for (int run = 0; run < 2; run++) {
+            ck_assert(mk_standalone_setup(&s, (enum mk_controller)c, 2000, 1));
+            ck_assert(!s.running);
+            ck_assert_uint_eq(s.recorded, 0);
+            ck_assert_uint_eq(s.phase, MK_STANDALONE_IDLE);
+            mk_standalone_start(&s, 0);
+            first[run] = mk_standalone_step(&s, rest);
+            for (int k = 0; k < 5000; k++) {
+                mk_standalone_record(&s, count, 0);
+                (void)mk_standalone_step(&s, gone);
+            }
+            ck_assert_uint_eq(s.recorded, MK_STANDALONE_RECORDS);
+            mk_standalone_start(&s, 0);
+            ck_assert(mk_standalone_step(&s, rest) == first[run]);
+        }
+        ck_assert(first[0] == first[1]);
+    }
+    ck_assert_int_eq(mk_standalone_gain_count(MK_CONTROLLER_NONE), 0);
+    ck_assert_int_eq(mk_standalone_gain_count(MK_CONTROLLER_COUNT), 0);
+}
+END_TEST
+
 /* Gains in the order of docs/protocol.md. */
 enum {
     PUMP = 11,
@@ -565,6 +625,8 @@ Suite *suite_standalone(void)
     tcase_add_test(t, a_link_that_goes_round_and_round_is_a_fault);
     tcase_add_test(t, the_end_of_the_travel_is_out_of_it_either_way);
     tcase_add_test(t, a_board_balances_from_its_box_on_until_the_link_has_fallen);
+    tcase_add_test(t, speeds_are_estimated_without_ringing_and_without_lagging_behind);
+    tcase_add_test(t, a_controller_that_is_chosen_or_started_anew_begins_from_nothing);
     tcase_add_loop_test(t, the_board_swings_links_up_by_the_law_of_the_host, 0, 3);
     tcase_add_test(t, the_board_pumps_a_pendulum_with_its_wheel_by_the_law_of_the_report);
     tcase_add_test(t, the_integral_of_a_speed_that_is_not_reached_ends_at_the_whole_command);

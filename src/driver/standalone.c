@@ -11,8 +11,7 @@
 
 static const struct mk_law *find(enum mk_controller c)
 {
-    bool known = c > MK_CONTROLLER_NONE && c < MK_CONTROLLER_COUNT;
-    return known ? mk_laws[c] : NULL;
+    return (unsigned)c < MK_CONTROLLER_COUNT ? mk_laws[c] : NULL;
 }
 
 int mk_standalone_gain_count(enum mk_controller controller)
