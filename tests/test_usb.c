@@ -2,6 +2,7 @@
  * every back end promises is in test_board.c, what goes wrong on the way in test_bus_faults.c. */
 #include "suites.h"
 
+#include <dirent.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -83,10 +84,59 @@ START_TEST(a_board_is_found_by_serial_number_among_several)
     ck_assert_str_eq(found[second].device, "MK-0002");
     ck_assert_str_eq(found[!second].device, "MK-0001");
     ck_assert_str_eq(found[second].name, "emulated board");
-    ck_assert_ptr_nonnull(strstr(found[second].where, " port 2"));
+    const char *port_2 = strstr(found[second].where, " port 2");
+    ck_assert_ptr_nonnull(port_2);
+    ck_assert_str_eq(port_2, " port 2");
     ck_assert_int_eq(found[second].status, MK_OK);
     emu_usb_free(&port);
     mk_emulated_free(&other);
+}
+END_TEST
+
+START_TEST(more_boards_than_there_is_room_for_are_counted_and_left_out)
+{
+    struct mk_emulated other;
+    struct emu_usb port;
+    struct mk_board_found found[2] = {{.name = ""}, {.name = "not written to"}};
+    ck_assert_int_eq(mk_emulated_init(&other, &config, "emulated", "MK-0002", &err), MK_OK);
+    emu_usb_init(&port, 2, "MK-0002", emu_board_of(&other));
+    emu_usb_plug(&port);
+    ck_assert_int_eq(mk_usb_find(NULL, found, 1, &err), 2);
+    ck_assert_str_eq(found[0].name, "emulated board");
+    ck_assert_str_eq(found[1].name, "not written to");
+    emu_usb_free(&port);
+    mk_emulated_free(&other);
+}
+END_TEST
+
+static int open_files(void)
+{
+    DIR *all = opendir("/proc/self/fd");
+    int n = 0;
+    while (all && readdir(all))
+        n++;
+    if (all)
+        closedir(all);
+    return n;
+}
+
+/* A console looks for boards again and again; the first round may open what stays open. */
+START_TEST(boards_that_are_closed_refused_or_only_listed_leave_no_file_open)
+{
+    struct mk_board_found found;
+    int before = 0;
+    for (int round = 0; round < 3; round++) {
+        must_open(NULL);
+        mk_board_close(board);
+        board = NULL;
+        ck_assert_int_eq(try_open("MK-9"), MK_ERR_NOTFOUND);
+        emu_usb_take(&bench.usb, true);
+        ck_assert_int_eq(try_open(NULL), MK_ERR_BUSY);
+        emu_usb_take(&bench.usb, false);
+        ck_assert_int_eq(mk_usb_find(NULL, &found, 1, &err), 1);
+        before = round ? before : open_files();
+        ck_assert_int_eq(open_files(), before);
+    }
 }
 END_TEST
 
@@ -190,9 +240,16 @@ END_TEST
 
 START_TEST(a_kernel_driver_on_the_interface_is_put_aside)
 {
+    struct mk_board_found found;
     emu_usb_bind_driver(&bench.usb, true);
+    ck_assert_int_eq(mk_usb_find(NULL, &found, 1, &err), 1);
+    ck_assert_int_eq(found.status, MK_OK);
+    ck_assert(bench.usb.driver_bound); /* whoever only looks takes nothing away */
     must_open(NULL);
     ck_assert_int_eq(trade(1.0), MK_OK);
+    mk_board_close(board);
+    board = NULL;
+    ck_assert(bench.usb.driver_bound);
 }
 END_TEST
 
@@ -271,6 +328,23 @@ START_TEST(another_board_that_is_unplugged_harms_nobody)
     ck_assert_double_eq(bench.board.u, 5.0);
     emu_usb_free(&port);
     mk_emulated_free(&other);
+}
+END_TEST
+
+/* No transfer is there to say so then. */
+START_TEST(a_board_that_is_unplugged_while_nothing_is_under_way_is_gone)
+{
+    static struct mk_usb usb;
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    ck_assert(mk_usb_stop_transfers(&usb));
+    ck_assert(!usb.gone);
+    emu_usb_unplug(&bench.usb);
+    for (int k = 0; k < 400 && !usb.gone; k++) {
+        struct timeval moment = {0, 5000};
+        (void)libusb_handle_events_timeout_completed(usb.context, &moment, NULL);
+    }
+    ck_assert(usb.gone);
+    mk_usb_close(&usb);
 }
 END_TEST
 
@@ -515,6 +589,8 @@ Suite *suite_usb(void)
     tcase_add_test(t, control_characters_in_a_serial_number_are_shown);
     tcase_add_test(t, a_board_that_claims_what_no_encoder_has_is_refused);
     tcase_add_test(t, counters_have_8_to_32_bits);
+    tcase_add_test(t, more_boards_than_there_is_room_for_are_counted_and_left_out);
+    tcase_add_test(t, boards_that_are_closed_refused_or_only_listed_leave_no_file_open);
     tcase_add_test(t, a_board_that_is_not_there_is_not_found);
     tcase_add_test(t, without_permission_the_message_names_the_udev_rule);
     tcase_add_test(t, a_board_in_use_elsewhere_is_busy);
@@ -524,6 +600,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, every_libusb_error_has_a_meaning);
     tcase_add_test(t, an_unplugged_board_is_gone_and_one_that_is_plugged_in_again_works);
     tcase_add_test(t, another_board_that_is_unplugged_harms_nobody);
+    tcase_add_test(t, a_board_that_is_unplugged_while_nothing_is_under_way_is_gone);
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
     tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);

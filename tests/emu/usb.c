@@ -196,6 +196,7 @@ static int control(struct emu_plug *p, unsigned long request, void *arg)
     case USBDEVFS_CLAIMINTERFACE:
         return claim(u, *(unsigned *)arg);
     case USBDEVFS_DISCONNECT_CLAIM:
+        u->driver_aside = u->driver_aside || u->driver_bound;
         u->driver_bound = false;
         return claim(u, ((struct usbdevfs_disconnect_claim *)arg)->interface);
     case USBDEVFS_RELEASEINTERFACE:
@@ -206,7 +207,9 @@ static int control(struct emu_plug *p, unsigned long request, void *arg)
     case USBDEVFS_GETDRIVER:
         return u->driver_bound ? 0 : -ENODATA;
     case USBDEVFS_IOCTL: /* reattaching the kernel driver when released */
-        return -ENODATA;
+        u->driver_bound = u->driver_aside;
+        u->driver_aside = false;
+        return u->driver_bound ? 1 : -ENODATA;
     case USBDEVFS_CLEAR_HALT:
         if (*(unsigned *)arg & 0x80)
             p->halted_in = false;

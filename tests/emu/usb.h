@@ -44,6 +44,7 @@ struct emu_usb {
     char serial[24];
     bool denied, taken; /* no permission; claimed by another program */
     bool driver_bound;  /* a kernel driver sits on the interface */
+    bool driver_aside;  /* it did, and comes back when the interface is released */
     bool keeps_blocked; /* what is cancelled and blocked is not given back yet */
     int taken_fd;       /* in a virtual machine: that other program's */
 
