@@ -109,6 +109,25 @@ START_TEST(more_boards_than_there_is_room_for_are_counted_and_left_out)
 }
 END_TEST
 
+START_TEST(a_place_is_told_from_the_bus_to_the_last_hub_as_far_as_there_is_room)
+{
+    static const uint8_t port[] = {1, 12, 3, 4, 5, 6, 255};
+    static const char whole[] = "bus 3 device 27 port 1.12.3.4.5.6.255";
+    char out[sizeof whole + 1];
+    for (size_t size = 1; size <= sizeof whole; size++) {
+        memset(out, '#', sizeof out);
+        mk_usb_place(out, size, 3, 27, port, 7);
+        ck_assert_uint_eq(strlen(out), size - 1);
+        ck_assert(strncmp(out, whole, size - 1) == 0);
+        ck_assert_int_eq(out[size], '#');
+    }
+    mk_usb_place(out, sizeof out, 3, 27, port, 0);
+    ck_assert_str_eq(out, "bus 3 device 27");
+    mk_usb_place(out, sizeof out, 3, 27, port, LIBUSB_ERROR_OVERFLOW);
+    ck_assert_str_eq(out, "bus 3 device 27");
+}
+END_TEST
+
 static int open_files(void)
 {
     DIR *all = opendir("/proc/self/fd");
@@ -589,6 +608,7 @@ Suite *suite_usb(void)
     tcase_add_test(t, control_characters_in_a_serial_number_are_shown);
     tcase_add_test(t, a_board_that_claims_what_no_encoder_has_is_refused);
     tcase_add_test(t, counters_have_8_to_32_bits);
+    tcase_add_test(t, a_place_is_told_from_the_bus_to_the_last_hub_as_far_as_there_is_room);
     tcase_add_test(t, more_boards_than_there_is_room_for_are_counted_and_left_out);
     tcase_add_test(t, boards_that_are_closed_refused_or_only_listed_leave_no_file_open);
     tcase_add_test(t, a_board_that_is_not_there_is_not_found);

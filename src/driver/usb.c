@@ -96,13 +96,10 @@ static void read_string(libusb_device_handle *handle, uint8_t index, char *out, 
     mk_show_text(out, size, (const char *)text);
 }
 
-static void port_of(libusb_device *device, char *out, size_t size)
+void mk_usb_place(char *out, size_t size, int bus, int address, const uint8_t *port, int depth)
 {
-    uint8_t port[7];
-    int depth = libusb_get_port_numbers(device, port, sizeof port);
-    int n = snprintf(out, size, "bus %d device %d", libusb_get_bus_number(device),
-                     libusb_get_device_address(device));
-    for (int i = 0; i < depth && n > 0 && (size_t)n < size; i++)
+    int n = snprintf(out, size, "bus %d device %d", bus, address);
+    for (int i = 0; i < depth && (size_t)n < size; i++)
         n += snprintf(out + n, size - (size_t)n, "%s%d", i ? "." : " port ", port[i]);
 }
 
@@ -281,8 +278,11 @@ static void describe(libusb_device *device, const struct libusb_device_descripto
 {
     libusb_device_handle *handle;
     struct mk_error err = MK_ERROR_INIT;
+    uint8_t port[7]; /* as deep as hubs may be */
     *out = (struct mk_board_found){.status = MK_OK};
-    port_of(device, out->where, sizeof out->where);
+    int depth = libusb_get_port_numbers(device, port, sizeof port);
+    mk_usb_place(out->where, sizeof out->where, libusb_get_bus_number(device),
+                 libusb_get_device_address(device), port, depth);
     snprintf(out->device, sizeof out->device, "%04x:%04x", d->idVendor, d->idProduct);
     int rc = libusb_open(device, &handle);
     if (rc == LIBUSB_SUCCESS) {
