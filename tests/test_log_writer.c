@@ -517,6 +517,15 @@ START_TEST(a_copy_is_whole_or_is_not_there)
     ck_assert_int_ne(access(to, F_OK), 0);
     ck_assert_int_eq(mk_copy_new(scratch("none.csv"), to), ENOENT);
     ck_assert_int_ne(access(to, F_OK), 0);
+    /* As it is where the disk fails at the very end; no file stays open on the way. */
+    static const int broken[] = {EIO, 0};
+    const int before = open_files();
+    sync_failure = broken;
+    ck_assert_int_eq(mk_copy_new(from, to), EIO);
+    sync_failure = NULL;
+    ck_assert_int_ne(access(to, F_OK), 0);
+    ck_assert_int_eq(mk_copy_new(from, to), 0);
+    ck_assert_int_eq(open_files(), before);
 }
 END_TEST
 

@@ -60,18 +60,21 @@ static int copy_rest(int from, int to)
 
 int mk_copy_new(const char *from, const char *to)
 {
-    const int in = open(from, O_RDONLY | O_CLOEXEC);
-    if (in < 0)
+    const int from_fd = open(from, O_RDONLY | O_CLOEXEC);
+    if (from_fd < 0)
         return errno;
-    const int out = open(to, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    int failure = out < 0 ? errno : copy_rest(in, out);
-    if (out >= 0 && failure == 0)
-        failure = mk_sync(out);
-    if (out >= 0 && close(out) != 0 && failure == 0)
-        failure = errno;
-    if (out >= 0 && failure)
-        unlink(to);
-    close(in);
+    const int to_fd = open(to, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    int failure = errno;
+    if (to_fd >= 0) {
+        failure = copy_rest(from_fd, to_fd);
+        if (failure == 0)
+            failure = mk_sync(to_fd);
+        if (close(to_fd) != 0 && failure == 0)
+            failure = errno;
+        if (failure)
+            unlink(to);
+    }
+    close(from_fd);
     return failure;
 }
 
