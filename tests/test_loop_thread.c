@@ -3,9 +3,12 @@
 
 #include <ctype.h>
 #include <dirent.h>
+#include <dlfcn.h>
 #include <errno.h>
 #include <pthread.h>
 #include <sched.h>
+#include <semaphore.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -261,6 +264,26 @@ START_TEST(the_stack_of_the_loop_is_no_larger_than_it_has_to_be)
 }
 END_TEST
 
+/* How often a thread of this name gave its processor up of itself. */
+static long pauses_of(const char *name)
+{
+    char file[64];
+    snprintf(file, sizeof file, "task/%d/status", (int)thread_named(name));
+    return strtol(proc_line(file, "voluntary_ctxt_switches:"), NULL, 10);
+}
+
+/* On a machine with one processor it would keep the host from everything else. */
+START_TEST(whoever_writes_the_log_sleeps_in_between)
+{
+    bench_use_real_time(500);
+    run_a_moment();
+    const long before = pauses_of("mechkit-log");
+    ck_assert_int_eq(bench_wait_for(0.4), MK_OK);
+    const long pauses = pauses_of("mechkit-log") - before;
+    ck_assert_msg(pauses >= 5 && pauses <= 100, "%ld", pauses);
+}
+END_TEST
+
 /* A handler that ran there would hold up a tick, or the log. */
 START_TEST(signals_are_for_the_host_thread_alone)
 {
@@ -384,6 +407,63 @@ START_TEST(memory_that_is_taken_later_is_locked_where_nothing_limits_it)
 }
 END_TEST
 
+/* Memory that is not locked would else come page by page, in the middle of ticks. */
+START_TEST(the_stack_of_the_loop_is_there_before_a_tick_needs_it)
+{
+    static unsigned char there[4096];
+    pthread_attr_t attr;
+    void *stack;
+    size_t size, pages = 0;
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    bench_use_real_time(500);
+    bench_build(NULL);
+    pretended.on = true;
+    pretended.user = 1000;
+    pretended.limit = 1;
+    bench_start();
+    pretended.on = false;
+    ck_assert_int_eq(pthread_getattr_np(bench.loop->host.thread, &attr), 0);
+    ck_assert_int_eq(pthread_attr_getstack(&attr, &stack, &size), 0);
+    pthread_attr_destroy(&attr);
+    ck_assert_uint_le(size / page, sizeof there);
+    ck_assert_int_eq(mincore(stack, size, there), 0);
+    for (size_t i = 0; i < size / page; i++)
+        pages += there[i] & 1;
+    ck_assert_uint_ge(pages * page, 64 * 1024);
+    bench_halt();
+}
+END_TEST
+
+/* The sanitizer of threads has to see every semaphore itself. */
+#ifndef __SANITIZE_THREAD__
+/* Stands before libc's: a signal comes as often as `interrupted` while somebody waits. */
+static atomic_int interrupted;
+
+__attribute__((visibility("default"))) int sem_wait(sem_t *sem)
+{
+    static int (*next)(sem_t *);
+    if (atomic_load(&interrupted) > 0 && atomic_fetch_sub(&interrupted, 1) > 0) {
+        errno = EINTR;
+        return -1;
+    }
+    if (!next)
+        next = (__typeof__(next))dlsym(RTLD_NEXT, "sem_wait");
+    return next(sem);
+}
+
+START_TEST(signals_while_a_run_is_started_do_not_start_it_early)
+{
+    bench_use_real_time(500);
+    bench_build(NULL);
+    atomic_store(&interrupted, 20);
+    bench_start();
+    ck_assert_int_le(atomic_load(&interrupted), 0);
+    ck_assert_int_eq(bench_wait_for(0.05), MK_OK);
+    bench_halt();
+}
+END_TEST
+#endif
+
 /* A call that a signal had cut short some time before. */
 START_TEST(what_was_interrupted_before_holds_up_no_start)
 {
@@ -453,10 +533,15 @@ Suite *suite_loop_thread(void)
     tcase_add_test(t, what_was_taken_for_real_time_is_given_back);
     tcase_add_test(t, a_latency_that_is_not_taken_is_let_go_at_once);
     tcase_add_test(t, the_stack_of_the_loop_is_no_larger_than_it_has_to_be);
+    tcase_add_test(t, whoever_writes_the_log_sleeps_in_between);
     tcase_add_test(t, signals_are_for_the_host_thread_alone);
     tcase_add_test(t, the_timers_of_the_loop_are_not_put_off);
     tcase_add_test(t, without_privileges_a_run_goes_on_and_says_what_it_lacks_and_what_to_do);
     tcase_add_loop_test(t, memory_that_is_taken_later_is_locked_where_nothing_limits_it, 0, 4);
+    tcase_add_test(t, the_stack_of_the_loop_is_there_before_a_tick_needs_it);
+#ifndef __SANITIZE_THREAD__
+    tcase_add_test(t, signals_while_a_run_is_started_do_not_start_it_early);
+#endif
     tcase_add_test(t, what_was_interrupted_before_holds_up_no_start);
     tcase_add_test(t, a_start_whose_log_cannot_be_made_leaves_no_thread_behind);
     tcase_add_loop_test(t, a_start_that_the_board_refuses_leaves_a_whole_log_and_no_thread, 0, 2);
