@@ -53,6 +53,14 @@ static enum mk_status trade(double u)
     return mk_board_exchange(board, u, &s);
 }
 
+/* A request for the board's name, and how long its answer is. */
+static size_t put_hello(uint8_t out[MK_FRAME_MAX])
+{
+    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
+    return mk_frame_encode(&f, out);
+}
+#define HELLO_ANSWER ((size_t)MK_FRAME_HEADER + MK_HELLO_SIZE + MK_FRAME_TRAILER)
+
 /* --- which board -------------------------------------------------------------------------------
  */
 
@@ -367,6 +375,33 @@ START_TEST(a_board_that_is_unplugged_while_nothing_is_under_way_is_gone)
 }
 END_TEST
 
+START_TEST(a_write_that_could_not_begin_is_nothing_to_wait_for)
+{
+    static struct mk_usb usb;
+    uint8_t hello[MK_FRAME_MAX];
+    const size_t size = put_hello(hello);
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    ck_assert(mk_usb_stop_transfers(&usb));
+    emu_usb_unplug(&bench.usb);
+    ck_assert_int_eq(mk_usb_link.send(&usb, hello, size, INT64_MAX), MK_ERR_NODEV);
+    ck_assert(usb.gone && usb.write_done);
+    mk_usb_close(&usb);
+}
+END_TEST
+
+START_TEST(a_read_that_failed_is_told_once)
+{
+    static struct mk_usb usb;
+    const uint8_t *bytes;
+    size_t n = 0;
+    ck_assert_int_eq(mk_usb_open(&usb, NULL, &err), MK_OK);
+    usb.garbled = true;
+    ck_assert_int_eq(mk_usb_link.receive(&usb, &bytes, &n, 0), MK_ERR_PROTO);
+    ck_assert_int_eq(mk_usb_link.receive(&usb, &bytes, &n, 0), MK_ERR_TIMEOUT);
+    mk_usb_close(&usb);
+}
+END_TEST
+
 START_TEST(a_board_that_restarts_is_gone_until_it_is_opened_again)
 {
     must_open(NULL);
@@ -387,14 +422,6 @@ END_TEST
 
 /* --- reads that fail -----------------------------------------------------------------------------
  */
-
-/* A request for the board's name, and how long its answer is. */
-static size_t put_hello(uint8_t out[MK_FRAME_MAX])
-{
-    const struct mk_frame f = {MK_FRAME_VERSION, MK_MSG_HELLO, 0, 1, NULL};
-    return mk_frame_encode(&f, out);
-}
-#define HELLO_ANSWER ((size_t)MK_FRAME_HEADER + MK_HELLO_SIZE + MK_FRAME_TRAILER)
 
 /* More often than there are reads under way: each is put again. */
 START_TEST(a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard)
@@ -621,6 +648,8 @@ Suite *suite_usb(void)
     tcase_add_test(t, an_unplugged_board_is_gone_and_one_that_is_plugged_in_again_works);
     tcase_add_test(t, another_board_that_is_unplugged_harms_nobody);
     tcase_add_test(t, a_board_that_is_unplugged_while_nothing_is_under_way_is_gone);
+    tcase_add_test(t, a_write_that_could_not_begin_is_nothing_to_wait_for);
+    tcase_add_test(t, a_read_that_failed_is_told_once);
     tcase_add_test(t, a_board_that_restarts_is_gone_until_it_is_opened_again);
     tcase_add_test(t, a_read_that_fails_is_told_at_once_and_the_next_answer_is_heard);
     tcase_add_test(t, a_read_that_failed_before_a_command_was_sent_is_no_failure_of_its_answer);
