@@ -292,6 +292,33 @@ START_TEST(a_disk_that_fails_at_the_end_is_told)
 }
 END_TEST
 
+/* As many as this process has open. */
+static int open_files(void)
+{
+    DIR *all = opendir("/proc/self/fd");
+    int n = 0;
+    while (all && readdir(all))
+        n++;
+    if (all)
+        closedir(all);
+    return n;
+}
+
+/* As some disks across a network do; what had failed before is told, and not that. */
+START_TEST(a_file_that_cannot_be_closed_is_told)
+{
+    const int before = open_files();
+    ck_assert_int_eq(mk_close_written(-1, 0), EBADF);
+    ck_assert_int_eq(mk_close_written(-1, EIO), EIO);
+    for (int failure = 0; failure <= ENOSPC; failure += ENOSPC) {
+        const int fd = open("/dev/null", O_WRONLY | O_CLOEXEC);
+        errno = EIO; /* of something else, some time before */
+        ck_assert_int_eq(mk_close_written(fd, failure), failure);
+    }
+    ck_assert_int_eq(open_files(), before);
+}
+END_TEST
+
 /* A run of many notes and few rows takes no more memory than another. */
 START_TEST(notes_go_to_the_file_as_they_come)
 {
@@ -320,18 +347,6 @@ START_TEST(a_file_is_on_the_disk_before_it_gets_its_name)
     ck_assert_int_eq(access(path, F_OK), 0);
 }
 END_TEST
-
-/* As many as this process has open. */
-static int open_files(void)
-{
-    DIR *all = opendir("/proc/self/fd");
-    int n = 0;
-    while (all && readdir(all))
-        n++;
-    if (all)
-        closedir(all);
-    return n;
-}
 
 /* Whoever finds it later has to know whose it was, and what it was to become. */
 START_TEST(a_temporary_file_is_beside_its_target_and_names_its_maker)
@@ -604,6 +619,7 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_file_that_does_not_get_its_name_is_told_and_leaves_nothing);
     tcase_add_test(t, what_cannot_be_begun_leaves_no_file_open);
     tcase_add_test(t, a_disk_that_fails_at_the_end_is_told);
+    tcase_add_test(t, a_file_that_cannot_be_closed_is_told);
     tcase_add_test(t, notes_go_to_the_file_as_they_come);
     tcase_add_test(t, a_full_device_is_reported_once_and_for_all);
     tcase_add_test(t, what_is_flushed_is_in_the_file_to_the_letter);

@@ -52,7 +52,7 @@ SWAPS = [
 ]
 # A call or an assignment on a line of its own can be left out.
 # Those that give memory back: a leak shows in `make check-asan` alone.
-FREES = re.compile(r"^\s+(\(void\))?(free|\w+_free|\w+_destroy|cJSON_Delete|libusb_free_\w+)\(.*;$")
+FREES = re.compile(r"^\s+(\(void\))?(free|\w+_free|\w+_destroy|cJSON_Delete|freeaddrinfo|libusb_free_\w+)\(.*;$")
 STATEMENT = re.compile(r"^\s+(\(void\))?[A-Za-z_][\w>.\-\[\]]*( = | \+= | -= |\().*;$")
 # A descriptor is 0 only where standard input was closed before.
 DESCRIPTOR = re.compile(r"\b((\w*_)?fd|client|listening|terminal)$")

@@ -147,9 +147,7 @@ enum mk_status mk_log_writer_close(struct mk_log_writer *w, struct mk_error *err
     if (!w)
         return MK_OK;
     hand_over(w);
-    int failure = mk_sync(w->fd);
-    if (close(w->fd) != 0 && failure == 0 && errno != EINTR)
-        failure = errno;
+    int failure = mk_close_written(w->fd, mk_sync(w->fd));
     if (failure && w->failure.status == MK_OK)
         mk_error_errno(&w->failure, failure, w->path, "cannot write the log");
     enum mk_status st = report(w, err);

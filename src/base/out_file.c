@@ -42,6 +42,13 @@ int mk_sync(int fd)
     return 0;
 }
 
+int mk_close_written(int fd, int failure)
+{
+    /* Interrupted, it is closed all the same. */
+    const int unclosed = close(fd) == 0 || errno == EINTR ? 0 : errno;
+    return failure ? failure : unclosed;
+}
+
 /* What is left to read of `from`, to `to`. 0 or errno. */
 static int copy_rest(int from, int to)
 {
@@ -69,8 +76,7 @@ int mk_copy_new(const char *from, const char *to)
         failure = copy_rest(from_fd, to_fd);
         if (failure == 0)
             failure = mk_sync(to_fd);
-        if (close(to_fd) != 0 && failure == 0)
-            failure = errno;
+        failure = mk_close_written(to_fd, failure);
         if (failure)
             unlink(to);
     }
@@ -182,9 +188,7 @@ enum mk_status mk_out_file_write(struct mk_out_file *file, const char *data, siz
 
 enum mk_status mk_out_file_commit(struct mk_out_file *file, struct mk_error *err)
 {
-    int failure = mk_sync(file->fd);
-    if (close(file->fd) != 0 && failure == 0 && errno != EINTR)
-        failure = errno;
+    int failure = mk_close_written(file->fd, mk_sync(file->fd));
     file->fd = -1;
     if (failure == 0 && file->temporary && rename(file->temporary, file->target) != 0)
         failure = errno;

@@ -63,6 +63,8 @@ int mk_write_all(int fd, const char *data, size_t size, size_t *written);
 int mk_copy_new(const char *from, const char *to);
 /* fsync(2), where the file is of a kind that has it. 0 or errno. */
 int mk_sync(int fd);
+/* Closes what was written to: `failure`, or, where that is 0, why it could not be closed. */
+int mk_close_written(int fd, int failure);
 
 #ifdef __cplusplus
 }
