@@ -101,6 +101,23 @@ START_TEST(a_late_answer_skips_samples_and_says_so)
 }
 END_TEST
 
+/* Of 2 ms the deadline of tick 21 has passed by one, and a little more. */
+START_TEST(a_sample_is_late_that_is_late_by_more_than_half_a_period)
+{
+    static const struct {
+        const char *faults;
+        int flags;
+    } rows[] = {{"at 20 delay 3ms", 0}, {"at 20 delay 3000.01us", MK_FLAG_LATE}};
+    bench_build(rows[_i].faults);
+    struct mk_log *log = bench_log_of_run(0.1);
+    ck_assert_double_eq(mk_log_get(log, "tick")[21], 21);
+    ck_assert_double_eq_tol(mk_log_get(log, "late_us")[21], 1000.0, 0.02);
+    ck_assert_int_eq((int)mk_log_get(log, "flags")[21], rows[_i].flags);
+    mk_log_free(log);
+    ck_assert_uint_eq(bench_look().late, (unsigned)_i);
+}
+END_TEST
+
 START_TEST(an_answer_that_is_late_by_several_samples_skips_them_all)
 {
     /* Tick 20 ends at 49 ms: the deadlines of 21 to 24 have passed, the first 7 ms ago. */
@@ -435,6 +452,7 @@ Suite *suite_loop_samples(void)
     tcase_add_test(t, a_lost_exchange_leaves_a_row_without_readings_of_either_joint);
     tcase_add_test(t, an_exchange_that_nobody_knows_of_is_a_gap_and_a_lost_one_is_not);
     tcase_add_test(t, a_late_answer_skips_samples_and_says_so);
+    tcase_add_loop_test(t, a_sample_is_late_that_is_late_by_more_than_half_a_period, 0, 2);
     tcase_add_test(t, an_answer_that_is_late_by_several_samples_skips_them_all);
     tcase_add_test(t, who_listens_gets_every_sample_that_there_is_room_for);
     tcase_add_test(t, after_skipped_samples_speeds_are_those_of_a_run_without);
