@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
@@ -608,6 +609,32 @@ START_TEST(what_cannot_be_begun_leaves_no_file_open)
 }
 END_TEST
 
+/* The compressor has a descriptor of its own. */
+START_TEST(a_compressed_log_is_told_when_there_are_no_more_files_to_be_had)
+{
+    struct mk_log *log;
+    struct mk_error err = MK_ERROR_INIT;
+    struct rlimit limit;
+    char path[256];
+    snprintf(path, sizeof path, "%s", scratch("second.csv.gz"));
+    ck_assert_int_eq(mk_log_read(scratch_text("first.csv", "t,q1\n0,1\n"), &log, &err), MK_OK);
+    const int before = open_files(), next = dup(STDOUT_FILENO);
+    close(next);
+    ck_assert_int_eq(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    const struct rlimit one_more = {(rlim_t)next + 1, limit.rlim_max};
+    ck_assert_int_eq(setrlimit(RLIMIT_NOFILE, &one_more), 0);
+    enum mk_status st = mk_log_write(path, log, &err);
+    ck_assert_int_eq(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    ck_assert_int_eq(st, MK_ERR_IO);
+    ck_assert_str_eq(err.file, path);
+    ck_assert_ptr_nonnull(strstr(err.message, strerror(EMFILE)));
+    ck_assert_int_eq(open_files(), before);
+    ck_assert_int_eq(count_files("second.csv.gz*"), 0);
+    ck_assert_int_eq(mk_log_write(path, log, &err), MK_OK);
+    mk_log_free(log);
+}
+END_TEST
+
 Suite *suite_log_writer(void)
 {
     Suite *s = suite_create("log_writer");
@@ -637,6 +664,7 @@ Suite *suite_log_writer(void)
     tcase_add_test(t, a_copy_is_whole_or_is_not_there);
     tcase_add_test(t, a_log_is_on_the_disk_when_it_is_closed);
     tcase_add_test(t, a_temporary_file_never_takes_one_that_is_there);
+    tcase_add_test(t, a_compressed_log_is_told_when_there_are_no_more_files_to_be_had);
     suite_add_tcase(s, t);
     return s;
 }
