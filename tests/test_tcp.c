@@ -190,6 +190,18 @@ START_TEST(a_connection_that_does_not_come_about_is_given_up_in_time)
 }
 END_TEST
 
+/* An address of the documentation's, which no machine has. */
+START_TEST(an_address_that_is_somebody_else_s_is_not_listened_at)
+{
+    char bound[80];
+    int fd;
+    enum mk_status st = mk_tcp_listen("192.0.2.1:7000", &fd, bound, sizeof bound, &remote.err);
+    ck_assert(st != MK_OK && st != MK_ERR_BUSY);
+    ck_assert_int_eq(fd, -1);
+    remote_says("cannot listen at 192.0.2.1:7000");
+}
+END_TEST
+
 START_TEST(a_taken_port_is_told)
 {
     char bound[80], other[80];
@@ -277,6 +289,7 @@ Suite *suite_tcp(void)
     tcase_add_test(t, connections_go_to_names_and_to_both_kinds_of_addresses);
     tcase_add_test(t, where_nobody_listens_is_told);
     tcase_add_test(t, a_connection_that_does_not_come_about_is_given_up_in_time);
+    tcase_add_test(t, an_address_that_is_somebody_else_s_is_not_listened_at);
     tcase_add_test(t, a_taken_port_is_told);
     tcase_add_test(t, a_peer_that_says_nothing_is_no_board);
     tcase_add_test(t, a_peer_that_closes_at_once_is_told_and_no_signal_comes);
