@@ -1,7 +1,6 @@
 /* Logs written while a run goes on: whatever ends it, whole lines are there. */
 #include "suites.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -292,18 +291,6 @@ START_TEST(a_disk_that_fails_at_the_end_is_told)
     sync_failure = NULL;
 }
 END_TEST
-
-/* As many as this process has open. */
-static int open_files(void)
-{
-    DIR *all = opendir("/proc/self/fd");
-    int n = 0;
-    while (all && readdir(all))
-        n++;
-    if (all)
-        closedir(all);
-    return n;
-}
 
 /* As some disks across a network do; what had failed before is told, and not that. */
 START_TEST(a_file_that_cannot_be_closed_is_told)

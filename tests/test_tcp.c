@@ -17,6 +17,7 @@
 
 #include "driver/resolve.h"
 #include "driver/tcp.h"
+#include "support/files.h"
 #include "support/remote.h"
 #include "support/wall.h"
 
@@ -157,6 +158,35 @@ START_TEST(connections_go_to_names_and_to_both_kinds_of_addresses)
 }
 END_TEST
 
+/* Nothing comes from a machine that was switched off, not even that it has gone. */
+START_TEST(a_client_whose_machine_is_gone_is_found_out_within_half_a_minute)
+{
+    static const int options[] = {TCP_KEEPIDLE, TCP_KEEPINTVL, TCP_KEEPCNT};
+    char bound[80], peer[80];
+    int listening = listen_at("127.0.0.1:0", bound, sizeof bound), fd, value[3], on = 0;
+    ck_assert_int_eq(mk_tcp_connect(bound, &fd, &remote.err), MK_OK);
+    int far = mk_tcp_accept(listening, peer, sizeof peer);
+    socklen_t size = sizeof on;
+    ck_assert_int_eq(getsockopt(far, SOL_SOCKET, SO_KEEPALIVE, &on, &size), 0);
+    ck_assert_int_ne(on, 0);
+    for (int i = 0; i < 3; i++)
+        ck_assert_int_eq(getsockopt(far, IPPROTO_TCP, options[i], &value[i], &size), 0);
+    ck_assert_int_le(value[0] + value[1] * value[2], 30);
+    close(far);
+    close(fd);
+    close(listening);
+}
+END_TEST
+
+START_TEST(a_board_that_is_closed_has_no_connection_left)
+{
+    remote_sit_at("tcp");
+    const int open = open_files();
+    remote_close();
+    ck_assert_int_lt(open_files(), open);
+}
+END_TEST
+
 START_TEST(where_nobody_listens_is_told)
 {
     char bound[80];
@@ -287,6 +317,8 @@ Suite *suite_tcp(void)
     tcase_add_test(t, a_resolver_that_does_not_answer_is_given_up_in_time);
     tcase_add_test(t, what_is_longer_than_any_name_or_port_is_not_asked_for);
     tcase_add_test(t, connections_go_to_names_and_to_both_kinds_of_addresses);
+    tcase_add_test(t, a_client_whose_machine_is_gone_is_found_out_within_half_a_minute);
+    tcase_add_test(t, a_board_that_is_closed_has_no_connection_left);
     tcase_add_test(t, where_nobody_listens_is_told);
     tcase_add_test(t, a_connection_that_does_not_come_about_is_given_up_in_time);
     tcase_add_test(t, an_address_that_is_somebody_else_s_is_not_listened_at);

@@ -2,7 +2,6 @@
  * every back end promises is in test_board.c, what goes wrong on the way in test_bus_faults.c. */
 #include "suites.h"
 
-#include <dirent.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -10,6 +9,7 @@
 #include "emu/bench.h"
 #include "mechkit/loop.h"
 #include "mechkit/rig.h"
+#include "support/files.h"
 
 static struct mk_model model;
 static struct mk_clock clock_;
@@ -135,17 +135,6 @@ START_TEST(a_place_is_told_from_the_bus_to_the_last_hub_as_far_as_there_is_room)
     ck_assert_str_eq(out, "bus 3 device 27");
 }
 END_TEST
-
-static int open_files(void)
-{
-    DIR *all = opendir("/proc/self/fd");
-    int n = 0;
-    while (all && readdir(all))
-        n++;
-    if (all)
-        closedir(all);
-    return n;
-}
 
 /* A console looks for boards again and again; the first round may open what stays open. */
 START_TEST(boards_that_are_closed_refused_or_only_listed_leave_no_file_open)

@@ -1,5 +1,6 @@
 #include "support/files.h"
 
+#include <dirent.h>
 #include <ftw.h>
 #include <glob.h>
 #include <signal.h>
@@ -64,6 +65,17 @@ int count_files(const char *pattern)
     int count = glob(scratch(pattern), 0, NULL, &found) == 0 ? (int)found.gl_pathc : 0;
     globfree(&found);
     return count;
+}
+
+int open_files(void)
+{
+    DIR *all = opendir("/proc/self/fd");
+    int n = 0;
+    while (all && readdir(all))
+        n++;
+    if (all)
+        closedir(all);
+    return n;
 }
 
 char *slurp_file(const char *path)

@@ -20,6 +20,9 @@ void limit_file_size(unsigned long bytes);
 /* How many files of the scratch directory match a shell pattern. */
 int count_files(const char *pattern);
 
+/* How many descriptors this process has open. */
+int open_files(void);
+
 /* Whole content of a file as a NUL-terminated string to free; NULL when it cannot be read. */
 char *slurp_file(const char *path);
 
