@@ -496,6 +496,50 @@ START_TEST(a_command_file_looks_at_its_own_run)
 }
 END_TEST
 
+/* A name that is mistaken costs nothing: not the log, not the script. */
+START_TEST(identify_in_a_script_replaces_models_and_nothing_else)
+{
+    char script[300], log[300], model[300], text[1600];
+    snprintf(log, sizeof log, "%s", scratch("kept/k.csv"));
+    snprintf(script, sizeof script, "%s", scratch("kept.cmd"));
+    snprintf(model, sizeof model, "%s", scratch("kept-fitted.ini"));
+    const char *const targets[] = {log, script, model, model};
+    for (size_t i = 0; i < sizeof targets / sizeof targets[0]; i++) {
+        snprintf(text, sizeof text,
+                 "setup open-loop\ninput 2*sin(6*t)\nstart\nwait 2\nhalt\nsave! k.csv\n"
+                 "identify %s\n",
+                 targets[i]);
+        scratch_text("kept.cmd", text);
+        struct outcome o = MECHKIT("run", script, "--model", MK_SOURCE_DIR "/models/pendulum.ini",
+                                   "--fast", "--out", scratch("kept"));
+        ck_assert_msg(o.code == (i < 2 ? 1 : 0), "%s: %d %s", targets[i], o.code, o.err);
+        ck_assert(i >= 2 || strstr(o.err, "this file is no model and is not replaced"));
+        char *now = slurp_file(script);
+        ck_assert_str_eq(now, text);
+        free(now);
+        struct mk_log *kept;
+        ck_assert_int_eq(mk_log_read(log, &kept, NULL), MK_OK);
+        mk_log_free(kept);
+    }
+    struct mk_model fitted;
+    ck_assert_int_eq(mk_model_read(model, &fitted, NULL), MK_OK);
+}
+END_TEST
+
+START_TEST(line_ends_of_old_machines_are_told_and_not_taken_for_one_line)
+{
+    char script[300];
+    snprintf(script, sizeof script, "%s",
+             scratch_text("cr.cmd", "setup pi-speed\rref 5\rstart\rwait 1\rhalt\r"));
+    struct outcome o = MECHKIT("run", script, "--fast", "--out", scratch("cr"));
+    ck_assert_msg(o.code != 0 && strstr(o.err, "cr.cmd:1: a carriage return within a line"),
+                  "%d %s", o.code, o.err);
+    scratch_text("cr.cmd", "setup pi-speed\r\nref 5\r\nstart\r\nwait 0.1\r\nhalt\r\n");
+    o = MECHKIT("run", script, "--fast", "--out", scratch("cr"));
+    ck_assert_msg(o.code == 0, "%s", o.err);
+}
+END_TEST
+
 START_TEST(what_needs_a_run_or_a_screen_says_so)
 {
     static const struct {
@@ -609,6 +653,8 @@ Suite *suite_console(void)
     tcase_add_test(t, the_article_suits_every_rig);
     tcase_add_test(t, faults_after_a_setup_say_when_they_begin);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
+    tcase_add_test(t, identify_in_a_script_replaces_models_and_nothing_else);
+    tcase_add_test(t, line_ends_of_old_machines_are_told_and_not_taken_for_one_line);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);
     tcase_add_test(t, a_swing_up_that_does_not_fit_is_told_with_file_and_line);

@@ -186,8 +186,11 @@ START_TEST(a_column_is_found_without_the_unit_in_its_header)
                                     "0,0,0,0\n0.01,90,1.57,1\n0.02,180,3.14,1\n");
     code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
                        scratch("unit_log.csv"));
-    ck_assert_msg(code == 3 && strstr(out, "which column is q1") && strstr(out, "Arm angle [rad]"),
-                  "%d %s", code, out);
+    ck_assert_msg(
+        code == 3 &&
+            strstr(out, "there is no column 'Arm angle', from which the mapping takes q1") &&
+            strstr(out, "Arm angle [rad]"),
+        "%d %s", code, out);
     /* A misspelt key. */
     map = scratch_text("unit.map", "[rig]\nkind = pendulum\n[t]\ncolum = Time\n");
     code = run_mechkit(out, sizeof out, "import %s --map %s --force --out %s", file, map,
@@ -328,7 +331,8 @@ START_TEST(a_mat_file_of_our_own_comes_back)
         code = run_mechkit(out, sizeof out, "import %s --map %s --out %s --force", scratch("a.mat"),
                            map, scratch("back.csv"));
         ck_assert_int_eq(code, 3);
-        ck_assert_msg(strstr(out, "which column is q1"), "%s", out);
+        ck_assert_msg(strstr(out, "there is no column 'Y2', from which the mapping takes q1"), "%s",
+                      out);
         map = scratch_text("mat.map",
                            "[rig]\nkind = pendubot\n[t]\ncolumn = mk.signals.t\nunit = ms\n"
                            "[q1]\ncolumn = mk.Y(:,2)\nunit = deg\n"
@@ -565,7 +569,9 @@ START_TEST(an_angle_may_be_the_difference_or_sum_of_columns)
     map = scratch_text("sum.map", "[rig]\nkind = pendulum\ninput = none\n[t]\ncolumn = t\n[q1]\n"
                                   "column = a\nminus = c\n");
     code = run_mechkit(out, sizeof out, "import %s --map %s --out %s", file, map, to);
-    ck_assert_msg(code == 3 && strstr(out, "which column is q1"), "%d %s", code, out);
+    ck_assert_msg(code == 3 &&
+                      strstr(out, "there is no column 'c', from which the mapping takes q1"),
+                  "%d %s", code, out);
 }
 END_TEST
 

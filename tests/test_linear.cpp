@@ -726,7 +726,7 @@ Suite *suite_linear(void)
     tcase_add_test(c, the_program_writes_what_the_fit_knows);
 
     c = tcase_create("many fits");
-    tcase_set_timeout(c, 30);
+    tcase_set_timeout(c, 60);
     tcase_set_tags(c, "long");
     tcase_add_test(c, a_constant_command_is_refused_or_its_errors_say_so);
     tcase_add_test(c, output_error_warns_of_a_stuck_joint);

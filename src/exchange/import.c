@@ -153,13 +153,23 @@ static void add_guess(struct mk_import_map *map, const struct mk_table *table,
         snprintf(out->unit, sizeof out->unit, "%s", unit->name);
 }
 
+/* Room for the names of a file's columns, as far as a message goes. */
+#define LISTED 300
+
+static void list_columns(const struct mk_table *table, char list[LISTED])
+{
+    char name[SHOWN];
+    list[0] = '\0';
+    for (size_t i = 0; i < table->count && strlen(list) < 200; i++)
+        snprintf(list + strlen(list), LISTED - strlen(list), "%s%s", i ? ", " : "",
+                 mk_show_text(name, sizeof name, table->column[i].name));
+}
+
 static enum mk_status not_recognised(const struct mk_table *table, const char *path,
                                      const char *what, struct mk_error *err)
 {
-    char list[300] = "", name[SHOWN];
-    for (size_t i = 0; i < table->count && strlen(list) < 200; i++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", i ? ", " : "",
-                 mk_show_text(name, sizeof name, table->column[i].name));
+    char list[LISTED];
+    list_columns(table, list);
     return mk_error_at(err, MK_ERR_PARSE, path, 0, 0,
                        "which column is %s? Say so in a mapping; there are: %s%s%s", what, list,
                        *table->left_out ? "; left out: " : "", table->left_out);
@@ -238,6 +248,18 @@ static const struct mk_table_column *column_of(const struct mk_table *table, con
     return NULL;
 }
 
+static enum mk_status no_such_column(const struct mk_table *table, const char *path, const char *to,
+                                     const char *wanted, struct mk_error *err)
+{
+    char list[LISTED], name[SHOWN];
+    list_columns(table, list);
+    return mk_error_at(
+        err, MK_ERR_PARSE, path, 0, 0,
+        "there is no column '%s', from which the mapping takes %s; there are: %s%s%s",
+        mk_show_text(name, sizeof name, wanted), to, list, *table->left_out ? "; left out: " : "",
+        table->left_out);
+}
+
 static enum mk_status check_source(const struct mk_table *table, const char *path, const char *to,
                                    const char *wanted, struct mk_error *err)
 {
@@ -245,7 +267,7 @@ static enum mk_status check_source(const struct mk_table *table, const char *pat
     char name[SHOWN], text[SHOWN];
     size_t same = 0;
     if (!from)
-        return not_recognised(table, path, to, err);
+        return no_such_column(table, path, to, wanted, err);
     for (size_t i = 0; i < table->count; i++)
         same += strcmp(table->column[i].name, wanted) == 0;
     if (same > 1)

@@ -97,6 +97,12 @@ static enum mk_status start_at(struct prediction *p, size_t row, const double *x
         from--;
     commands_before(rec, from, u);
     enum mk_status st = mk_sim_reset(p->sim, now - rec->begins, x, u);
+    if (st == MK_ERR_NUMERIC)
+        st =
+            mk_error_set(err, st,
+                         "the readings around t = %.6g s are of no state to begin a run from: they "
+                         "are no numbers, or far too large",
+                         now);
     for (size_t k = from; st == MK_OK && k < row; k++) {
         command_at(rec, k, u);
         st = mk_sim_issued_before(p->sim, rec->t[k] - rec->begins, u, err);

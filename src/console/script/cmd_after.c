@@ -87,13 +87,29 @@ static void say_parameter(struct session *s, const struct mk_ident_parameter *p)
                 p->at_bound ? ", at the edge of what is possible" : "");
 }
 
+/* A model takes the place of a model, of an empty file or of none: not of the log that it is fitted
+ * to, nor of the script. */
+static enum mk_status check_replaces_model(const char *path, struct mk_error *err)
+{
+    struct stat info;
+    struct mk_model model;
+    bool unknown[MK_MAX_FIT_PARAMETERS];
+    if (stat(path, &info) != 0 || !S_ISREG(info.st_mode) || info.st_size == 0 ||
+        mk_model_read_open(path, &model, unknown, NULL) == MK_OK)
+        return MK_OK;
+    return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                       "this file is no model and is not replaced: choose another name");
+}
+
 enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     char path[SESSION_PATH + 16], comment[SESSION_PATH + 64];
-    struct mk_log *log;
+    struct mk_log *log = NULL;
     struct mk_model model;
     struct mk_ident_options options = {.progress = on_progress, .progress_context = s};
-    enum mk_status st = read_run(s, NULL, &log, err);
+    enum mk_status st = argc > 0 ? check_replaces_model(argv[0], err) : MK_OK;
+    if (st == MK_OK)
+        st = read_run(s, NULL, &log, err);
     struct mk_ident_result *r = st == MK_OK ? calloc(1, sizeof *r) : NULL;
     if (st == MK_OK && !r)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the result");

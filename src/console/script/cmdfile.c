@@ -243,7 +243,15 @@ static void read_lines(struct reader *r, FILE *in, const char *path)
             complain_at(r, path, number, "the line is too long: at most 1000 characters");
             return;
         }
-        line[strcspn(line, "\r\n")] = '\0';
+        line[strcspn(line, "\n")] = '\0';
+        const size_t length = strlen(line);
+        if (length > 0 && line[length - 1] == '\r')
+            line[length - 1] = '\0';
+        if (strchr(line, '\r')) {
+            complain_at(r, path, number,
+                        "a carriage return within a line: lines end in a line feed");
+            return;
+        }
         if (number == 1)
             drop_byte_order_mark(line);
         read_line(r, line, path, number, floor);

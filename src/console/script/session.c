@@ -641,6 +641,15 @@ static int link_under_free_name(const char *log, const char *path, char *saved, 
     return why;
 }
 
+static enum mk_status cannot_save(const char *path, int why, struct mk_error *err)
+{
+    const char *what = why == EINVAL ? "this is no regular file" : "this file is no log";
+    if (why != EINVAL && why != ENOEXEC)
+        return mk_error_errno(err, why, path, "cannot save the log");
+    return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                       "%s and is not replaced: choose another name", what);
+}
+
 enum mk_status session_save(struct session *s, const char *name, bool overwrite, char *saved,
                             size_t size, struct mk_error *err)
 {
@@ -659,14 +668,8 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     int why = there       ? 0
               : overwrite ? replace(s->log_path, path)
                           : link_under_free_name(s->log_path, path, saved, size);
-    if (why == EINVAL)
-        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
-                           "this is no regular file and is not replaced: choose another name");
-    if (why == ENOEXEC)
-        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
-                           "this file is no log and is not replaced: choose another name");
     if (why)
-        return mk_error_errno(err, why, path, "cannot save the log");
+        return cannot_save(path, why, err);
     /* The first name replaces run-NNN.csv; later ones are added. */
     if (!s->saved && !there)
         unlink(s->log_path);
