@@ -189,6 +189,19 @@ START_TEST(simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command)
 }
 END_TEST
 
+START_TEST(simulate_says_where_readings_are_of_no_state_to_begin_from)
+{
+    char text[8192] = "t,q1,u\n", log[300];
+    for (int k = 0; k < 300; k++)
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%g,1e308,0\n", 0.01 * k);
+    snprintf(log, sizeof log, "%s", scratch_text("huge.csv", text));
+    struct outcome o = MECHKIT("simulate", "--model", MK_SOURCE_DIR "/models/pendulum.ini",
+                               "--input", log, "--window", "1");
+    ck_assert_int_eq(o.code, 1);
+    ck_assert_msg(strstr(o.err, "are of no state to begin a run from"), "%s", o.err);
+}
+END_TEST
+
 /* A solver that gives up after a minute says neither which effect it was nor what to do. */
 START_TEST(a_model_that_is_too_stiff_is_refused_with_what_makes_it_so)
 {
@@ -227,6 +240,7 @@ Suite *suite_simulate_cli(void)
     tcase_add_test(t, a_joint_at_rest_has_no_error_in_units_of_its_motion);
     tcase_add_test(t, simulate_refuses_a_log_with_an_infinite_reading_or_command);
     tcase_add_test(t, simulate_says_that_a_useless_prediction_is_one_of_a_flipped_command);
+    tcase_add_test(t, simulate_says_where_readings_are_of_no_state_to_begin_from);
     tcase_add_test(t, a_model_that_is_too_stiff_is_refused_with_what_makes_it_so);
     suite_add_tcase(s, t);
     return s;

@@ -361,7 +361,7 @@ static const struct cmd commands[] = {
      cmd_check_expect, do_expect},
     {"save", "FILE", "name the log of the last run; never overwrites (FILE-2, ...)", 1, 1, false,
      NULL, do_save},
-    {"save!", "FILE", "the same, but overwrites", 1, 1, false, NULL, do_save_over},
+    {"save!", "FILE", "the same, but replaces a log of that name", 1, 1, false, NULL, do_save_over},
     {"estop", "", "motor off at once, fault e-stop", 0, 0, false, cmd_check_halt, do_estop},
     {"ack", "", "acknowledge a latched fault", 0, 0, false, NULL, do_ack},
     {"model", "FILE", "the rig, from the next setup on", 1, 1, false, cmd_check_model, do_model},
