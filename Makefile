@@ -270,7 +270,8 @@ run-tests: tests
 
 # Cases by the dozen take their time; the tests have a few of each.
 .PHONY: challenge
-CHALLENGE_OBJ := $(B)/tests/challenge.o $(B)/tests/support/truth.o $(B)/tests/support/cases.o
+TRUTH_OBJ := $(addprefix $(B)/tests/support/,truth.o truth_machine.o cases.o)
+CHALLENGE_OBJ := $(B)/tests/challenge.o $(TRUTH_OBJ)
 challenge: $(B)/mechkit-challenge $(APP) ## hide effects in made-up logs and score explain (CASES=200 SEED=1)
 	@$< --cases $(or $(CASES),200) --seed $(or $(SEED),1) $(CHALLENGE_ARGS)
 	@tools/challenge.py $(APP)
@@ -283,7 +284,7 @@ rich: $(APP) ## score explain on rigs with several effects at once
 
 # The same rigs behind a socket, and what investigate makes of them.
 .PHONY: hidden-rigs
-HIDDEN_RIG_OBJ := $(B)/tests/hidden_rig.o $(B)/tests/support/truth.o $(B)/tests/support/cases.o
+HIDDEN_RIG_OBJ := $(B)/tests/hidden_rig.o $(TRUTH_OBJ)
 hidden-rigs: $(B)/mechkit-hidden-rig $(APP) ## investigate rigs that another simulator hides behind TCP (RIGS=40 SEED=1; takes an hour)
 	@tools/hidden_rigs.py $(APP) $< --rigs $(or $(RIGS),40) --seed $(or $(SEED),1) $(HIDDEN_RIGS_ARGS)
 $(B)/mechkit-hidden-rig: $(HIDDEN_RIG_OBJ) $(LIB)
