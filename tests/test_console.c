@@ -526,6 +526,34 @@ START_TEST(identify_in_a_script_replaces_models_and_nothing_else)
 }
 END_TEST
 
+/* An arm is what a Furuta pendulum has. */
+START_TEST(identify_tells_the_parameters_that_do_something_on_the_rig)
+{
+    static const char *const rigs[] = {"pendubot", "furuta"};
+    for (int arm = 0; arm < 2; arm++) {
+        char path[300], text[4096], model[300];
+        snprintf(path, sizeof path, MK_SOURCE_DIR "/models/%s.ini", rigs[arm]);
+        char *rig = slurp_file(path);
+        snprintf(text, sizeof text, "%s\n[effect.base-tilt]\nangle = 0.001\n", rig);
+        free(rig);
+        snprintf(model, sizeof model, "%s", scratch_text("tilted.ini", text));
+        const char *script = scratch_text("tell.cmd", "setup open-loop\ninput 2*sin(6*t)\nstart\n"
+                                                      "wait 3\nhalt\nsave! tell.csv\nidentify\n");
+        struct outcome o =
+            MECHKIT("run", script, "--model", model, "--fast", "--out", scratch("tell"));
+        ck_assert_msg(o.code == 0 && strstr(o.out, "base-tilt.angle"), "%s %s", o.out, o.err);
+        ck_assert(!strstr(o.out, "base-tilt.arm") == !arm);
+        o = MECHKIT("identify", "--model", model, "--out", scratch("tell.ini"), "--json",
+                    scratch("tell.json"), scratch("tell/tell.csv"));
+        ck_assert_msg(o.code == 0 && strstr(o.out, "base-tilt.angle"), "%s %s", o.out, o.err);
+        ck_assert(!strstr(o.out, "base-tilt.arm") == !arm);
+        char *json = slurp_file(scratch("tell.json"));
+        ck_assert(!strstr(json, "base-tilt.arm") == !arm);
+        free(json);
+    }
+}
+END_TEST
+
 START_TEST(line_ends_of_old_machines_are_told_and_not_taken_for_one_line)
 {
     char script[300];
@@ -654,6 +682,7 @@ Suite *suite_console(void)
     tcase_add_test(t, faults_after_a_setup_say_when_they_begin);
     tcase_add_test(t, a_command_file_looks_at_its_own_run);
     tcase_add_test(t, identify_in_a_script_replaces_models_and_nothing_else);
+    tcase_add_test(t, identify_tells_the_parameters_that_do_something_on_the_rig);
     tcase_add_test(t, line_ends_of_old_machines_are_told_and_not_taken_for_one_line);
     tcase_add_test(t, what_needs_a_run_or_a_screen_says_so);
     tcase_add_test(t, a_model_on_the_command_line_goes_before_the_file_s);

@@ -145,6 +145,13 @@ START_TEST(a_parameter_that_does_nothing_on_a_rig_is_neither_written_nor_fitted)
         ck_assert(!strstr(text, "\narm =") == !arm && (!arm || line));
         ck_assert_int_eq(mk_model_read(path, &back, &err), MK_OK);
         ck_assert_double_eq(back.effect[0].value[1], m.effect[0].value[1]);
+        if (!arm) {
+            char set[4000];
+            snprintf(set, sizeof set, "%s\narm = 0.7\n", text);
+            ck_assert_int_eq(mk_model_read(scratch_text("set.ini", set), &back, &err),
+                             MK_ERR_PARSE);
+            ck_assert_msg(strstr(err.message, "arm") != NULL, "%s", err.message);
+        }
         if (line) { /* left out, it is that of a uniform rod */
             memmove(line, line + strlen("\narm = 0.7"), strlen(line + strlen("\narm = 0.7")) + 1);
             ck_assert_int_eq(mk_model_read(scratch_text("rod.ini", text), &back, &err), MK_OK);

@@ -24,7 +24,7 @@ struct BaseTilt {
         0,
         2,
         {{"angle", "rad", "angle", -1.6, 1.6, 0.01},
-         {"arm", "", "first moment of the arm over that of a uniform rod", -100.0, 100.0, 1.0,
+         {"arm", "", "first moment of the arm over that of a uniform rod", -10.0, 10.0, 1.0,
           MK_FIT_FREE, true}}};
     static constexpr mk_effect_words words = {"a base that is tilted",
                                               "The table or the foot is not level.",

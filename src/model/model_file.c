@@ -421,6 +421,8 @@ static enum mk_status read_effect(struct reader *r, struct mk_model *m,
     struct mk_effect_use *use = &m->effect[m->effect_count - 1];
     const int first_number = first_number_of_last(m);
     for (int i = 0; i < info->parameter_count; i++) {
+        if (!mk_parameter_applies(&info->parameter[i], m->plant))
+            continue; /* whoever sets it is told that there is no such key */
         struct mk_ini_entry *e = find(r, section->name, info->parameter[i].name);
         if (!e && info->parameter[i].optional)
             continue;

@@ -149,6 +149,8 @@ static void print_result(const struct mk_ident_result *r, const char *const *fil
     printf("  %-28s %14s %12s %8s   %s\n", "parameter", "value", "std error", "%", "given");
     for (int i = 0; i < r->parameter_count; i++) {
         const struct mk_ident_parameter *p = &r->parameter[i];
+        if (!mk_parameter_applies(mk_model_parameter_info(&r->model, i, NULL, 0), r->model.plant))
+            continue;
         printf("  %-28s %14.8g ", p->name, p->value);
         if (p->fixed)
             printf("%12s %8s", "held", "");
@@ -255,6 +257,8 @@ static cJSON *result_json(const struct mk_ident_result *r, const char *const *fi
     for (int i = 0; i < r->parameter_count; i++) {
         const struct mk_ident_parameter *p = &r->parameter[i];
         const struct mk_parameter_info *info = mk_model_parameter_info(&r->model, i, NULL, 0);
+        if (!mk_parameter_applies(info, r->model.plant))
+            continue;
         cJSON *one = cJSON_AddObjectToObject(all, p->name);
         cJSON_AddItemToObject(one, "value", mk_json_number(p->value));
         /* A whole number that the model says is held, and known. */

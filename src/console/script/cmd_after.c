@@ -104,12 +104,16 @@ static enum mk_status check_replaces_model(const char *path, struct mk_error *er
 enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct mk_error *err)
 {
     char path[SESSION_PATH + 16], comment[SESSION_PATH + 64];
-    struct mk_log *log = NULL;
+    struct mk_log *log;
     struct mk_model model;
     struct mk_ident_options options = {.progress = on_progress, .progress_context = s};
-    enum mk_status st = argc > 0 ? check_replaces_model(argv[0], err) : MK_OK;
+    enum mk_status st = read_run(s, NULL, &log, err);
+    if (argc > 0)
+        snprintf(path, sizeof path, "%s", argv[0]);
+    else
+        beside(s->log_path, "-fitted.ini", path, sizeof path);
     if (st == MK_OK)
-        st = read_run(s, NULL, &log, err);
+        st = check_replaces_model(path, err);
     struct mk_ident_result *r = st == MK_OK ? calloc(1, sizeof *r) : NULL;
     if (st == MK_OK && !r)
         st = mk_error_set(err, MK_ERR_NOMEM, "no memory for the result");
@@ -117,10 +121,6 @@ enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct 
         st = nominal_model(s, log, &model, err);
     if (st == MK_OK)
         st = mk_identify(&model, (const struct mk_log *const *)&log, 1, &options, r, err);
-    if (argc > 0)
-        snprintf(path, sizeof path, "%s", argv[0]);
-    else
-        beside(s->log_path, "-fitted.ini", path, sizeof path);
     snprintf(comment, sizeof comment, "mechkit identify: %s, from %s", st == MK_OK ? r->method : "",
              s->log_path);
     if (st == MK_OK)
@@ -129,7 +129,9 @@ enum mk_status cmd_do_identify(struct session *s, int argc, char **argv, struct 
         session_say(s, "%s in %.1f s: what was believed, and what the run says", r->method,
                     r->seconds);
         for (int i = 0; i < r->parameter_count; i++)
-            say_parameter(s, &r->parameter[i]);
+            if (mk_parameter_applies(mk_model_parameter_info(&r->model, i, NULL, 0),
+                                     r->model.plant))
+                say_parameter(s, &r->parameter[i]);
         for (int i = 0; i < r->warning_count; i++)
             session_say(s, "  %s", r->warning[i]);
         session_say(s, "written to %s; to go on with it: believe %s", path, path);
