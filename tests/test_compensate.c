@@ -19,6 +19,7 @@
 #include "model/plant_facts.h"
 #include "support/closed.h"
 
+/* `value` is NULL or has MK_MAX_EFFECT_PARAMETERS values: an effect's row may gain a parameter. */
 static void add(struct mk_model *m, const char *name, int joint, const double *value)
 {
     struct mk_error err = MK_ERROR_INIT;
@@ -242,7 +243,7 @@ static double acceleration_at_rest(const struct mk_model *m, const double *q, do
 
 START_TEST(a_cable_at_the_free_joint_moves_the_equilibrium)
 {
-    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.3, 1.5};
+    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[MK_MAX_EFFECT_PARAMETERS] = {0.3, 1.5};
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     double q[MK_MAX_JOINTS], u;
     ck_assert(mk_nearest_equilibrium(&m, mid, true, q, &u));
@@ -256,7 +257,7 @@ END_TEST
 
 START_TEST(a_tilted_pendubot_hangs_along_gravity)
 {
-    static const double hanging[] = {-0.5 * M_PI, 0.0}, tilt[] = {0.05};
+    static const double hanging[] = {-0.5 * M_PI, 0.0}, tilt[MK_MAX_EFFECT_PARAMETERS] = {0.05};
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "base-tilt", 0, tilt);
     double q[MK_MAX_JOINTS], u;
     ck_assert(mk_nearest_equilibrium(&m, hanging, false, q, &u));
@@ -268,7 +269,7 @@ END_TEST
 
 START_TEST(a_cable_at_the_free_joint_holds_elsewhere_after_a_turn)
 {
-    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.1, 0.0};
+    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[MK_MAX_EFFECT_PARAMETERS] = {0.1, 0.0};
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     struct mk_equilibria e;
     mk_equilibria_find(&m, mid, &e);
@@ -301,7 +302,7 @@ static double missing_at(const struct mk_model *m, const struct mk_lift *lift, d
 /* A cable that is slack at 1 rad pulls harder on the way up to the left than to the right. */
 START_TEST(a_swing_up_aims_at_the_lower_of_two_uprights_from_either_side)
 {
-    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[] = {0.1, 1.0};
+    static const double mid[] = {-0.5 * M_PI, M_PI}, cable[MK_MAX_EFFECT_PARAMETERS] = {0.1, 1.0};
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, cable);
     struct mk_equilibria e;
     struct mk_lift lift;
@@ -324,7 +325,7 @@ END_TEST
 /* The gains of the textbook plant do not hold it: link 1 drifts away. */
 START_TEST(a_spring_at_the_free_joint_is_held_by_gains_that_are_made_for_it)
 {
-    static const double spring[] = {0.2114, -0.066};
+    static const double spring[MK_MAX_EFFECT_PARAMETERS] = {0.2114, -0.066};
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, spring);
     struct closed c;
     closed_open_rig(&c, "pendubot-top", &m, NULL);
@@ -339,7 +340,7 @@ END_TEST
 
 START_TEST(a_wheel_may_stand_anywhere)
 {
-    static const double upright[] = {M_PI, 0.0}, tilt[] = {-0.03};
+    static const double upright[] = {M_PI, 0.0}, tilt[MK_MAX_EFFECT_PARAMETERS] = {-0.03};
     const struct mk_model m = textbook_with(MK_PLANT_REACTION_WHEEL, "base-tilt", 0, tilt);
     double q[MK_MAX_JOINTS], u;
     ck_assert(mk_nearest_equilibrium(&m, upright, true, q, &u));
@@ -355,7 +356,8 @@ END_TEST
 START_TEST(where_nothing_stands_still_there_is_no_equilibrium)
 {
     static const double hanging[] = {-0.5 * M_PI, 0.0};
-    static const double strong[] = {60.0, 5.0}; /* more than the links weigh, slack far away */
+    static const double strong[MK_MAX_EFFECT_PARAMETERS] = {
+        60.0, 5.0}; /* more than the links weigh, slack far away */
     const struct mk_model m = textbook_with(MK_PLANT_PENDUBOT, "cable-stiffness", 2, strong);
     double q[MK_MAX_JOINTS], u;
     ck_assert(!mk_nearest_equilibrium(&m, hanging, false, q, &u));
@@ -391,8 +393,11 @@ static struct mk_model many_effects(enum mk_plant_kind plant)
 {
     struct mk_model m = textbook(plant);
     int motor = mk_plant(plant)->motor_joint + 1;
-    static const double bristle[] = {60.0, 0.2, 0.1}, dead[] = {0.2}, eccentric[] = {0.01, 0.3},
-                        gain[] = {0.05}, creep[] = {0.2, 0.2};
+    static const double bristle[MK_MAX_EFFECT_PARAMETERS] = {60.0, 0.2, 0.1},
+                        dead[MK_MAX_EFFECT_PARAMETERS] = {0.2},
+                        eccentric[MK_MAX_EFFECT_PARAMETERS] = {0.01, 0.3},
+                        gain[MK_MAX_EFFECT_PARAMETERS] = {0.05},
+                        creep[MK_MAX_EFFECT_PARAMETERS] = {0.2, 0.2};
     add(&m, "stiction", motor, bristle);
     add(&m, "deadband", 0, dead);
     add(&m, "encoder-eccentricity", 1, eccentric);
@@ -499,7 +504,7 @@ enum figure { SWAY, OFF, EFFORT };
 static const struct improvement {
     const char *setup, *effect;
     int joint;
-    double value[3];
+    double value[MK_MAX_EFFECT_PARAMETERS];
     enum figure figure;
     double at_most;
 } improved[] = {
