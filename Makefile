@@ -381,7 +381,7 @@ FUZZ_TARGETS := frame device wire log model cmdfile script json map table sweep 
 FUZZ_FLAGS := -O1 -g -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
 FUZZ_BOARD := $(addprefix src/driver/,frame.c device.c standalone.c standalone_laws.c)
 FUZZ_FILES := $(wildcard src/base/*.c) src/base/number.cpp src/model/model_file.c \
-              $(addprefix src/exchange/,import.c map.c read_mat.c read_text.c table.c unit.c) \
+              $(addprefix src/exchange/,import.c map.c read_mat.c scan_mat.c scan_apart.c read_text.c table.c unit.c) \
               $(addprefix src/exchange/,consistency.cpp plausible.cpp) src/driver/fault_script.c \
               $(addprefix src/console/script/,cmd.c cmd_after.c cmd_line.c cmd_params.c cmdfile.c condition.c) \
               $(addprefix src/experiment/,sweep_axis.c sweep_journal.c sweep_robustness.c) src/explain/sweep_explain.c \

@@ -1,11 +1,14 @@
 /* libFuzzer: what may lie where a sweep wants its journal. Another's file stays as it is; of its
  * own whatever is whole is taken over, and the sweep ends with a result for every run. An input
- * that begins with "@\n" gets this sweep's first line for it: no fuzzer guesses a fingerprint. */
+ * that begins with "@\n" gets this sweep's first line for it, and one with "=\n" also checksums
+ * before its lines: no fuzzer guesses a fingerprint. */
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "base/checksum.h"
 #include "experiment/sweep_journal.h"
 #include "fuzz_file.h"
 
@@ -49,13 +52,35 @@ static void set_up(void)
     sweep_journal_close(&j, true);
 }
 
+/* The lines, each behind its checksum. */
+static size_t with_checksums(const uint8_t *data, size_t size, char *bytes)
+{
+    size_t n = 0;
+    for (const uint8_t *end = data + size; data < end && n < INPUT_MAX - 9;) {
+        size_t room = INPUT_MAX - 9 - n, rest = (size_t)(end - data);
+        const uint8_t *stop = memchr(data, '\n', rest);
+        size_t line = stop ? (size_t)(stop - data) : rest, all = line + (stop != NULL);
+        line = line < room ? line : room;
+        all = all < room ? all : room;
+        n += (size_t)snprintf(bytes + n, 10, "%08" PRIx32 " ", mk_checksum(data, line));
+        memcpy(bytes + n, data, all);
+        n += all;
+        data += all;
+    }
+    return n;
+}
+
 static size_t with_heading(const uint8_t *data, size_t size, char *bytes)
 {
-    bool own = size >= 2 && memcmp(data, "@\n", 2) == 0;
+    bool sealed = size >= 2 && memcmp(data, "=\n", 2) == 0;
+    bool own = sealed || (size >= 2 && memcmp(data, "@\n", 2) == 0);
     size_t skip = own ? 2 : 0, first = own ? heading_size : 0;
     size = size - skip < INPUT_MAX ? size - skip : INPUT_MAX;
     memcpy(bytes, heading, first);
-    memcpy(bytes + first, data + skip, size);
+    if (sealed)
+        size = with_checksums(data + skip, size, bytes + first);
+    else
+        memcpy(bytes + first, data + skip, size);
     FILE *f = fopen(journal, "wb");
     must(f && fwrite(bytes, 1, first + size, f) == first + size && fclose(f) == 0);
     return first + size;

@@ -336,7 +336,7 @@ START_TEST(a_file_that_is_no_journal_is_left_alone)
                                           "no line",
                                           "\n",
                                           "# mechkit",
-                                          "# mechkit-sweep-journal: 1 0123456789abcdef 24\n",
+                                          "# mechkit-sweep-journal: 2 0123456789abcdef 24\n",
                                           "\n# mechkit-sweep-journal: 1"};
     char out[4096], spec[512], csv[512], journal[600];
     snprintf(spec, sizeof spec, "%s", scratch_text("s.ini", small));
@@ -380,6 +380,43 @@ START_TEST(a_journal_whose_rows_lack_a_column_is_refused)
         ck_assert_int_eq(err.line, 2);
         sweep_journal_close(&j, true);
     }
+    sweep_free(&s);
+}
+END_TEST
+
+/* Every byte of it by itself; the file of before is left as it is, and is good without the line. */
+START_TEST(a_journal_with_a_wrong_byte_is_refused)
+{
+    struct sweep s;
+    struct sweep_journal j;
+    struct mk_error err = MK_ERROR_INIT;
+    ck_assert_int_eq(sweep_read(scratch_text("s.ini", small), &s, &err), MK_OK);
+    const char *csv = scratch("flipped.csv");
+    ck_assert_int_eq(sweep_journal_open(&j, &s, csv, &err), MK_OK);
+    const size_t heading = j.size;
+    ck_assert_int_eq(sweep_journal_add(&j, 3, 0, "1.25,2,3,4,5", &err), MK_OK);
+    const size_t size = j.size;
+    ck_assert_int_eq(sweep_journal_add(&j, 4, 0, "1.25,2,3,4,5", &err), MK_OK);
+    char path[sizeof j.path];
+    snprintf(path, sizeof path, "%s", j.path);
+    sweep_journal_close(&j, false);
+    int fd = open(path, O_RDWR | O_CLOEXEC);
+    ck_assert_int_ge(fd, 0);
+    for (size_t at = heading; at < size; at++) {
+        char was, is;
+        ck_assert_int_eq(pread(fd, &was, 1, (off_t)at), 1);
+        is = (char)(was ^ 1);
+        ck_assert_int_eq(pwrite(fd, &is, 1, (off_t)at), 1);
+        ck_assert_int_eq(sweep_journal_open(&j, &s, csv, &err), MK_ERR_PARSE);
+        ck_assert_int_eq(err.line, 2);
+        ck_assert_msg(strstr(err.message, "damaged"), "%s", err.message);
+        sweep_journal_close(&j, false);
+        ck_assert_int_eq(pwrite(fd, &was, 1, (off_t)at), 1);
+    }
+    close(fd);
+    ck_assert_int_eq(sweep_journal_open(&j, &s, csv, &err), MK_OK);
+    ck_assert_uint_eq(j.done, 2);
+    sweep_journal_close(&j, true);
     sweep_free(&s);
 }
 END_TEST
@@ -638,6 +675,7 @@ Suite *suite_sweep(void)
     tcase_add_test(t, a_journal_of_another_sweep_is_refused);
     tcase_add_test(t, a_journal_of_models_with_another_spread_is_refused);
     tcase_add_test(t, a_file_that_is_no_journal_is_left_alone);
+    tcase_add_test(t, a_journal_with_a_wrong_byte_is_refused);
     tcase_add_test(t, a_journal_with_a_hole_is_refused_and_one_that_ends_in_zeros_goes_on);
     tcase_add_test(t, a_journal_whose_rows_lack_a_column_is_refused);
     tcase_add_test(t, every_combination_has_its_runs_and_points_share_their_draws);

@@ -1,201 +1,33 @@
 /* MAT files of other people as tables: whatever numbers they hold, by name. */
 #include <errno.h>
-#include <matio.h>
-#include <stdint.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
-#include "base/text.h"
+#include "exchange/scan_mat.h"
 #include "exchange/source.h"
-
-#define MAX_DEPTH 8
-#define PATH_SIZE 160
-#define ELEMENTS_A_BYTE 1100 /* zlib makes no more than 1032 bytes of one */
-#define MAX_SIGNALS                                                                                \
-    64 /* of one matrix; more than that is a picture or a table of something else                  \
-        */
-
-struct found {
-    char name[64];
-    size_t rows;
-    double *data; /* a copy */
-};
-
-struct collector {
-    struct found *found;
-    size_t count, room;
-    char left_out[200]; /* what was, and why */
-    bool failed;
-};
-
-static void leave_out(struct collector *c, const char *name, const char *why)
-{
-    static const char rest[] = ", ...";
-    char more[256], shown[256];
-    size_t n = strlen(c->left_out), room = sizeof c->left_out - n;
-    snprintf(more, sizeof more, "%s%s (%s)", n ? ", " : "", mk_show_text(shown, sizeof shown, name),
-             why);
-    if (strlen(more) + sizeof rest <= room)
-        strcpy(c->left_out + n, more);
-    else if (n == 0)
-        strcpy(c->left_out, "...");
-    else if (room >= sizeof rest && strncmp(c->left_out + n - 3, "...", 3) != 0)
-        strcpy(c->left_out + n, rest);
-}
-
-static double element(const matvar_t *v, size_t i)
-{
-    switch (v->class_type) {
-    case MAT_C_DOUBLE:
-        return ((const double *)v->data)[i];
-    case MAT_C_SINGLE:
-        return (double)((const float *)v->data)[i];
-    case MAT_C_INT64:
-        return (double)((const mat_int64_t *)v->data)[i];
-    case MAT_C_UINT64:
-        return (double)((const mat_uint64_t *)v->data)[i];
-    case MAT_C_INT32:
-        return (double)((const mat_int32_t *)v->data)[i];
-    case MAT_C_UINT32:
-        return (double)((const mat_uint32_t *)v->data)[i];
-    case MAT_C_INT16:
-        return (double)((const mat_int16_t *)v->data)[i];
-    case MAT_C_UINT16:
-        return (double)((const mat_uint16_t *)v->data)[i];
-    case MAT_C_INT8:
-        return (double)((const mat_int8_t *)v->data)[i];
-    default:
-        return (double)((const mat_uint8_t *)v->data)[i];
-    }
-}
-
-/* Saturates: what a damaged file claims may be beyond any number. */
-static size_t elements_of(const matvar_t *v)
-{
-    size_t n = v->rank > 0 && v->dims;
-    for (int i = 0; n && i < v->rank; i++)
-        if (__builtin_mul_overflow(n, v->dims[i], &n))
-            return SIZE_MAX;
-    return n;
-}
-
-/* One with numbers for all that its dimensions promise. */
-static bool is_numeric(const matvar_t *v)
-{
-    return v->class_type >= MAT_C_DOUBLE && v->class_type <= MAT_C_UINT64 && !v->isComplex &&
-           v->rank == 2 && v->data &&
-           v->nbytes / Mat_SizeOfClass((int)v->class_type) >= elements_of(v);
-}
-
-static bool make_room(struct collector *c)
-{
-    if (c->count < c->room)
-        return true;
-    size_t room = c->room ? 2 * c->room : 64;
-    struct found *more = realloc(c->found, sizeof *more * room);
-    if (!more)
-        return false;
-    c->found = more;
-    c->room = room;
-    return true;
-}
-
-/* `rows` values from `first`, `stride` apart. */
-static void add(struct collector *c, const char *name, const matvar_t *v, size_t first,
-                size_t stride, size_t rows)
-{
-    if (strlen(name) >= sizeof c->found->name) {
-        leave_out(c, name, "too long a name");
-        return;
-    }
-    double *data = malloc(sizeof *data * rows);
-    if (!data || !make_room(c)) {
-        free(data);
-        c->failed = true;
-        return;
-    }
-    for (size_t i = 0; i < rows; i++)
-        data[i] = element(v, first + i * stride);
-    struct found *f = &c->found[c->count++];
-    strcpy(f->name, name);
-    f->rows = rows;
-    f->data = data;
-}
-
-/* Signals lie along the longer side. */
-static void add_matrix(struct collector *c, const char *name, const matvar_t *v)
-{
-    size_t rows = v->dims[0], columns = v->dims[1];
-    bool lying = columns > rows;
-    size_t signals = lying ? rows : columns, length = lying ? columns : rows;
-    if (length < 2 || signals == 0)
-        return;
-    if (signals == 1) {
-        add(c, name, v, 0, 1, length);
-        return;
-    }
-    if (signals > MAX_SIGNALS) {
-        char why[64];
-        snprintf(why, sizeof why, "%zu x %zu", rows, columns);
-        leave_out(c, name, why);
-        return;
-    }
-    for (size_t k = 0; k < signals; k++) {
-        char one[PATH_SIZE + 32];
-        snprintf(one, sizeof one, lying ? "%s(%zu,:)" : "%s(:,%zu)", name, k + 1);
-        add(c, one, v, lying ? k : k * rows, lying ? rows : 1, length);
-    }
-}
-
-/* "run.q1"; of a struct array "run(1).q1", "run(2).q1", ...; of cells "run{1}.q1". */
-static void walk(struct collector *c, const char *name, matvar_t *v, int depth)
-{
-    char path[PATH_SIZE];
-    if (!v || depth > MAX_DEPTH || c->failed)
-        return;
-    if (is_numeric(v))
-        add_matrix(c, name, v);
-    if (!v->data)
-        return;
-    if (v->class_type == MAT_C_CELL)
-        for (size_t i = 0; i < elements_of(v); i++) {
-            snprintf(path, sizeof path, "%s{%zu}", name, i + 1);
-            walk(c, path, Mat_VarGetCell(v, (int)i), depth + 1);
-        }
-    if (v->class_type != MAT_C_STRUCT)
-        return;
-    char *const *fields = Mat_VarGetStructFieldnames(v);
-    unsigned count = fields ? Mat_VarGetNumberOfFields(v) : 0; /* a damaged file has none */
-    for (size_t i = 0; i < elements_of(v); i++)
-        for (unsigned k = 0; k < count; k++) {
-            if (elements_of(v) == 1)
-                snprintf(path, sizeof path, "%s.%s", name, fields[k]);
-            else
-                snprintf(path, sizeof path, "%s(%zu).%s", name, i + 1, fields[k]);
-            walk(c, path, Mat_VarGetStructFieldByIndex(v, k, i), depth + 1);
-        }
-}
 
 static int by_length(const void *a, const void *b)
 {
-    const struct found *x = a, *y = b;
+    const struct mat_vector *x = a, *y = b;
     return (x->rows > y->rows) - (x->rows < y->rows);
 }
 
 /* The length of the column of that name; else the one that most columns have, of two the longer. */
-static size_t usual_length(const struct collector *c, const char *like)
+static size_t usual_length(const struct mat_scan *c, const char *like)
 {
     for (size_t i = 0; like && i < c->count; i++)
-        if (strcmp(c->found[i].name, like) == 0)
-            return c->found[i].rows;
-    struct found *sorted = malloc(sizeof *sorted * (c->count + 1));
+        if (strcmp(c->vector[i].name, like) == 0)
+            return c->vector[i].rows;
+    struct mat_vector *sorted = malloc(sizeof *sorted * (c->count + 1));
     size_t best = 0, votes = 0, same = 0;
     if (!sorted)
         return 0;
     if (c->count > 0)
-        memcpy(sorted, c->found, sizeof *sorted * c->count);
+        memcpy(sorted, c->vector, sizeof *sorted * c->count);
     qsort(sorted, c->count, sizeof *sorted, by_length);
     for (size_t i = 0; i < c->count; i++) {
         same = i > 0 && sorted[i].rows == sorted[i - 1].rows ? same + 1 : 1;
@@ -208,29 +40,29 @@ static size_t usual_length(const struct collector *c, const char *like)
     return best;
 }
 
-static enum mk_status as_table(struct collector *c, const char *path, const char *like,
+static enum mk_status as_table(struct mat_scan *c, const char *path, const char *like,
                                struct mk_table **out, struct mk_error *err)
 {
     size_t rows = usual_length(c, like);
     struct mk_table *t = calloc(1, sizeof *t);
     if (t)
         t->column = calloc(c->count + 1, sizeof *t->column);
-    if (!t || !t->column || c->failed) {
+    if (!t || !t->column) {
         mk_table_free(t);
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for %s", path);
     }
     t->rows = rows;
     for (size_t i = 0; i < c->count; i++) {
-        if (c->found[i].rows != rows) {
+        if (c->vector[i].rows != rows) {
             char why[64];
-            snprintf(why, sizeof why, "%zu values, not %zu", c->found[i].rows, rows);
-            leave_out(c, c->found[i].name, why);
+            snprintf(why, sizeof why, "%zu values, not %zu", c->vector[i].rows, rows);
+            mat_scan_leave_out(c, c->vector[i].name, why);
             continue;
         }
         struct mk_table_column *column = &t->column[t->count++];
-        snprintf(column->name, sizeof column->name, "%s", c->found[i].name);
-        column->data = c->found[i].data;
-        c->found[i].data = NULL;
+        snprintf(column->name, sizeof column->name, "%s", c->vector[i].name);
+        column->data = c->vector[i].data;
+        c->vector[i].data = NULL;
     }
     if (rows < 2) {
         mk_table_free(t);
@@ -241,27 +73,17 @@ static enum mk_status as_table(struct collector *c, const char *path, const char
     return MK_OK;
 }
 
-/* Whether a file of this size can hold what it claims: matio makes room before it reads. */
-static bool can_hold(matvar_t *v, size_t *left, int depth)
+/* Version 7.3 is HDF5 with a MAT header before it, whose bytes 124 to 127 are 0x0200 and "MI", in
+ * the byte order of the machine that wrote it. */
+static bool is_version_73(const char *path)
 {
-    size_t n = elements_of(v);
-    if (n > *left)
-        return false;
-    *left -= n;
-    size_t children = 0;
-    if (v->class_type == MAT_C_CELL)
-        children = n;
-    else if (v->class_type == MAT_C_STRUCT &&
-             __builtin_mul_overflow(n, Mat_VarGetNumberOfFields(v), &children))
-        return false;
-    if (children == 0 || depth > MAX_DEPTH || !v->data)
-        return true;
-    for (size_t i = 0; i < children; i++) {
-        matvar_t *child = ((matvar_t **)v->data)[i];
-        if (child && !can_hold(child, left, depth + 1))
-            return false;
-    }
-    return true;
+    unsigned char header[128] = {0};
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    ssize_t n = fd < 0 ? -1 : read(fd, header, sizeof header);
+    if (fd >= 0)
+        close(fd);
+    return n == (ssize_t)sizeof header && header[124] + header[125] == 2 &&
+           (header[124] == 2 || header[125] == 2);
 }
 
 enum mk_status source_read_mat(const char *path, const char *like, struct mk_table **out,
@@ -273,20 +95,11 @@ enum mk_status source_read_mat(const char *path, const char *like, struct mk_tab
         return mk_error_errno(err, errno, path, "cannot read");
     if (!S_ISREG(kind.st_mode))
         return mk_error_errno(err, S_ISDIR(kind.st_mode) ? EISDIR : ESPIPE, path, "cannot read");
-    struct collector c = {0};
-    mat_t *mat = Mat_Open(path, MAT_ACC_RDONLY);
-    if (!mat)
-        return mk_error_at(err, MK_ERR_PARSE, path, 0, 0, "no MAT file, or none of this kind");
-    size_t left = ((size_t)kind.st_size + 1) * ELEMENTS_A_BYTE;
-    for (matvar_t *v; (v = Mat_VarReadNextInfo(mat)) != NULL; Mat_VarFree(v))
-        if (!can_hold(v, &left, 0) || Mat_VarReadDataAll(mat, v) != 0)
-            leave_out(&c, v->name ? v->name : "", "cannot be read");
-        else
-            walk(&c, v->name ? v->name : "", v, 0);
-    Mat_Close(mat);
-    enum mk_status st = as_table(&c, path, like, out, err);
-    for (size_t i = 0; i < c.count; i++)
-        free(c.found[i].data);
-    free(c.found);
+    struct mat_scan c;
+    enum mk_status st =
+        (is_version_73(path) ? mat_scan_apart : mat_scan)(path, (size_t)kind.st_size, &c, err);
+    if (st == MK_OK)
+        st = as_table(&c, path, like, out, err);
+    mat_scan_free(&c);
     return st;
 }

@@ -10,9 +10,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/checksum.h"
 #include "base/out_file.h"
 
 #define LINE_MAX_BYTES (SWEEP_LINE + 64)
+#define SEAL_BYTES 9 /* "89abcdef " */
 
 int sweep_line(char *line, size_t size, size_t index, int outcome, const char *text)
 {
@@ -45,6 +47,22 @@ bool sweep_split(const struct sweep *s, char *line, size_t *index, int *outcome,
     return strlen(*columns) < SWEEP_LINE && commas(*columns) == commas(s->kind->columns);
 }
 
+/* In the file a line follows its checksum (its end not counted) in eight hexadecimal digits: a
+ * number that a disk spoilt is a number like any other. */
+static void seal(char seal_text[SEAL_BYTES + 1], const char *line, size_t length)
+{
+    snprintf(seal_text, SEAL_BYTES + 1, "%08" PRIx32 " ", mk_checksum(line, length));
+}
+
+static bool is_sealed(const char *sealed, size_t length)
+{
+    char right[SEAL_BYTES + 1];
+    if (length < SEAL_BYTES)
+        return false;
+    seal(right, sealed + SEAL_BYTES, length - SEAL_BYTES);
+    return memcmp(sealed, right, SEAL_BYTES) == 0;
+}
+
 static bool keep(struct sweep_journal *j, size_t index, int outcome, const char *text)
 {
     struct sweep_result *r = &j->result[index];
@@ -59,7 +77,7 @@ static bool keep(struct sweep_journal *j, size_t index, int outcome, const char 
 
 static int heading(const struct sweep *s, char *text, size_t size)
 {
-    return snprintf(text, size, "# mechkit-sweep-journal: 1 %016" PRIx64 " %zu\n", s->fingerprint,
+    return snprintf(text, size, "# mechkit-sweep-journal: 2 %016" PRIx64 " %zu\n", s->fingerprint,
                     s->total);
 }
 
@@ -106,8 +124,14 @@ static enum mk_status take_line(struct sweep_journal *j, int n, char *line, size
     size_t index;
     int outcome;
     const char *text;
+    if (!is_sealed(line, length - 1))
+        return mk_error_at(
+            err, MK_ERR_PARSE, j->path, n, 0,
+            "damaged: the checksum is not that of the line; remove the line, and its "
+            "run is done again");
     line[length - 1] = '\0';
-    if (memchr(line, '\0', length - 1) || !sweep_split(j->sweep, line, &index, &outcome, &text))
+    if (memchr(line, '\0', length - 1) ||
+        !sweep_split(j->sweep, line + SEAL_BYTES, &index, &outcome, &text))
         return mk_error_at(err, MK_ERR_PARSE, j->path, n, 0,
                            "is no line of this sweep's journal: remove the file");
     if (!keep(j, index, outcome, text))
@@ -177,11 +201,13 @@ enum mk_status sweep_journal_open(struct sweep_journal *j, const struct sweep *s
 enum mk_status sweep_journal_add(struct sweep_journal *j, size_t index, int outcome,
                                  const char *text, struct mk_error *err)
 {
-    char line[LINE_MAX_BYTES];
-    int size = sweep_line(line, sizeof line, index, outcome, text);
+    char line[SEAL_BYTES + LINE_MAX_BYTES], seal_text[SEAL_BYTES + 1];
+    int size = sweep_line(line + SEAL_BYTES, LINE_MAX_BYTES, index, outcome, text);
+    seal(seal_text, line + SEAL_BYTES, (size_t)size - 1);
+    memcpy(line, seal_text, SEAL_BYTES);
     if (!keep(j, index, outcome, text))
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for the results of a sweep");
-    return append(j, line, (size_t)size, err);
+    return append(j, line, SEAL_BYTES + (size_t)size, err);
 }
 
 void sweep_journal_close(struct sweep_journal *j, bool finished)

@@ -30,7 +30,7 @@ MK_NODISCARD enum mk_status sweep_journal_add(struct sweep_journal *j, size_t in
 /* `finished`: removes the file. */
 void sweep_journal_close(struct sweep_journal *j, bool finished);
 
-/* "index,outcome,columns\n", as in the file. Returns the length. */
+/* "index,outcome,columns\n"; in the file a checksum stands before it. Returns the length. */
 int sweep_line(char *line, size_t size, size_t index, int outcome, const char *text);
 /* Takes such a line apart (without its end, in place). False: it is none of this sweep. */
 bool sweep_split(const struct sweep *s, char *line, size_t *index, int *outcome,
