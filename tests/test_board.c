@@ -212,6 +212,21 @@ START_TEST(a_handle_needs_a_model_and_a_clock)
 }
 END_TEST
 
+/* There is one of each kind: a name could only be meant for another board. */
+START_TEST(a_board_without_others_of_its_kind_takes_no_device)
+{
+    static const char *const alone[] = {"virtual", "null"};
+    struct mk_error err = MK_ERROR_INIT;
+    config.device = "127.0.0.1:7000";
+    ck_assert_int_eq(mk_board_open(mk_board_backend_by_name(alone[_i]), &config, &board, &err),
+                     MK_ERR_INVALID);
+    ck_assert_msg(strstr(err.message, "leave out --device"), "%s", err.message);
+    config.device = "";
+    ck_assert_int_eq(mk_board_open(mk_board_backend_by_name(alone[_i]), &config, &board, &err),
+                     MK_OK);
+}
+END_TEST
+
 START_TEST(unknown_back_ends_are_not_found)
 {
     ck_assert_ptr_null(mk_board_backend_by_name("warp-drive"));
@@ -551,6 +566,7 @@ Suite *suite_board(void)
     tcase_add_loop_test(t, safe_state_works_at_any_time_and_clears_nothing, 0, BOARD_COUNT);
     tcase_add_loop_test(t, the_watchdog_can_be_set_cleared_and_switched_off, 0, BOARD_COUNT);
     tcase_add_loop_test(t, a_handle_needs_a_model_and_a_clock, 0, BOARD_COUNT);
+    tcase_add_loop_test(t, a_board_without_others_of_its_kind_takes_no_device, 0, 2);
     tcase_add_test(t, unknown_back_ends_are_not_found);
     tcase_add_test(t, a_board_without_simulated_time_refuses_it);
     tcase_add_test(t, counters_are_subtracted_the_short_way_round);

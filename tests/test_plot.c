@@ -468,6 +468,16 @@ START_TEST(a_temporary_file_that_cannot_be_written_is_said_to_be_one)
 }
 END_TEST
 
+START_TEST(a_log_without_a_number_to_draw_is_named)
+{
+    const char *log = scratch_text("missing.csv", "# input: none\nt,q1\n0,\n1,nan\n2,\n");
+    struct outcome o = MECHKIT("plot", log, "--out", scratch("missing.svg"));
+    ck_assert_msg(o.code == 3 && strstr(o.err, "missing.csv: nothing to draw"), "%d %s", o.code,
+                  o.err);
+    ck_assert_int_eq(count_files("missing.svg"), 0);
+}
+END_TEST
+
 START_TEST(a_plot_that_cannot_be_is_refused_before_it_is_drawn)
 {
     const char *no_angle = scratch_text("no_angle.csv", "t,u\n0,1\n1,2\n");
@@ -521,6 +531,7 @@ Suite *suite_plot(void)
     tcase_add_test(c, a_gnuplot_that_cannot_start_is_not_told_to_be_missing);
     tcase_add_loop_test(c, a_signal_while_it_is_drawn_leaves_nothing, 0, 3);
     tcase_add_test(c, a_temporary_file_that_cannot_be_written_is_said_to_be_one);
+    tcase_add_test(c, a_log_without_a_number_to_draw_is_named);
     tcase_add_test(c, a_plot_that_cannot_be_is_refused_before_it_is_drawn);
     suite_add_tcase(s, c);
     return s;

@@ -69,6 +69,25 @@ START_TEST(saving_over_a_file_replaces_logs_and_empty_files_only)
 }
 END_TEST
 
+/* Samples of a signal are a log like any other, and a run may want them again. */
+START_TEST(saving_over_the_samples_of_the_signal_is_refused)
+{
+    static const char samples[] = "# mechkit-log: 1\nt,u\n0,0\n0.1,0.5\n0.2,0\n";
+    const char *path = scratch_text("samples.csv", samples);
+    char script[600];
+    snprintf(script, sizeof script,
+             "setup pi-speed\nref @%s\nstart\nwait 0.1\nhalt\nsave! samples.csv\n", path);
+    struct outcome o =
+        MECHKIT("run", scratch_text("samples.cmd", script), "--fast", "--out", scratch(""));
+    char *now = slurp_file(path);
+    ck_assert_msg(o.code == 1 && strstr(o.err, "samples.csv: the setup reads this file"), "%d %s",
+                  o.code, o.err);
+    ck_assert_ptr_nonnull(now);
+    ck_assert_str_eq(now, samples);
+    free(now);
+}
+END_TEST
+
 START_TEST(saving_over_a_file_replaces_files_only)
 {
     const char *script = scratch_text("over.cmd", "setup pi-speed\nstart\nwait 0.1\nhalt\n"
@@ -370,6 +389,7 @@ Suite *suite_save(void)
     TCase *t = tcase_create("logs of runs");
     tcase_set_timeout(t, 40);
     tcase_add_test(t, saving_never_overwrites);
+    tcase_add_test(t, saving_over_the_samples_of_the_signal_is_refused);
     tcase_add_test(t, saving_over_a_file_replaces_files_only);
     tcase_add_test(t, saving_over_a_file_replaces_logs_and_empty_files_only);
     tcase_add_test(t, a_name_that_is_no_file_is_refused_and_not_numbered);

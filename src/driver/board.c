@@ -10,18 +10,31 @@
     ((sizeof(struct mk_board) + alignof(max_align_t) - 1) / alignof(max_align_t) *                 \
      alignof(max_align_t))
 
-enum mk_status mk_board_open(const struct mk_board_ops *ops, const struct mk_board_config *config,
-                             struct mk_board **out, struct mk_error *err)
+static enum mk_status check_config(const struct mk_board_ops *ops,
+                                   const struct mk_board_config *config, struct mk_error *err)
 {
-    *out = NULL;
     if (!ops || !config || !config->model || !config->clock)
         return mk_error_set(err, MK_ERR_INVALID, "a board needs a back end, a model and a clock");
     if (!(config->model->u_max > 0.0))
         return mk_error_set(err, MK_ERR_INVALID, "the model's u_max must be positive, not %g",
                             config->model->u_max);
+    const bool has_others = ops->find || (ops->capabilities & MK_BOARD_CAP_ADDRESSED);
+    if (config->device && config->device[0] && !has_others)
+        return mk_error_set(err, MK_ERR_INVALID,
+                            "there is one board %s: leave out --device, or choose another --board",
+                            ops->name);
     if (config->clock->ops->simulated && !mk_board_may_be_fast(ops))
         return mk_error_set(err, MK_ERR_NOTSUP, "board %s runs in real time only", ops->name);
+    return MK_OK;
+}
 
+enum mk_status mk_board_open(const struct mk_board_ops *ops, const struct mk_board_config *config,
+                             struct mk_board **out, struct mk_error *err)
+{
+    *out = NULL;
+    enum mk_status st = check_config(ops, config, err);
+    if (st != MK_OK)
+        return st;
     char *block = calloc(1, PRIVATE_OFFSET + ops->private_size);
     if (!block)
         return mk_error_set(err, MK_ERR_NOMEM, "no memory for board %s", ops->name);
@@ -31,7 +44,7 @@ enum mk_status mk_board_open(const struct mk_board_ops *ops, const struct mk_boa
     board->clock = config->clock;
     board->priv = block + PRIVATE_OFFSET;
 
-    enum mk_status st = ops->open(board, config, err);
+    st = ops->open(board, config, err);
     if (st != MK_OK) {
         free(block);
         return st;

@@ -384,7 +384,16 @@ static void find_joints(struct layout *l, const struct mk_log *log)
     }
 }
 
-/* All logs must have the angles of the first one. */
+static bool has_numbers(const struct mk_log *log, const char *column)
+{
+    const double *value = mk_log_get(log, column);
+    size_t row = 0;
+    while (value && row < log->rows && !isfinite(value[row]))
+        row++;
+    return value && row < log->rows;
+}
+
+/* All logs must have the angles of the first one, and some of them as numbers. */
 static enum mk_status check_logs(const struct layout *l, struct mk_error *err)
 {
     for (int i = 0; i < l->p->count; i++) {
@@ -393,6 +402,9 @@ static enum mk_status check_logs(const struct layout *l, struct mk_error *err)
         if (!one || (l->joints == 2 && !mk_log_get(log, "q2")))
             return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0, "the log has no column %s",
                                one ? "q2" : "q1");
+        if (!has_numbers(log, "q1") && !has_numbers(log, "q2"))
+            return mk_error_at(err, MK_ERR_PARSE, log->path, 0, 0,
+                               "nothing to draw: no angle of this log is a number");
     }
     return MK_OK;
 }

@@ -650,6 +650,14 @@ static enum mk_status cannot_save(const char *path, int why, struct mk_error *er
                        "%s and is not replaced: choose another name", what);
 }
 
+/* Whether the next run may read this file: its trajectory, or the samples of its signal. */
+static bool is_read(const struct session *s, const char *path)
+{
+    const char *signal = s->signal ? mk_signal_text(s->signal) : "";
+    signal += strspn(signal, " \t");
+    return is_same_file(s->swingup, path) || (*signal == '@' && is_same_file(signal + 1, path));
+}
+
 enum mk_status session_save(struct session *s, const char *name, bool overwrite, char *saved,
                             size_t size, struct mk_error *err)
 {
@@ -663,6 +671,9 @@ enum mk_status session_save(struct session *s, const char *name, bool overwrite,
     enum mk_status st = path_in_out(s, name, path, err);
     if (st != MK_OK)
         return st;
+    if (overwrite && is_read(s, path))
+        return mk_error_at(err, MK_ERR_INVALID, path, 0, 0,
+                           "the setup reads this file: save the log under another name");
     const bool there = overwrite && is_same_file(s->log_path, path);
     numbered(path, 1, saved, size);
     int why = there       ? 0
