@@ -14,7 +14,7 @@ parts='s/[.][^/]*$//
 s#/fit_\(states\|shoot\|eliminate\|own\)$#/fit#
 s#/free_runs_\(windows\|folds\)$#/free_runs#
 s#/search/trials$#/search/search#
-s#/search/causes_\(forms\|sharpness\)$#/search/causes#
+s#/search/causes_\(forms\|sharpness\|simpler\)$#/search/causes#
 s#/search/full_fits$#/search/search#'
 
 find "$objects" -name '*.o' | sort | while read -r o; do

@@ -8,7 +8,7 @@
 // With Gaussian noise a difference of 12 beyond the penalty is far beyond what some hundred
 // candidates reach by chance (docs/explain.md, "How it decides", 4).
 //
-// A forward search goes wrong where one cause stands in for another that is still missing. Five
+// A forward search goes wrong where one cause stands in for another that is still missing. Seven
 // steps answer that:
 //     idle_without_last   the model does as well without the latest cause, if it starts from the
 //                         fit with it: the cause is dropped;
@@ -18,13 +18,16 @@
 //                         those that came next;
 //     name_terms          in the place of a term without a name the catalogue is asked again, with
 //                         what was found after it beside;
-//     drop_idle           at the end, any cause without which the fit does as well goes.
+//     drop_idle           at the end, any cause without which the fit does as well goes;
+//     face_rivals_of      the nearest rivals of earlier causes are asked again beside all others;
+//     unbend              a law that has bent into another one gives way to that.
 //
 // Process noise says how much a model misses. Its thresholds are intensities in rad/s per sqrt(s):
 // right models end at 1e-4, and what is below policy::IMMATERIAL does not matter within a second of
 // free run.
 //
-// What a cause could be besides, once it leads (consider_...), is in causes_forms.cpp.
+// What a cause could be besides, once it leads (consider_...), is in causes_forms.cpp; simpler laws
+// in a cause's place are in causes_simpler.cpp.
 //
 // In `best` the effects of the given model come first (model.effect_count of them), then the
 // causes, in the order of `rounds`.
@@ -96,6 +99,9 @@ void CauseSearch::look_further()
     drop_idle();
     sharpen_friction();
     simplify();
+    // The rivals of the last one competed with all others beside.
+    face_rivals_of(rounds.empty() ? 0 : rounds.size() - 1);
+    unbend();
 }
 
 // Causes that were found by predictions become rounds. Their contenders are models with that cause
@@ -134,7 +140,8 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     drop_idle();
     sharpen_friction();
     simplify();
-    face_all_rivals();
+    face_rivals_of(rounds.size());
+    unbend();
     return true;
 }
 
@@ -379,16 +386,16 @@ void CauseSearch::face_rivals(size_t cause)
     ranked = std::move(faced);
 }
 
-// All of them; one that is clearly likelier in its place,
+// Those of the first `count` causes; one that is clearly likelier in its place,
 //     L(rival) < L(best) - policy::INSEPARABLE ,
 // takes it, and then the others are asked again.
-void CauseSearch::face_all_rivals()
+void CauseSearch::face_rivals_of(size_t count)
 {
     constexpr int PASSES = 2;
     bool changed = true;
     for (int pass = 0; pass < PASSES && changed; pass++) {
         changed = false;
-        for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
+        for (size_t i = 0; i < count && !search.cancelled; i++) {
             face_rivals(i);
             std::vector<Hypothesis> &ranked = rounds[i].ranked;
             const auto likeliest = std::min_element(ranked.begin(), ranked.end(),
@@ -403,7 +410,8 @@ void CauseSearch::face_all_rivals()
             changed = true;
         }
     }
-    for (Round &round : rounds) { // what is `best` now leads them all
+    for (size_t i = 0; i < count; i++) { // what is `best` now leads them all
+        Round &round = rounds[i];
         const Candidate cause = round.ranked[0].added;
         round.ranked = led_by(cause, std::move(round.ranked));
     }
@@ -573,63 +581,6 @@ bool CauseSearch::has_sure_size(size_t cause) const
     const int at = model.effect_count + (int)cause;
     const double error = law.linear ? Search::relative_error(best, at, law.size) : 0.0;
     return error > 0.0 && error <= policy::SURE_SIZE;
-}
-
-// Whether the data leave a parameter of the law open beside its size.
-bool CauseSearch::has_open_shape(size_t cause) const
-{
-    const int at = model.effect_count + (int)cause;
-    const mk_effect_info &info = *mk_effect(best.point.model.effect[at].index);
-    for (int k = 0; k < info.parameter_count; k++)
-        if (k != rounds[cause].ranked[0].added.size && info.parameter[k].fit == MK_FIT_FREE &&
-            Search::relative_error(best, at, k) >= policy::OPEN_SIZE)
-            return true;
-    return false;
-}
-
-// A law with a parameter that the data leave open, now that all other causes are there, says what a
-// simpler one of the same joint says: a Stribeck friction whose speed is beyond all others is a
-// Coulomb friction.
-void CauseSearch::simplify()
-{
-    for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
-        if (mk_model_hides_joint(&best.point.model) || !has_open_shape(i))
-            continue;
-        const Candidate law = rounds[i].ranked[0].added;
-        for (const Candidate &start : search.candidates_of(removed(i)))
-            if (is_simpler(start, law) && !has_cause(start))
-                say_simpler(i, law, start);
-    }
-}
-
-// Fewer parameters and no more states at the same joint; a term of the library names nothing, and
-// backlash is no simpler law of anything.
-bool CauseSearch::is_simpler(const Candidate &a, const Candidate &b)
-{
-    return a.joint == b.joint && !is_library(a.effect) && !is_backlash(a.effect) &&
-           a.effect->state_count <= b.effect->state_count &&
-           a.effect->parameter_count < b.effect->parameter_count;
-}
-
-// A simpler law takes a cause's place if it is as likely. A size in the same unit starts as large.
-void CauseSearch::say_simpler(size_t cause, const Candidate &law, const Candidate &start)
-{
-    mk_model m = best.point.model, simpler;
-    mk_effect_use &use = m.effect[model.effect_count + (int)cause];
-    Candidate as_large = start;
-    if (std::strcmp(start.effect->parameter[start.size].unit,
-                    law.effect->parameter[law.size].unit) == 0)
-        as_large.value[start.size] = use.value[law.size];
-    if (!with_candidate(removed(cause), as_large, simpler))
-        return;
-    use = simpler.effect[simpler.effect_count - 1];
-    Hypothesis h;
-    if (!search.refit_at(m, best, best.process_noise, h) || h.penalised_nlml > best.penalised_nlml)
-        return;
-    h.added = start;
-    best = h;
-    rounds[cause].ranked = led_by(start, std::move(rounds[cause].ranked));
-    forget_lacks();
 }
 
 // One solve from `best` at its own process noise: cheap, but near the place where the cause left

@@ -61,6 +61,7 @@ class CauseSearch
     bool go_on(const PredictionSearch &found);
     // Puts simpler laws in the place of those with a parameter that the data leave open.
     void simplify();
+    void unbend();
     // A rival takes the place of the only cause, as the simplest law that says the same.
     void let_lead(size_t rival);
     int tried() const { return most_tried; }
@@ -110,10 +111,14 @@ class CauseSearch
     bool has_open_size(size_t cause) const;
     bool has_sure_size(size_t cause) const;
     static bool is_simpler(const Candidate &a, const Candidate &b);
-    void say_simpler(size_t cause, const Candidate &law, const Candidate &start);
+    bool fit_simpler(size_t cause, const Candidate &start, Hypothesis &simpler);
+    void say_simpler(size_t cause, Hypothesis simpler);
+    bool likeliest_simpler(size_t cause, Hypothesis &likeliest);
+    bool is_bent(size_t cause) const;
+    size_t bent_count() const;
     bool has_open_shape(size_t cause) const;
     void face_rivals(size_t cause);
-    void face_all_rivals();
+    void face_rivals_of(size_t count);
     bool has_cause(const Candidate &c) const;
     bool choose(std::vector<Hypothesis> &ranked, double needed);
     bool consider_backlash(std::vector<Hypothesis> &ranked, double needed);

@@ -41,7 +41,7 @@ void CauseSearch::face_rivals_with_sharpness()
     if (std::any_of(rounds.begin(), rounds.end(), [&](const Round &r) {
             return std::any_of(r.ranked.begin() + 1, r.ranked.end(), with_another);
         }))
-        face_all_rivals();
+        face_rivals_of(rounds.size());
 }
 
 // A model that comes from free runs, which hardly see how friction changes its sign, follows the
