@@ -403,7 +403,7 @@ Suite *suite_contact(void)
     tcase_add_loop_test(t, an_effect_that_the_model_lacks_is_no_hand, 0, 1);
     suite_add_tcase(s, t);
     t = tcase_create("other rigs");
-    tcase_set_timeout(t, 120);
+    tcase_set_timeout(t, 300);
     tcase_set_tags(t, "long");
     tcase_add_test(t, a_fit_leaves_a_hand_out);
     tcase_add_test(t, a_hand_that_is_kept_is_not_taken_for_explained);

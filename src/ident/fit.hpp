@@ -44,7 +44,7 @@ struct FitOptions {
     // derivatives: what a hopeless fit may cost. Counted, not timed: answers stay the same.
     double max_passes = HUGE_VAL;
     // Cost that is worth the work: a minimisation whose pace does not lead below it by its last
-    // iteration is given up, and fails.
+    // iteration is given up, and fails; so does one that has it far out of reach where it begins.
     double worth = HUGE_VAL;
     int threads = 1;
     // Model whose base parameters are right within a factor of some three, must outlive the fit: it

@@ -85,6 +85,7 @@ class CauseSearch
     const mk_model &model;
     Search &search;
     int most_tried = 0;
+    double sharp_enough = (double)NAN; // penalised nlml of the last model that no other k helps
     bool near = false; // most of what is missing was found otherwise: what is left is small
     Hypothesis before; // the latest cause
     std::vector<Hypothesis> first; // what competed when there was no cause yet
@@ -95,6 +96,7 @@ class CauseSearch
     bool idle_without_last();
     void drop_idle();
     void name_terms();
+    bool gains_by_sharpness(Hypothesis &h);
     void adapt_sharpness();
     bool follow_with_sharpness(const mk_model &model, Hypothesis &out);
     void sharpen_friction();

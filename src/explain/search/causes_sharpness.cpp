@@ -1,6 +1,7 @@
 // Causes that stand in for dry friction whose sign is sharper than the model has it
 // (explain/search/sharpness.hpp).
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "explain/policy.hpp"
@@ -10,12 +11,23 @@
 namespace mk
 {
 
+// `h` with a k that gains policy::ACCEPT_FURTHER; false where none does. `best` is not asked twice.
+bool CauseSearch::gains_by_sharpness(Hypothesis &h)
+{
+    if (h.penalised_nlml == sharp_enough)
+        return false;
+    const double asked = h.penalised_nlml;
+    if (sharpness::adapt(search, model.friction_sharpness, policy::ACCEPT_FURTHER, h))
+        return true;
+    sharp_enough = asked;
+    return false;
+}
+
 // k is a value of the model like others: a new cause shows it better. Of a model that is far from
 // its data it says nothing.
 void CauseSearch::adapt_sharpness()
 {
-    if (best.process_noise > policy::FAR_FROM_DATA ||
-        !sharpness::adapt(search, model.friction_sharpness, policy::ACCEPT_FURTHER, best))
+    if (best.process_noise > policy::FAR_FROM_DATA || !gains_by_sharpness(best))
         return;
     search.polish(best, true);
     lead_latest();
@@ -77,11 +89,20 @@ bool CauseSearch::fit_sharper_without(size_t cause, Hypothesis &sharper)
         return false;
     const double most =
         with_cause.quadratic.nlml + policy::SHARPNESS_COMES_NEAR * search.readings();
-    // nlml falls towards the best k and rises beyond it.
+    // N ln r in nlml is N/2 (r^2 - 1) in cost, before the readings' noise follows; more than once
+    // that, since a k that is a factor of two off comes near as well.
+    constexpr double ROOM = 4.0;
+    const double worth =
+        with_cause.point.cost +
+        ROOM * 0.5 * std::expm1(2.0 * policy::SHARPNESS_COMES_NEAR) * search.readings();
+    // nlml falls towards the best k and rises beyond it; one that is far off may be out of reach.
     double last = HUGE_VAL;
     for (double times = 2.0; times <= sharpness::MOST && !search.cancelled; times *= 2.0) {
-        if (!search.refit_at(sharpness::with_sharpness(less, times), best, loose, h) ||
-            h.quadratic.nlml > last)
+        const bool fitted =
+            search.refit_at(sharpness::with_sharpness(less, times), best, loose, h, worth);
+        if (!fitted && last == HUGE_VAL)
+            continue;
+        if (!fitted || h.quadratic.nlml > last)
             break;
         last = h.quadratic.nlml;
         sharper = std::move(h);
@@ -108,8 +129,7 @@ bool CauseSearch::sharper_without_law(Hypothesis &sharper, size_t &law)
     const int motor = mk_plant(model.plant)->motor_joint + 1;
     law = rounds.size();
     sharper = best;
-    bool found =
-        sharpness::adapt(search, model.friction_sharpness, policy::ACCEPT_FURTHER, sharper);
+    bool found = gains_by_sharpness(sharper);
     double least = found ? sharper.penalised_nlml : best.penalised_nlml + policy::NO_DOUBT;
     for (size_t i = 0; i < rounds.size() && !search.cancelled; i++) {
         const Candidate &cause = rounds[i].ranked[0].added;

@@ -123,12 +123,13 @@ bool Search::refit(const mk_model &model, const Hypothesis *from, Hypothesis &ou
 // One solve at one process noise: cheap, and comparable with `from` only where that was fitted at
 // the same one. There it is given up where it stays far behind. False where it fails.
 bool Search::refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
-                      Hypothesis &out)
+                      Hypothesis &out, double worth)
 {
     FitOptions o = fit_options();
     o.max_passes = 300.0;
+    o.worth = worth;
     if (process_noise == from.process_noise)
-        o.worth = from.point.cost + FAR_BEHIND;
+        o.worth = std::min(worth, from.point.cost + FAR_BEHIND);
     Fit fit(logs, o);
     out.point = fit.adopt(from.point, model);
     std::vector<int> free = fitted_parameters(model);

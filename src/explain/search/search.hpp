@@ -63,9 +63,10 @@ class Search
     bool refit(const mk_model &model, const Hypothesis *from, Hypothesis &out,
                double process_noise = 0.0);
     // A hypothesis' model fitted at one process noise from another's parameters and states. False
-    // where it cannot be, or stays far behind the other at the same process noise.
+    // where it cannot be, or stays far behind the other at the same process noise, or beyond a cost
+    // (FitOptions::worth).
     bool refit_at(const mk_model &model, const Hypothesis &from, double process_noise,
-                  Hypothesis &out);
+                  Hypothesis &out, double worth = HUGE_VAL);
     // The model as it is, with the states, noise and process noise (at most this) that go best with
     // it; `from`: what to start from, of the same data, or NULL.
     bool follow(const mk_model &model, const Hypothesis *from, double process_noise,
