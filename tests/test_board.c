@@ -221,7 +221,7 @@ START_TEST(a_board_without_others_of_its_kind_takes_no_device)
     ck_assert_int_eq(mk_board_open(mk_board_backend_by_name(alone[_i]), &config, &board, &err),
                      MK_ERR_INVALID);
     ck_assert_msg(strstr(err.message, "leave out --device"), "%s", err.message);
-    config.device = "";
+    config.device = NULL;
     ck_assert_int_eq(mk_board_open(mk_board_backend_by_name(alone[_i]), &config, &board, &err),
                      MK_OK);
 }

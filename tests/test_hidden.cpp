@@ -600,8 +600,8 @@ START_TEST(four_effects_are_named_though_one_shows_little_and_one_looks_like_ano
 }
 END_TEST
 
-// Friction that grows with what presses on the bearing, along its axis too, beside Coulomb
-// friction: Stribeck friction with a speed seven times beyond the data comes nearest to the two.
+// Coulomb friction, and one that grows with the load by a law that the catalogue lacks: Stribeck
+// friction with a speed seven times beyond the data comes nearest to the two.
 START_TEST(a_friction_that_hardly_falls_over_the_speeds_of_the_data_is_coulomb_friction)
 {
     static const char *const files[] = {"train_1", "train_2", "holdout_1"};

@@ -313,9 +313,8 @@ START_TEST(a_mat_file_without_names_of_fields_is_refused)
 }
 END_TEST
 
-/* What reads version 7.3 dies of some of these files and prints pages about others: what import
- * says is one line that names the file, whatever byte is wrong. Not a copy that a sanitizer slows
- * down: a pick of the places. */
+/* libhdf5 dies of some of these files and prints pages about others: what import says is one line
+ * that names the file, whatever is wrong in it. */
 START_TEST(a_damaged_mat_file_of_version_73_is_read_or_refused_in_a_line)
 {
     char out[4096];
@@ -333,7 +332,7 @@ START_TEST(a_damaged_mat_file_of_version_73_is_read_or_refused_in_a_line)
     ck_assert_uint_lt(size, sizeof whole);
     const char *path = scratch("damaged.mat");
     for (size_t k = 0; k < 24; k++) {
-        /* Half of them a wrong byte in the first 4 kB behind the header, the rest a wrong word. */
+        /* A wrong byte and a wrong word in turn, spread over 8 kB behind the header. */
         size_t at = 512 + k * 311 % 8000, bytes = k % 2 ? 8 : 1;
         char *copy = memcpy(malloc(size), whole, size);
         memset(copy + at, 0xff, bytes);

@@ -69,7 +69,7 @@ struct mk_board_config {
     uint64_t seed;                /* virtual: noise */
     double count_noise;           /* virtual: counts */
     const char *fault_script;     /* virtual: see docs/faults.md; NULL: none; copied */
-    const char *device;           /* which board (docs/boards.md); NULL: the first */
+    const char *device;           /* which of several (docs/boards.md); NULL: the first */
     double start[MK_MAX_JOINTS];  /* virtual: start angles relative to rest, rad */
 };
 
@@ -148,10 +148,10 @@ const struct mk_board_ops *mk_board_backend(int index);
 /* The back end of that name ("virtual", "usb" ...); NULL: unknown. Static. */
 const struct mk_board_ops *mk_board_backend_by_name(const char *name);
 
-/* Opens a board; nothing moves. The caller closes it; the clock of
- * the configuration must outlive it. On failure *out is NULL: MK_ERR_INVALID (no back end, model or
- * clock, or a limit u_max that is not above 0), MK_ERR_NOTSUP (a simulated clock, and the board
- * runs in real time only), MK_ERR_NOMEM, and what the back end's open() returns. */
+/* Opens a board; nothing moves. The caller closes it; the clock must outlive it. On failure *out is
+ * NULL: MK_ERR_INVALID (no back end, model or clock, a limit u_max that is not above 0, a device of
+ * a kind that has only one board), MK_ERR_NOTSUP (a simulated clock, and the board runs in real
+ * time only), MK_ERR_NOMEM, and what the back end's open() returns. */
 MK_NODISCARD enum mk_status mk_board_open(const struct mk_board_ops *ops,
                                           const struct mk_board_config *config,
                                           struct mk_board **out, struct mk_error *err);

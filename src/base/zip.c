@@ -7,6 +7,7 @@
 #include <string.h>
 #include <zlib.h>
 
+#include "base/checksum.h"
 #include "base/out_file.h"
 
 #define LIMIT 0x7fffffffu /* of sizes and offsets; the format has 32 bits */
@@ -107,7 +108,7 @@ static enum mk_status pack(const struct mk_zip_entry *e, struct packed *p, struc
     bool packed = p->data && deflate(&z, Z_FINISH) == Z_STREAM_END;
     p->size = (uint32_t)z.total_out;
     p->whole = (uint32_t)e->size;
-    p->crc = (uint32_t)crc32(0, (const Bytef *)e->data, (uInt)e->size);
+    p->crc = mk_checksum(e->data, e->size);
     deflateEnd(&z);
     return packed ? MK_OK : mk_error_set(err, MK_ERR_NOMEM, "no memory to pack %s", e->name);
 }

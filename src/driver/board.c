@@ -19,7 +19,7 @@ static enum mk_status check_config(const struct mk_board_ops *ops,
         return mk_error_set(err, MK_ERR_INVALID, "the model's u_max must be positive, not %g",
                             config->model->u_max);
     const bool has_others = ops->find || (ops->capabilities & MK_BOARD_CAP_ADDRESSED);
-    if (config->device && config->device[0] && !has_others)
+    if (config->device && !has_others)
         return mk_error_set(err, MK_ERR_INVALID,
                             "there is one board %s: leave out --device, or choose another --board",
                             ops->name);

@@ -2,6 +2,7 @@
 #ifndef MECHKIT_EXPLAIN_SEARCH_CAUSES_HPP
 #define MECHKIT_EXPLAIN_SEARCH_CAUSES_HPP
 
+#include <cmath>
 #include <optional>
 
 #include "explain/policy.hpp"
