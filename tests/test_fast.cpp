@@ -187,6 +187,64 @@ START_TEST(dense_output_is_as_good_as_the_steps)
 }
 END_TEST
 
+START_TEST(a_trajectory_alone_is_what_another_method_gives_in_a_batch)
+{
+    // Collocation where registers are wide, DOP853 in the batch.
+    auto kind = static_cast<enum mk_plant_kind>(_i);
+    for (double sharpness : {15.0, 400.0}) {
+        mk_sine drive = {1.5, 6.0, 0.3};
+        Run many(kind, 2, 400, 0.005), one(kind, 1, 400, 0.005);
+        const size_t ns = one.x0.size();
+        many.models[1] = many.models[0];
+        for (size_t k = 0; k < ns; k++)
+            many.x0[ns + k] = many.x0[k];
+        one.models[0].friction_sharpness = sharpness;
+        for (mk_model &m : many.models)
+            m.friction_sharpness = sharpness;
+        one.batch.drive = many.batch.drive = &drive;
+        one.go();
+        many.go();
+        ck_assert_double_lt(distance(one.x, many.x.data(), one.x.size()), 1e-8);
+    }
+}
+END_TEST
+
+START_TEST(every_instruction_set_follows_a_smooth_drive)
+{
+    mk_sine drive = {2.0, 9.0, 0.0};
+    mk_error err = MK_ERROR_INIT;
+    Run reference(MK_PLANT_CART_POLE, 1, 400, 0.005);
+    reference.batch.drive = &drive;
+    ck_assert_int_eq(mk::fast_kernel(0)->run(&reference.batch, &err), MK_OK);
+    for (int k = 1; mk::fast_kernel(k); k++) {
+        Run other(MK_PLANT_CART_POLE, 1, 400, 0.005);
+        other.batch.drive = &drive;
+        ck_assert_int_eq(mk::fast_kernel(k)->run(&other.batch, &err), MK_OK);
+        ck_assert_double_lt(distance(other.x, reference.x.data(), reference.x.size()), 1e-8);
+    }
+}
+END_TEST
+
+START_TEST(a_trajectory_alone_keeps_its_energy)
+{
+    mk_sine none = {0.0, 0.0, 0.0};
+    Run run(MK_PLANT_PENDUBOT, 1, 400, 0.02);
+    run.models[0].parameter[5] = run.models[0].parameter[6] = 0.0;
+    run.batch.drive = &none;
+    run.x0[0] = 0.5, run.x0[1] = 1.0;
+    run.batch.rtol = run.batch.atol = 1e-12;
+    run.go();
+    const double start = mk_plant_kinetic(&run.models[0], &run.x[0], &run.x[2]) +
+                         mk_plant_potential(&run.models[0], &run.x[0]);
+    for (size_t k = 1; k <= 400; k++) {
+        const double *x = &run.x[4 * k];
+        ck_assert_double_eq_tol(mk_plant_kinetic(&run.models[0], x, x + 2) +
+                                    mk_plant_potential(&run.models[0], x),
+                                start, 1e-8);
+    }
+}
+END_TEST
+
 START_TEST(the_error_falls_with_the_tolerance)
 {
     mk_sine drive = {1.5, 6.0, 0.0};
@@ -246,6 +304,12 @@ START_TEST(what_it_cannot_do_is_refused_and_ends)
     Run wild(MK_PLANT_PENDUBOT, 1, 10, 0.005);
     wild.x0[2] = 1e200;
     ck_assert_int_eq(mk_simulate_batch(&wild.batch, &err), MK_ERR_NUMERIC);
+    mk_sine drive = {1.0, 1.0, 0.0};
+    wild.batch.drive = &drive;
+    ck_assert_int_eq(mk_simulate_batch(&wild.batch, &err), MK_ERR_NUMERIC);
+    drive.amplitude = NAN;
+    wild.x0[2] = 0.0;
+    ck_assert_int_eq(mk_simulate_batch(&wild.batch, &err), MK_ERR_NUMERIC);
 }
 END_TEST
 
@@ -259,6 +323,10 @@ extern "C" Suite *suite_fast(void)
     tcase_add_loop_test(t, a_batch_gives_what_single_runs_give, 0, MK_PLANT_COUNT);
     tcase_add_test(t, every_instruction_set_gives_the_same_trajectories);
     tcase_add_test(t, dense_output_is_as_good_as_the_steps);
+    tcase_add_loop_test(t, a_trajectory_alone_is_what_another_method_gives_in_a_batch, 0,
+                        MK_PLANT_COUNT);
+    tcase_add_test(t, every_instruction_set_follows_a_smooth_drive);
+    tcase_add_test(t, a_trajectory_alone_keeps_its_energy);
     tcase_add_test(t, the_error_falls_with_the_tolerance);
     tcase_add_test(t, energy_is_conserved_in_lanes);
     tcase_add_test(t, what_it_cannot_do_is_refused_and_ends);

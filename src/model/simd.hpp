@@ -111,6 +111,27 @@ inline Pack<W> sqrt(const Pack<W> &x)
         r.v[i] = __builtin_sqrt(x.v[i]);
     return r;
 }
+// Over the lanes; no number where one of them is none.
+inline double largest(double x)
+{
+    return x;
+}
+template <int W>
+inline double largest(const Pack<W> &x)
+{
+    double m = x.v[0];
+    for (int i = 1; i < W; i++)
+        m = x.v[i] > m || x.v[i] != x.v[i] ? x.v[i] : m;
+    return m;
+}
+template <int W>
+inline double add_up(const Pack<W> &a)
+{
+    double sum = a[0];
+    for (int i = 1; i < W; i++)
+        sum += a[i];
+    return sum;
+}
 template <int W>
 inline double value_of(const Pack<W> &x)
 {

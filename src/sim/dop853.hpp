@@ -10,19 +10,6 @@ namespace mk
 inline namespace MK_KERNEL_NS
 {
 
-inline double largest(double x)
-{
-    return x;
-}
-template <int W>
-inline double largest(const Pack<W> &x)
-{
-    double m = x.v[0];
-    for (int i = 1; i < W; i++)
-        m = x.v[i] > m || x.v[i] != x.v[i] ? x.v[i] : m;
-    return m;
-}
-
 // The N states of one system, added and scaled together.
 template <class S, int N>
 struct States {
@@ -79,14 +66,6 @@ inline States<S, N> inverse_scale(double atol, double rtol, const States<S, N> &
 }
 
 // Of one system in plain doubles they are the lanes of a register.
-template <int N>
-inline double add_up(const Pack<N> &a)
-{
-    double sum = a[0];
-    for (int i = 1; i < N; i++)
-        sum += a[i];
-    return sum;
-}
 template <int N>
 inline Pack<N> inverse_scale(double atol, double rtol, const Pack<N> &a, const Pack<N> &b)
 {

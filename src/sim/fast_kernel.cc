@@ -2,6 +2,7 @@
 // calls no inline functions of the standard library, so that code for wide registers cannot leak
 // into the rest of the program through the linker.
 #include "model/rhs.hpp"
+#include "sim/collocation.hpp"
 #include "sim/dop853.hpp"
 #include "sim/fast.hpp"
 
@@ -159,6 +160,62 @@ enum mk_status run_group(const Group<S> &g, const Compiled<S> &c, mk_batch *batc
     return MK_OK;
 }
 
+// Accelerations of one trajectory without effects at W times of a smooth drive.
+template <class Law, int W>
+struct Accelerations {
+    const Compiled<Pack<W>> &c;
+    const mk_sine *drive;
+
+    Pack<W> command(const Pack<W> &t) const
+    {
+        return drive->amplitude * sin(drive->omega * t + drive->phase);
+    }
+    void operator()(const Pack<W> &command, const Pack<W> *x, Pack<W> *a) const
+    {
+        constexpr int J = Law::joints;
+        const Pack<W> u[MK_MAX_INPUTS] = {command, Pack<W>(0.0)};
+        Pack<W> slope[2 * J];
+        bare_rhs_of<Law>(c, x, u, slope);
+        for (int j = 0; j < J; j++)
+            a[j] = slope[J + j];
+    }
+};
+
+// One trajectory under a smooth drive, in steps as long as they can be.
+template <class Law, int W>
+enum mk_status run_alone(const Compiled<Pack<W>> &c, mk_batch *batch, int index, mk_error *err)
+{
+    constexpr int J = Law::joints, NS = 2 * J;
+    const Accelerations<Law, W> f = {c, batch->drive};
+    Collocation<J, W, const Accelerations<Law, W>> solver(f, batch->rtol, batch->atol);
+    double *out = batch->x + (long)index * (batch->samples + 1) * NS;
+    memcpy(out, batch->x0 + (long)index * NS, sizeof(double) * NS);
+    solver.start(batch->t0, out);
+    const double t_end = batch->t0 + batch->dt * batch->samples;
+    for (int k = 1; k <= batch->samples;) {
+        if (!solver.step(t_end))
+            return stuck(err, solver.time());
+        const bool last = solver.time() >= t_end;
+        for (;;) { // W outputs at a time
+            Pack<W> t, x[NS];
+            int count = 0;
+            for (int i = 0; i < W; i++) {
+                const double at = batch->t0 + batch->dt * (k + i);
+                t.set(i, at);
+                count += k + i <= batch->samples && (at <= solver.time() || last);
+            }
+            if (count == 0)
+                break;
+            solver.interpolate(t, x);
+            for (int i = 0; i < count; i++, k++)
+                for (int n = 0; n < NS; n++)
+                    out[(long)k * NS + n] = x[n][i];
+        }
+    }
+    batch->steps += solver.steps;
+    return MK_OK;
+}
+
 template <class S>
 enum mk_status run_lanes(mk_batch *batch, int first, int used, int lanes, mk_error *err)
 {
@@ -171,12 +228,28 @@ enum mk_status run_lanes(mk_batch *batch, int first, int used, int lanes, mk_err
     });
 }
 
+// A trajectory alone under a smooth drive fills the registers with the points of its steps, where
+// they are wide enough for that to pay. Effects make corners, at which high order is of no use.
+template <int W>
+enum mk_status run_one(mk_batch *batch, int index, mk_error *err)
+{
+    const mk_model &model = batch->model[index];
+    if constexpr (W >= 4)
+        if (batch->drive && model.effect_count == 0) {
+            const Group<Pack<W>> g = {batch, index, 1, W, mk_model_state_count(&model)};
+            return with_plant(model.plant, [&](auto law) {
+                return run_alone<decltype(law), W>(g.compiled(), batch, index, err);
+            });
+        }
+    return run_lanes<double>(batch, index, 1, 1, err);
+}
+
 static enum mk_status run(mk_batch *batch, mk_error *err)
 {
     int done = 0;
     while (done < batch->model_count) {
         int left = batch->model_count - done, used = left < LANES ? left : LANES;
-        enum mk_status st = used == 1 ? run_lanes<double>(batch, done, 1, 1, err)
+        enum mk_status st = used == 1 ? run_one<LANES>(batch, done, err)
                                       : run_lanes<Pack<LANES>>(batch, done, used, LANES, err);
         if (st != MK_OK)
             return st;

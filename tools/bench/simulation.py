@@ -169,7 +169,7 @@ def rows(context):
         lib.bench_rk4(substeps, out.ctypes.data)
         return out
 
-    single = "mechkit DOP853"
+    single = "mechkit, collocation"
     programs = {single: Program(ours(1), TOLERANCES),
                 "mechkit DOP853, each of a batch of 8": Program(ours(8), TOLERANCES, per=8),
                 "plain C loop, fixed-step RK4": Program(plain, [1, 2, 4, 8, 16, 32, 64, 128])}
