@@ -308,6 +308,12 @@ latency: $(B)/latency ## lateness of samples at 1 kHz, beside cyclictest (SECOND
 $(B)/latency: $(B)/tools/latency.o $(LIB)
 	$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
 
+.PHONY: handover
+handover: $(B)/handover ## what the real-time thread pays for a row of the log, on a busy machine (SECONDS=60)
+	@$(B)/handover $(SECONDS)
+$(B)/handover: $(B)/tools/handover.o $(LIB)
+	$(CXX) $(OPT) -pthread $(HARDEN_LD) $(LDFLAGS) -o $@ $^ $(LDLIBS_ALL)
+
 # The program with a board plugged in that is not there: libusb's and the kernel's places are taken by
 # stand-ins in tests/emu.
 PLUGGED_OBJ := $(EMU_C:%.c=$(B)/%.o) $(B)/tests/emu/plugged.o
@@ -489,7 +495,7 @@ deb: ## Debian packages of program, library and headers in build/deb, looked at 
 
 .PHONY: bench
 BENCH_SRC := $(addprefix tools/bench/,bench_sim.cpp bench_work.cpp bench_identify.cpp bench_explain.cpp)
-bench: $(B)/libmkbench.so $(B)/latency $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
+bench: $(B)/libmkbench.so $(B)/latency $(B)/handover $(B)/roundtrip $(B)/mechkit-challenge ## speed beside others', to build/bench.json (SECTIONS="logs ...")
 	$(PYTHON) -B tools/bench/bench.py $(BUILD) $(abspath $<) $(SECTIONS)
 $(B)/libmkbench.so: $(BENCH_SRC) $(LIB) tools/bench/bench_pendubot.hpp
 	$(call say,LD)$(CXX) -shared $(CPPFLAGS_ALL) $(CXXFLAGS_ALL) $(HARDEN_LD) $(LDFLAGS) -o $@ $(BENCH_SRC) $(LIB) $(LDLIBS_ALL)

@@ -34,6 +34,7 @@ SECTIONS = {
     "logs": logs.rows,
     "growth": growing.rows,
     "lateness": programs.lateness,
+    "handover": programs.handover,
     "round_trip": programs.round_trip,
     "identify": identify.rows,
     "explain": programs.explain,

@@ -22,6 +22,21 @@ def lateness(context):
             for m in pattern.finditer(text)]
 
 
+def handover(context):
+    """ns that the real-time thread pays for a row, on a busy machine, as `make handover` prints them."""
+    text = run([f"{context.build}/release/handover", str(context.seconds)],
+               2 * context.seconds + 60)
+    print("\nhanding a row to the log\n" + text.rstrip())
+    figures = re.search(r"rows (\d+)\s+full (\d+)\s+p50 (\d+)\s+p99 (\d+)\s+p99\.9 (\d+)\s+max (\d+)",
+                        text)
+    if not figures:
+        return {}
+    names = ("rows", "full", "p50_ns", "p99_ns", "p999_ns", "max_ns")
+    histogram = {int(below): int(rows)
+                 for below, rows in re.findall(r"^\s*>?\s*(\d+)\s+(\d+) #", text, re.M)}
+    return {**dict(zip(names, map(int, figures.groups()))), "rows_below_ns": histogram}
+
+
 def round_trip(context):
     text = run([f"{context.build}/release/roundtrip", str(context.seconds)],
                5 * context.seconds + 60)
