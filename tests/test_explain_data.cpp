@@ -204,6 +204,9 @@ START_TEST(lost_pulses_are_found)
     ck_assert_int_eq(e.verdict, MK_VERDICT_EFFECT);
     ck_assert_str_eq(e.cause[0].effect->name, "missed-counts");
     ck_assert_double_eq_tol(e.cause[0].value[0], h.missed_count, COUNT);
+    // Those of the held-out data are no fault of the model.
+    ck_assert_int_eq(e.held_steps_put_back, 2);
+    ck_assert_double_lt(e.after[0], 3.0 * e.floor[0]);
 }
 END_TEST
 
@@ -226,6 +229,28 @@ START_TEST(small_steps_of_a_fast_reading_are_lost_pulses)
     for (size_t i = 0; i < 3; i++) {
         ck_assert_uint_eq(found[i].row, at[i]);
         ck_assert_double_eq_tol(found[i].step, i == 1 ? -JUMP : JUMP, 1.5 * COARSE);
+    }
+    ck_assert(mk::surely_steps(found));
+}
+END_TEST
+
+// A joint that bounces to and fro between two walls, each time between two readings.
+START_TEST(a_bounce_is_surely_no_lost_pulse)
+{
+    constexpr double DT = 0.004, SPEED = 6.0, GAP = 2.0;
+    for (double within : {0.1, 0.3, 0.5, 0.7, 0.9}) {
+        mk::FitLog log = {};
+        log.joints = 1;
+        log.count[0] = COUNT;
+        for (int k = 0; k < 2000; k++) {
+            const double way = std::fmod(SPEED * DT * (k + within), 2.0 * GAP);
+            const double q = way < GAP ? way : 2.0 * GAP - way;
+            log.t.push_back(DT * k);
+            log.q[0].push_back(COUNT * std::round(q / COUNT));
+        }
+        const std::vector<mk::MissedCount> found = mk::find_missed_counts({&log}, 0);
+        ck_assert_uint_gt(found.size(), 0); // which a model has to tell apart
+        ck_assert(!mk::surely_steps(found));
     }
 }
 END_TEST
@@ -446,6 +471,7 @@ Suite *suite_explain_data(void)
     tcase_add_loop_test(t, of_several_long_logs_a_part_of_each_is_searched, 0, 4);
     tcase_add_test(t, with_more_logs_than_windows_those_are_spread_over_them);
     tcase_add_test(t, small_steps_of_a_fast_reading_are_lost_pulses);
+    tcase_add_test(t, a_bounce_is_surely_no_lost_pulse);
     tcase_add_test(t, lost_pulses_beside_missing_rows_are_found);
     tcase_add_test(t, steps_of_a_wheel_s_acceleration_are_no_lost_pulses);
     tcase_add_test(t, of_a_log_that_ends_at_rest_the_end_of_its_motion_is_held_back);

@@ -6,6 +6,7 @@
 //     stage            takes                makes                                 by
 //     load_and_fit     logs, model          data, folds, search, start, masses,   likelihood
 //                                           refit: the model without a cause
+//     put_counts_back  refit                logs without lost pulses              readings
 //     put_in_place     refit                logs with one zero of the counter     likelihood
 //     refit_beside_    refit, logs          values: what differs from log to      both
 //     values                                log; the column of the command
@@ -124,6 +125,8 @@ class Explainer
         clock.enter("refit");
         enum mk_status st = load_and_fit(learn, held, so, refit, err);
         if (st == MK_OK)
+            st = put_counts_back(learn, held, so, refit, err);
+        if (st == MK_OK)
             st = put_in_place(learn, held, so, refit, err);
         if (st == MK_OK)
             st = refit_beside_values(learn, held, so, refit, err);
@@ -133,6 +136,40 @@ class Explainer
     }
 
   private:
+    // Lost pulses that the readings show beyond doubt, of a model that is too far from its data to
+    // say more of them (correct_counts asks one that is near): put back in the logs before all
+    // else, since all else would stand in for them. Fitted again then.
+    enum mk_status put_counts_back(LogList &learn, LogList &held, SearchOptions &so,
+                                   Hypothesis &refit, mk_error *err)
+    {
+        clock.enter("missed counts");
+        if (!surely_lost(training))
+            return MK_OK;
+        lost = find_count_correction(model, training, so, refit, policy::ACCEPT_FIRST,
+                                     policy::FAR_FROM_DATA);
+        if (search->cancelled)
+            return mk_error_set(err, MK_ERR_INTR, "stopped");
+        if (!lost.sure || lost.fit.process_noise <= policy::FAR_FROM_DATA) {
+            lost = {};
+            return MK_OK;
+        }
+        lost.logs.clear();
+        int steps = 0;
+        for (LogList *list : {&learn, &held})
+            mend(*list, lost, mended, list == &held ? out.held_steps_put_back : steps);
+        clock.enter("refit");
+        return load_and_fit(learn, held, so, refit, err);
+    }
+    // The logs in which readings slip are replaced by those without, which `made` keeps.
+    void mend(LogList &logs, const CountCorrection &slips, std::vector<OwnedLog> &made,
+              int &steps) const
+    {
+        for (const mk_log *&log : logs)
+            if (OwnedLog better = with_counts_put_back(*log, model, slips, steps)) {
+                log = better.get();
+                made.push_back(std::move(better));
+            }
+    }
     // Logs in which a counter was zeroed elsewhere, brought to one zero; fitted again then.
     enum mk_status put_in_place(LogList &learn, LogList &held, SearchOptions &so, Hypothesis &refit,
                                 mk_error *err)
@@ -221,7 +258,8 @@ class Explainer
         } else if (correction.joint == 0 && !data.whole.empty()) {
             last.fit_all(data, so, out.window_s);
         }
-        Verdict verdict(values.model, *causes, last, correction, out);
+        const CountCorrection &slips = lost.joint > 0 ? lost : correction;
+        Verdict verdict(values.model, *causes, last, slips, out);
         verdict.decide();
         tell_given();
         if (!values.found.empty() || out.input.changed)
@@ -273,6 +311,8 @@ class Explainer
     mk_explanation &out;
     mk_explain_options options;
     StageClock clock;
+    CountCorrection lost;           // missed counts that were put back before all else
+    std::vector<OwnedLog> mended;   // the logs with them put back
     std::vector<OwnedLog> in_place; // the logs with one zero, where they had several
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with missed counts put back
@@ -465,7 +505,8 @@ class Explainer
             correct_counts(so, refit);
         clock.enter("search");
         search_causes(refit, far);
-        if (correction.joint > 0 && !causes->rounds.empty() && tune_count_correction(so, refit))
+        if (!causes->rounds.empty() &&
+            (correction.joint > 0 ? tune_count_correction(so, refit) : tune_lost(so, refit)))
             search_causes(refit, false);
         if (!speaks_for_itself()) {
             if (!prediction)
@@ -719,17 +760,21 @@ class Explainer
     {
         correction = find_count_correction(values.model, training, so, refit, policy::ACCEPT_FIRST,
                                            policy::FAR_FROM_DATA);
-        // Where the model still misses its data, steps in the readings make up for that.
-        if (correction.joint > 0 && !CauseSearch::likelihood_counts(correction.fit))
+        // Where the model still misses its data, what look like steps may make up for that.
+        if (correction.joint > 0 && !correction.sure &&
+            !CauseSearch::likelihood_counts(correction.fit))
             correction = {};
         if (correction.joint > 0)
             use_corrected_logs(so, refit);
+        // Readings that slip are no fault of a model that is measured on them.
+        if (correction.sure)
+            mend(data.held, correction, data.made, out.held_steps_put_back);
     }
     // How large the steps are was seen by a model that lacked other causes: again with those. True
     // if that makes another search worth while.
+    static constexpr double SAME_STEP = 0.05; // counts
     bool tune_count_correction(const SearchOptions &so, Hypothesis &refit)
     {
-        constexpr double SAME = 0.05; // counts
         std::vector<const FitLog *> raw;
         for (const FitLog &log : data.logs)
             raw.push_back(&log);
@@ -738,10 +783,24 @@ class Explainer
             find_count_correction(extended, raw, so, causes->refit, -HUGE_VAL, HUGE_VAL);
         double moved = std::fabs(again.step - correction.step);
         if (again.joint != correction.joint ||
-            moved < SAME * training[0]->count[correction.joint - 1])
+            moved < SAME_STEP * training[0]->count[correction.joint - 1])
             return false;
         again.gain = correction.gain;
         correction = std::move(again);
+        use_corrected_logs(so, refit);
+        return true;
+    }
+    // The same of those that were put back before all else, as soon as causes bring the model near
+    // to its data.
+    bool tune_lost(const SearchOptions &so, Hypothesis &refit)
+    {
+        if (lost.joint == 0 || !CauseSearch::likelihood_counts(causes->best))
+            return false;
+        CountCorrection again = tuned(causes->best.point.model, training, so, lost);
+        if (std::fabs(again.step - lost.step) < SAME_STEP * training[0]->count[lost.joint - 1])
+            return false;
+        correction = std::move(again);
+        lost = {};
         use_corrected_logs(so, refit);
         return true;
     }

@@ -65,6 +65,10 @@ struct Gain {
         out.verdict = MK_VERDICT_EFFECT;
         out.structure[0] = 0;
     }
+    bool only_missed_counts() const
+    {
+        return out.cause_count == 1 && out.cause[0].effect == mk_effect_by_name("missed-counts");
+    }
     bool finds_anything() const
     {
         return out.cause_count + out.log_value_count + out.input.changed > 0;
@@ -82,6 +86,9 @@ struct Gain {
         constexpr double SHORTEST = 0.1, SHORTER = 0.5; // s, share
         if (finds_anything())
             out.refit = runs.refit();
+        // A simulation does not slip: then both models are one.
+        if (only_missed_counts() && out.verdict == MK_VERDICT_PARTIAL)
+            std::copy_n(out.refit.parameter, MK_MAX_PARAMETERS, out.extended.parameter);
         for (;; out.window_s = std::max(SHORTEST, SHORTER * out.window_s)) {
             const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
             before = refitted = after = {};
@@ -282,6 +289,9 @@ struct Gain {
     {
         if (clearly_worse(after, refitted) || misleads(held, refitted, after))
             return false;
+        // No model says when pulses are lost; what shows them is in the readings.
+        if (only_missed_counts())
+            return true;
         // A formula is worth having for what it predicts only, and where much is left without a
         // name so is a cause.
         const double most = out.verdict == MK_VERDICT_UNKNOWN   ? 1.0

@@ -115,10 +115,12 @@ void Verdict::find_pieces()
     sort_causes();
 }
 
-// Whether there is a cause with a name, and all predict data that they were not fitted to, or
-// together follow those that they were without cancelling each other.
+// Whether pulses were surely lost, or there is a cause with a name, and all predict data that they
+// were not fitted to, or together follow those that they were without cancelling each other.
 bool Verdict::carries_over() const
 {
+    if (correction.sure)
+        return true;
     return !causes.rounds.empty() &&
            (causes.carried.size() == causes.rounds.size() ||
             (causes.follows(causes.best) && established())) &&
@@ -297,9 +299,7 @@ void Verdict::add_missed_counts()
 {
     if (correction.joint == 0 || out.cause_count >= MK_MAX_CAUSES)
         return;
-    double seconds = 0.0;
-    for (const FitLog *log : last.logs())
-        seconds += log->duration();
+    const double seconds = correction.seconds;
     const mk_effect_info *effect = mk_effect_by_name("missed-counts");
     mk_cause &c = out.cause[out.cause_count++];
     c = {};
@@ -314,7 +314,7 @@ void Verdict::add_missed_counts()
     c.p_value = 0.0;
     c.confidence = confidence_of(correction.gain);
     sort_causes();
-    if (mk_model_add_effect(&out.extended, effect->name, c.joint, nullptr) == MK_OK) {
+    if (mk_model_add_effect(&out.extended, effect->name, correction.joint, nullptr) == MK_OK) {
         mk_effect_use &use = out.extended.effect[out.extended.effect_count - 1];
         use.value[0] = correction.step;
         use.value[1] = correction.count / seconds;

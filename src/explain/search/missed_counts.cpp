@@ -77,6 +77,59 @@ double step_at(const std::vector<double> &q, size_t k)
     return q[after] - q[before] - speed * (double)(after - before);
 }
 
+// Least squares of the readings around the edge before row k; terms(x) are functions of the samples
+// from the edge.
+template <int TERMS>
+struct Around {
+    Eigen::Matrix<double, TERMS, 1> coefficient;
+    double squares; // that are left
+
+    template <class F>
+    Around(const std::vector<double> &q, size_t k, F &&terms)
+    {
+        constexpr int ALL = 2 * SIDE;
+        Eigen::Matrix<double, ALL, TERMS> columns;
+        Eigen::Matrix<double, ALL, 1> y;
+        for (int i = 0; i < ALL; i++) {
+            const double reading = q[k - SIDE + (size_t)i], there = !std::isnan(reading);
+            columns.row(i) = there * terms(i - SIDE + 0.5);
+            y(i) = there > 0.0 ? reading : 0.0;
+        }
+        coefficient = columns.colPivHouseholderQr().solve(y);
+        squares = (y - columns * coefficient).squaredNorm();
+    }
+};
+
+using FiveTerms = Eigen::Matrix<double, 1, 5>;
+
+// A step, and a parabola that may bend otherwise behind it.
+Around<5> step_around(const std::vector<double> &q, size_t k)
+{
+    return Around<5>(q, k, [](double x) {
+        FiveTerms row;
+        const double behind = x > 0.0 ? 1.0 : 0.0;
+        row << behind, 1.0, x, x * x, behind * x * x;
+        return row;
+    });
+}
+
+// How many times better such a step explains the readings than a push does, after which the joint
+// is where it was, moving at another speed: of pushes somewhere between the rows beside the edge
+// the best one. `count`: of the encoder; nobody sees less.
+double step_over_push(const std::vector<double> &q, size_t k, double step_squares, double count)
+{
+    const double unseen = 2 * SIDE * count * count / 12.0;
+    double push = HUGE_VAL;
+    for (double at = -1.5; at <= 1.5; at += 0.25)
+        push = std::min(push, Around<5>(q, k, [at](double x) {
+                                  FiveTerms row;
+                                  const double behind = std::max(x - at, 0.0);
+                                  row << 1.0, x, x * x, behind, behind * behind;
+                                  return row;
+                              }).squares);
+    return (push + unseen) / (step_squares + unseen);
+}
+
 double usual(const std::vector<Jump> &d)
 {
     std::vector<double> size;
@@ -89,6 +142,11 @@ double usual(const std::vector<Jump> &d)
 
 } // namespace
 
+bool is_step_of(double step, double size, double count)
+{
+    return std::fabs(std::fabs(step) - size) < 0.25 * size + 2.0 * count;
+}
+
 // Of steps those of the one size that most have, made equal; none where most are of other sizes:
 // then they are something else. `count`: of the encoder.
 static std::vector<MissedCount> of_one_size(const std::vector<MissedCount> &found, double count)
@@ -100,9 +158,9 @@ static std::vector<MissedCount> of_one_size(const std::vector<MissedCount> &foun
     for (const MissedCount &s : found)
         size.push_back(std::fabs(s.step));
     std::nth_element(size.begin(), size.begin() + (std::ptrdiff_t)(size.size() / 2), size.end());
-    const double typical = size[size.size() / 2], tolerance = 0.25 * typical + 2.0 * count;
+    const double typical = size[size.size() / 2];
     for (const MissedCount &s : found)
-        if (std::fabs(std::fabs(s.step) - typical) < tolerance)
+        if (is_step_of(s.step, typical, count))
             same.push_back(s);
     if (2 * same.size() < found.size() + 1)
         same.clear();
@@ -131,11 +189,24 @@ std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &l
                 peak = d[i].significance <= d[k].significance;
             // The step sits between two readings, not over several, and is all that differs there:
             // a turn that no parabola follows has another.
-            if (peak && std::fabs(step_at(q, k) - d[k].size) < 0.4 * std::fabs(d[k].size))
-                found.push_back({l, k, d[k].size});
+            if (!peak || std::fabs(step_at(q, k) - d[k].size) >= 0.4 * std::fabs(d[k].size))
+                continue;
+            const double count = logs[l]->count[j];
+            const Around<5> around = step_around(q, k);
+            found.push_back({l, k, around.coefficient(0),
+                             step_over_push(q, k, around.squares, count),
+                             std::fabs(around.coefficient(0))});
         }
     }
     return found.empty() ? found : of_one_size(found, logs[0]->count[j]);
+}
+
+bool surely_steps(const std::vector<MissedCount> &found)
+{
+    const auto distinct = std::count_if(found.begin(), found.end(), [](const MissedCount &s) {
+        return s.distinct > policy::STEP_DISTINCT;
+    });
+    return !found.empty() && (double)distinct >= policy::STEPS_DISTINCT * (double)found.size();
 }
 
 FitLog with_corrected_counts(const FitLog &log, size_t index, int j,
