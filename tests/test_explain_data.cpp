@@ -205,7 +205,7 @@ START_TEST(lost_pulses_are_found)
     ck_assert_str_eq(e.cause[0].effect->name, "missed-counts");
     ck_assert_double_eq_tol(e.cause[0].value[0], h.missed_count, COUNT);
     // Those of the held-out data are no fault of the model.
-    ck_assert_int_eq(e.held_steps_put_back, 2);
+    ck_assert_int_eq(e.held_counts_corrected, 2);
     ck_assert_double_lt(e.after[0], 3.0 * e.floor[0]);
 }
 END_TEST

@@ -287,8 +287,9 @@ struct mk_explanation {
     /* The largest command in the held-out data over the largest one in those to learn from; 0: none
      * acts there. */
     double command_beyond;
-    /* Lost pulses that were put back in the held-out data before anything was measured on them. */
-    int held_steps_put_back;
+    /* Missed counts that were corrected in the held-out data before anything was measured on them.
+     */
+    int held_counts_corrected;
     double declined[MK_MAX_JOINTS]; /* of an extension that is not offered; else 0 */
     double closed;
     int residual_torque_count;

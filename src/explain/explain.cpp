@@ -6,7 +6,8 @@
 //     stage            takes                makes                                 by
 //     load_and_fit     logs, model          data, folds, search, start, masses,   likelihood
 //                                           refit: the model without a cause
-//     put_counts_back  refit                logs without lost pulses              readings
+//     correct_sure_    refit                logs without missed counts            readings
+//     counts
 //     put_in_place     refit                logs with one zero of the counter     likelihood
 //     refit_beside_    refit, logs          values: what differs from log to      both
 //     values                                log; the column of the command
@@ -21,7 +22,7 @@
 // both, ask_causes_first() turns the order round. Each stage that changes the data begins with
 // load_and_fit() again, so that all later stages see one set of data. Held-out data are asked last:
 // as long as they have chosen nothing, what they say is a measurement. They have a say against
-// causes (claim, reject_misleading), and for one only among rivals (ask_held_out).
+// causes (claim, reject_misleading), and for one only among rivals (let_held_out_choose).
 //
 // Two judges take turns. Likelihood (CauseSearch) is right where a model nearly follows its data:
 // then every reading is evidence. Where the best model still needs a process noise above
@@ -46,6 +47,7 @@
 #include "explain/evidence/budget.hpp"
 #include "explain/evidence/detection.hpp"
 #include "explain/evidence/gain.hpp"
+#include "explain/evidence/held_out_say.hpp"
 #include "explain/evidence/innovations.hpp"
 #include "explain/given_logs.hpp"
 #include "explain/policy.hpp"
@@ -125,7 +127,7 @@ class Explainer
         clock.enter("refit");
         enum mk_status st = load_and_fit(learn, held, so, refit, err);
         if (st == MK_OK)
-            st = put_counts_back(learn, held, so, refit, err);
+            st = correct_sure_counts(learn, held, so, refit, err);
         if (st == MK_OK)
             st = put_in_place(learn, held, so, refit, err);
         if (st == MK_OK)
@@ -136,36 +138,37 @@ class Explainer
     }
 
   private:
-    // Lost pulses that the readings show beyond doubt, of a model that is too far from its data to
-    // say more of them (correct_counts asks one that is near): put back in the logs before all
+    // Missed counts that the readings show beyond doubt, of a model that is too far from its data
+    // to say more of them (correct_counts asks one that is near): put back in the logs before all
     // else, since all else would stand in for them. Fitted again then.
-    enum mk_status put_counts_back(LogList &learn, LogList &held, SearchOptions &so,
-                                   Hypothesis &refit, mk_error *err)
+    enum mk_status correct_sure_counts(LogList &learn, LogList &held, SearchOptions &so,
+                                       Hypothesis &refit, mk_error *err)
     {
         clock.enter("missed counts");
-        if (!surely_lost(training))
+        if (!surely_missed(training))
             return MK_OK;
-        lost = find_count_correction(model, training, so, refit, policy::ACCEPT_FIRST,
-                                     policy::FAR_FROM_DATA);
+        sure_correction = find_count_correction(model, training, so, refit, policy::ACCEPT_FIRST,
+                                                policy::FAR_FROM_DATA);
         if (search->cancelled)
             return mk_error_set(err, MK_ERR_INTR, "stopped");
-        if (!lost.sure || lost.fit.process_noise <= policy::FAR_FROM_DATA) {
-            lost = {};
+        if (!sure_correction.sure || sure_correction.fit.process_noise <= policy::FAR_FROM_DATA) {
+            sure_correction = {};
             return MK_OK;
         }
-        lost.logs.clear();
+        sure_correction.logs.clear();
         int steps = 0;
         for (LogList *list : {&learn, &held})
-            mend(*list, lost, mended, list == &held ? out.held_steps_put_back : steps);
+            correct_logs(*list, sure_correction, corrected_logs,
+                         list == &held ? out.held_counts_corrected : steps);
         clock.enter("refit");
         return load_and_fit(learn, held, so, refit, err);
     }
-    // The logs in which readings slip are replaced by those without, which `made` keeps.
-    void mend(LogList &logs, const CountCorrection &slips, std::vector<OwnedLog> &made,
-              int &steps) const
+    // The logs with missed counts are replaced by those without, which `made` keeps.
+    void correct_logs(LogList &logs, const CountCorrection &by, std::vector<OwnedLog> &made,
+                      int &steps) const
     {
         for (const mk_log *&log : logs)
-            if (OwnedLog better = with_counts_put_back(*log, model, slips, steps)) {
+            if (OwnedLog better = log_with_corrected_counts(*log, model, by, steps)) {
                 log = better.get();
                 made.push_back(std::move(better));
             }
@@ -258,8 +261,8 @@ class Explainer
         } else if (correction.joint == 0 && !data.whole.empty()) {
             last.fit_all(data, so, out.window_s);
         }
-        const CountCorrection &slips = lost.joint > 0 ? lost : correction;
-        Verdict verdict(values.model, *causes, last, slips, out);
+        const CountCorrection &told = sure_correction.joint > 0 ? sure_correction : correction;
+        Verdict verdict(values.model, *causes, last, told, out);
         verdict.decide();
         tell_given();
         if (!values.found.empty() || out.input.changed)
@@ -311,9 +314,9 @@ class Explainer
     mk_explanation &out;
     mk_explain_options options;
     StageClock clock;
-    CountCorrection lost;           // missed counts that were put back before all else
-    std::vector<OwnedLog> mended;   // the logs with them put back
-    std::vector<OwnedLog> in_place; // the logs with one zero, where they had several
+    CountCorrection sure_correction;      // missed counts that were put back before all else
+    std::vector<OwnedLog> corrected_logs; // the logs with them put back
+    std::vector<OwnedLog> in_place;       // the logs with one zero, where they had several
     TrainingData data;
     std::vector<const FitLog *> training; // of `data`, or with missed counts put back
     std::unique_ptr<Search> search;
@@ -505,8 +508,8 @@ class Explainer
             correct_counts(so, refit);
         clock.enter("search");
         search_causes(refit, far);
-        if (!causes->rounds.empty() &&
-            (correction.joint > 0 ? tune_count_correction(so, refit) : tune_lost(so, refit)))
+        if (!causes->rounds.empty() && (correction.joint > 0 ? tune_count_correction(so, refit)
+                                                             : tune_sure_correction(so, refit)))
             search_causes(refit, false);
         if (!speaks_for_itself()) {
             if (!prediction)
@@ -521,8 +524,15 @@ class Explainer
             return;
         clock.enter("rivals");
         causes->polish_rivals();
-        ask_held_out();
-        reject_misleading();
+        hear_held_out();
+    }
+    void hear_held_out()
+    {
+        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
+        if (!search->cancelled) {
+            let_held_out_choose(*causes, held);
+            reject_misleading(*causes, held);
+        }
     }
     static bool closes_most(const PredictionSearch &found)
     {
@@ -766,9 +776,9 @@ class Explainer
             correction = {};
         if (correction.joint > 0)
             use_corrected_logs(so, refit);
-        // Readings that slip are no fault of a model that is measured on them.
+        // Missed counts are no fault of a model that is measured on them.
         if (correction.sure)
-            mend(data.held, correction, data.made, out.held_steps_put_back);
+            correct_logs(data.held, correction, data.made, out.held_counts_corrected);
     }
     // How large the steps are was seen by a model that lacked other causes: again with those. True
     // if that makes another search worth while.
@@ -792,15 +802,16 @@ class Explainer
     }
     // The same of those that were put back before all else, as soon as causes bring the model near
     // to its data.
-    bool tune_lost(const SearchOptions &so, Hypothesis &refit)
+    bool tune_sure_correction(const SearchOptions &so, Hypothesis &refit)
     {
-        if (lost.joint == 0 || !CauseSearch::likelihood_counts(causes->best))
+        if (sure_correction.joint == 0 || !CauseSearch::likelihood_counts(causes->best))
             return false;
-        CountCorrection again = tuned(causes->best.point.model, training, so, lost);
-        if (std::fabs(again.step - lost.step) < SAME_STEP * training[0]->count[lost.joint - 1])
+        CountCorrection again = tuned(causes->best.point.model, training, so, sure_correction);
+        if (std::fabs(again.step - sure_correction.step) <
+            SAME_STEP * training[0]->count[sure_correction.joint - 1])
             return false;
         correction = std::move(again);
-        lost = {};
+        sure_correction = {};
         use_corrected_logs(so, refit);
         return true;
     }
@@ -817,78 +828,6 @@ class Explainer
         std::copy_n(start.parameter, MK_MAX_PARAMETERS, from.parameter);
         if (!search->refit(from, nullptr, refit))
             refit = correction.fit;
-    }
-    // Of rivals that the training data cannot tell apart, the one that predicts held-out data
-    // clearly better. With L the penalised nlml, rival i may lead if
-    //     L_i <= L_0 + policy::INSEPARABLE ,
-    // it has a name and as many effects, and its errors on held-out data are clearly less than
-    // those of the best so far. Of a single cause only: of several the others would have to be
-    // fitted anew.
-    void ask_held_out()
-    {
-        if (causes->rounds.size() != 1 || search->cancelled)
-            return;
-        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
-        std::vector<Hypothesis> &ranked = causes->rounds[0].ranked;
-        HeldOutFigures best;
-        if (is_library(ranked[0].added.effect) ||
-            held.figures(ranked[0].point.model, best, nullptr) != MK_OK)
-            return;
-        size_t chosen = 0;
-        for (size_t i = 1; i < ranked.size(); i++) {
-            HeldOutFigures other;
-            // A ranking may be from when there was another cause beside.
-            if (is_library(ranked[i].added.effect) ||
-                ranked[i].point.model.effect_count != ranked[0].point.model.effect_count ||
-                ranked[i].penalised_nlml > ranked[0].penalised_nlml + policy::INSEPARABLE ||
-                held.figures(ranked[i].point.model, other, nullptr) != MK_OK ||
-                !clearly_worse(best, other))
-                continue;
-            best = other;
-            chosen = i;
-        }
-        if (chosen > 0)
-            causes->let_lead(chosen);
-    }
-
-    // Where not all is explained, a term that helps the training data alone may spoil for held-out
-    // data what the others gain.
-    void reject_misleading()
-    {
-        const HeldOut held(data.held, out.window_s, data.second_half, options.threads);
-        HeldOutFigures refitted;
-        if (search->cancelled || causes->explained() ||
-            held.figures(causes->refit.point.model, refitted, nullptr) != MK_OK)
-            return;
-        while (causes->rounds.size() > 1 && reject_one(held, refitted))
-            continue;
-    }
-    // All may stay where the model with them predicts held-out data no worse than the refitted one,
-    // in the sum of squares and by windows. Else the cause goes without which that sum is least, if
-    // it is below that of the refitted model. False where all may stay, or none is better left out.
-    bool reject_one(const HeldOut &held, const HeldOutFigures &refitted)
-    {
-        HeldOutFigures all, least = refitted;
-        const bool runs = held.figures(causes->best.point.model, all, nullptr) == MK_OK;
-        if (runs && all.total() <= refitted.total() && !clearly_worse(all, refitted))
-            return false;
-        Hypothesis better;
-        size_t at = causes->rounds.size();
-        for (size_t i = 0; i < causes->rounds.size(); i++) {
-            Hypothesis less;
-            HeldOutFigures left;
-            if (!causes->fit_without(i, less) ||
-                held.figures(less.point.model, left, nullptr) != MK_OK ||
-                left.total() >= least.total() || clearly_worse(left, refitted))
-                continue;
-            least = left;
-            better = std::move(less);
-            at = i;
-        }
-        if (at == causes->rounds.size())
-            return false;
-        causes->shed(at, std::move(better));
-        return true;
     }
 };
 

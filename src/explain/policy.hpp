@@ -158,9 +158,9 @@ constexpr double PLACE_SIGNIFICANT = 5.0, ALIKE = 2.0;
 constexpr double PLACE_ASKED_S = 6.0, PLACE_NEAR_THE_BEST = 0.5;
 // Steps of readings: least size in counts, over their standard error, over the usual significance.
 constexpr double STEP_COUNTS = 3.0, STEP_SIGNIFICANT = 7.0, STEP_OUTSTANDING = 2.5;
-// How many times better than a push a step must explain the readings around it to be surely one,
-// and the share of all steps that must. Lost pulses of made-up rigs: 3 to 800, of five counts to
-// 75; what looked like steps on measured rigs: half of them below 3.1 at most.
+// How many times better than an impulse a step must explain the readings around it to be surely
+// one, and the share of all steps that must. Missed counts of made-up rigs: 3 to 800, of five
+// counts to 75; what looked like steps on measured rigs: half of them below 3.1 at most.
 constexpr double STEP_DISTINCT = 3.0, STEPS_DISTINCT = 0.8;
 
 // --- how much is looked for ---

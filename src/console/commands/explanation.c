@@ -336,12 +336,12 @@ static void print_reservations(FILE *out, const struct mk_explanation *e)
         fprintf(out,
                 "  The given model predicts them better than the refitted one: are all logs of "
                 "the same rig, with the same signs, units and columns?\n");
-    if (e->held_steps_put_back > 0)
+    if (e->held_counts_corrected > 0)
         fprintf(
             out,
-            "  Steps of the readings were put back in the held-out data as well, %d of them: the "
-            "errors above are without.\n",
-            e->held_steps_put_back);
+            "  Missed counts were corrected in the held-out data as well, %d of them: the errors "
+            "above are without.\n",
+            e->held_counts_corrected);
     if (mk_explanation_goes_beyond(e))
         fprintf(
             out,

@@ -761,12 +761,12 @@ try {
     mk_sharpness_sentence(e, sharpness, sizeof sharpness);
     if (sharpness[0])
         add(s, "<p>%s</p>", sharpness);
-    if (e->held_steps_put_back > 0)
+    if (e->held_counts_corrected > 0)
         add(s,
             "<p>Steps of the readings were put back in the held-out data as well, %d of them: "
             "these "
             "errors are without.</p>",
-            e->held_steps_put_back);
+            e->held_counts_corrected);
     if (mk_explanation_goes_beyond(e))
         add(s,
             "<p>Held-out data are predicted far worse than they are read, and their commands are "

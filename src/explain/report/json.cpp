@@ -231,8 +231,8 @@ cJSON *holdout_json(const mk_explanation &e, const char *const *names, size_t co
     cJSON_AddItemToObject(o, "nrmse_after", mk_json_numbers(e.after, n));
     cJSON_AddItemToObject(o, "noise_floor", mk_json_numbers(e.floor, n));
     cJSON_AddItemToObject(o, "command_beyond", mk_json_number(e.command_beyond));
-    if (e.held_steps_put_back > 0)
-        cJSON_AddNumberToObject(o, "steps_put_back", e.held_steps_put_back);
+    if (e.held_counts_corrected > 0)
+        cJSON_AddNumberToObject(o, "counts_corrected", e.held_counts_corrected);
     if (e.cause_count > 0 && !e.offered)
         cJSON_AddItemToObject(o, "nrmse_declined", mk_json_numbers(e.declined, n));
     cJSON_AddItemToObject(o, "closed", mk_json_number(e.closed));

@@ -99,7 +99,7 @@ class CountCorrector
 
 } // namespace
 
-bool surely_lost(const std::vector<const FitLog *> &training)
+bool surely_missed(const std::vector<const FitLog *> &training)
 {
     for (int j = 0; j < training[0]->joints; j++)
         if (surely_steps(find_missed_counts(training, j)))
@@ -152,11 +152,11 @@ CountCorrection find_count_correction(const mk_model &model,
     return found;
 }
 
-CountCorrection tuned(const mk_model &model, const std::vector<const FitLog *> &mended,
+CountCorrection tuned(const mk_model &model, const std::vector<const FitLog *> &logs,
                       const SearchOptions &options, const CountCorrection &before)
 {
     CountCorrection after = before;
-    const CountCorrector corrector(model, mended, options, before.joint - 1, before.missed);
+    const CountCorrector corrector(model, logs, options, before.joint - 1, before.missed);
     Corrected corrected = corrector.tune(corrector.unchanged(), after.std_error);
     after.step += corrected.step;
     after.logs = std::move(corrected.logs);
@@ -164,8 +164,8 @@ CountCorrection tuned(const mk_model &model, const std::vector<const FitLog *> &
     return after;
 }
 
-OwnedLog with_counts_put_back(const mk_log &log, const mk_model &model,
-                              const CountCorrection &correction, int &steps)
+OwnedLog log_with_corrected_counts(const mk_log &log, const mk_model &model,
+                                   const CountCorrection &correction, int &steps)
 {
     const int j = correction.joint - 1;
     mk_record record;
@@ -188,11 +188,11 @@ OwnedLog with_counts_put_back(const mk_log &log, const mk_model &model,
                 found.end());
     if (found.empty())
         return nullptr;
-    OwnedLog mended = rows_of_log(log, 0, log.rows);
+    OwnedLog corrected = rows_of_log(log, 0, log.rows);
     for (size_t c = 0; c < log.column_count; c++) {
         if (log.columns[c].data != record.q[j])
             continue;
-        double *q = mended->columns[c].data;
+        double *q = corrected->columns[c].data;
         for (const MissedCount &s : found) {
             // Rows of a piece may be more than the log's, where some are missing: times tell.
             const double at =
@@ -202,7 +202,7 @@ OwnedLog with_counts_put_back(const mk_log &log, const mk_model &model,
                     q[k] -= std::copysign(correction.step, s.step);
         }
         steps += (int)found.size();
-        return mended;
+        return corrected;
     }
     return nullptr;
 }

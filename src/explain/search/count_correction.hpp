@@ -20,8 +20,8 @@ struct CountCorrection {
     Hypothesis fit;                     // the model refitted to that
 };
 
-// Whether readings show lost pulses whatever the model makes of them.
-bool surely_lost(const std::vector<const FitLog *> &training);
+// Whether readings show missed counts whatever the model makes of them.
+bool surely_missed(const std::vector<const FitLog *> &training);
 
 // To every model lost pulses look like kicks: they are taken for what they are if putting them back
 // explains the data better than `refit` by more than `enough`. Where they are not surely steps, not
@@ -32,15 +32,15 @@ CountCorrection find_count_correction(const mk_model &model,
                                       const SearchOptions &options, const Hypothesis &refit,
                                       double enough, double most_process_noise);
 
-// The same pulses by a model that knows more, of `mended`, logs in which `before` has been put
+// The same counts by a model that knows more, of `logs`, in which `before` has been put
 // back: by how much the steps were off. `logs` of it are without that.
-CountCorrection tuned(const mk_model &model, const std::vector<const FitLog *> &mended,
+CountCorrection tuned(const mk_model &model, const std::vector<const FitLog *> &logs,
                       const SearchOptions &options, const CountCorrection &before);
 
 // A copy of a log in which the readings of that joint are put back wherever they surely jump by
 // about as much; `steps` is raised by how often. NULL where they never do. Throws std::bad_alloc.
-OwnedLog with_counts_put_back(const mk_log &log, const mk_model &model,
-                              const CountCorrection &correction, int &steps);
+OwnedLog log_with_corrected_counts(const mk_log &log, const mk_model &model,
+                                   const CountCorrection &correction, int &steps);
 
 } // namespace mk
 #endif

@@ -113,21 +113,21 @@ Around<5> step_around(const std::vector<double> &q, size_t k)
     });
 }
 
-// How many times better such a step explains the readings than a push does, after which the joint
-// is where it was, moving at another speed: of pushes somewhere between the rows beside the edge
-// the best one. `count`: of the encoder; nobody sees less.
-double step_over_push(const std::vector<double> &q, size_t k, double step_squares, double count)
+// How many times better such a step explains the readings than an impulse does, after which the
+// joint is where it was, moving at another speed: of impulses somewhere between the rows beside the
+// edge the best one. `count`: of the encoder; nobody sees less.
+double step_over_impulse(const std::vector<double> &q, size_t k, double step_squares, double count)
 {
     const double unseen = 2 * SIDE * count * count / 12.0;
-    double push = HUGE_VAL;
+    double impulse = HUGE_VAL;
     for (double at = -1.5; at <= 1.5; at += 0.25)
-        push = std::min(push, Around<5>(q, k, [at](double x) {
-                                  FiveTerms row;
-                                  const double behind = std::max(x - at, 0.0);
-                                  row << 1.0, x, x * x, behind, behind * behind;
-                                  return row;
-                              }).squares);
-    return (push + unseen) / (step_squares + unseen);
+        impulse = std::min(impulse, Around<5>(q, k, [at](double x) {
+                                        FiveTerms row;
+                                        const double behind = std::max(x - at, 0.0);
+                                        row << 1.0, x, x * x, behind, behind * behind;
+                                        return row;
+                                    }).squares);
+    return (impulse + unseen) / (step_squares + unseen);
 }
 
 double usual(const std::vector<Jump> &d)
@@ -194,7 +194,7 @@ std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &l
             const double count = logs[l]->count[j];
             const Around<5> around = step_around(q, k);
             found.push_back({l, k, around.coefficient(0),
-                             step_over_push(q, k, around.squares, count),
+                             step_over_impulse(q, k, around.squares, count),
                              std::fabs(around.coefficient(0))});
         }
     }

@@ -10,7 +10,7 @@ namespace mk
 struct MissedCount {
     size_t log, row; // first row after it
     double step;     // rad; of the size that all have
-    double distinct; // how many times better than a push explains it
+    double distinct; // how many times better than an impulse explains it
     double size;     // its own, rad
 };
 
@@ -21,8 +21,8 @@ std::vector<MissedCount> find_missed_counts(const std::vector<const FitLog *> &l
 // Whether a step is of that size, give or take what the readings' noise does to it.
 bool is_step_of(double step, double size, double count);
 
-// Whether these are steps of the readings whatever the model makes of them: a push that the model
-// lacks would have left the joint where it was.
+// Whether these are steps of the readings whatever the model makes of them: an impulse that the
+// model lacks would have left the joint where it was.
 bool surely_steps(const std::vector<MissedCount> &found);
 
 // The log with the steps taken back.
