@@ -102,14 +102,27 @@ bool Verdict::hangs_on_what_has_no_name(const mk_cause &c) const
     return false;
 }
 
+// Whether all that was found is two laws of friction at one joint, one of them without a name. One
+// law that the catalogue lacks is the simpler reading of that: two of friction at one joint that
+// share all there is, where one of them is nowhere written, are an odd coincidence.
+bool Verdict::is_one_law_without_a_name() const
+{
+    if (causes.rounds.size() != 2 || correction.joint > 0)
+        return false;
+    const Candidate &a = causes.rounds[0].ranked[0].added, &b = causes.rounds[1].ranked[0].added;
+    return a.joint == b.joint && is_library(a.effect) != is_library(b.effect) &&
+           is_friction(a.effect, a.value) && is_friction(b.effect, b.value);
+}
+
 // What has no name, and what hangs on it where the data decided by likelihood. Not what predicts
 // data that it was not fitted to by itself.
 void Verdict::find_pieces()
 {
-    const bool asked = out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty();
+    const bool asked = out.verdict == MK_VERDICT_PARTIAL && causes.carried.empty(),
+               one_law = asked && is_one_law_without_a_name();
     for (int i = 0; i < out.cause_count; i++) {
         mk_cause &c = out.cause[i];
-        c.piece = is_library(c.effect) ||
+        c.piece = one_law || is_library(c.effect) ||
                   (asked && is_friction(c.effect, c.value) && hangs_on_what_has_no_name(c));
     }
     sort_causes();

@@ -58,6 +58,7 @@ class Verdict
     void describe_causes();
     void sort_causes();
     bool hangs_on_what_has_no_name(const mk_cause &c) const;
+    bool is_one_law_without_a_name() const;
     void find_pieces();
     void weigh(int cause, int fitted, mk_cause &c);
     void add_missed_counts();
