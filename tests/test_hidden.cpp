@@ -544,6 +544,12 @@ START_TEST(an_imbalance_is_named_beside_friction_though_gravity_could_take_a_par
 }
 END_TEST
 
+START_TEST(an_imbalance_is_named_beside_cogging_which_repeats_more_often)
+{
+    all_are_named("pair", 7351459, 2);
+}
+END_TEST
+
 // Where its mass sits the parameters of the rig do not say; what the arm feels is no cogging.
 START_TEST(a_tilted_base_is_all_that_is_named_whatever_the_arm_weighs_and_where)
 {
@@ -821,6 +827,7 @@ extern "C" Suite *suite_hidden(void)
                    a_first_cause_that_leaves_the_model_far_from_its_data_is_followed_by_a_second);
     tcase_add_test(t, two_frictions_take_the_place_of_a_term_without_a_name_that_stood_for_both);
     tcase_add_test(t, an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it);
+    tcase_add_test(t, an_imbalance_is_named_beside_cogging_which_repeats_more_often);
     tcase_add_test(t, a_tilted_base_is_all_that_is_named_whatever_the_arm_weighs_and_where);
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
     tcase_add_test(

@@ -193,6 +193,23 @@ static bool is_wave(const mk_effect_info &info)
                        [](const mk_parameter_info &p) { return p.fit == MK_FIT_ANGLE; });
 }
 
+// Whether no other cause of its joint is a wave that repeats as often: then none of them cancels it
+// for a part.
+bool Verdict::is_lone_wave(int effect) const
+{
+    const mk_model &m = last.best.point.model;
+    const auto cycles = [](const mk_effect_use &use) {
+        return cycles_a_turn(*mk_effect(use.index), use.value);
+    };
+    const mk_effect_use &own = m.effect[effect];
+    return is_wave(*mk_effect(own.index)) &&
+           std::count_if(m.effect + model.effect_count, m.effect + m.effect_count,
+                         [&](const mk_effect_use &use) {
+                             return use.joint == own.joint && is_wave(*mk_effect(use.index)) &&
+                                    cycles(use) == cycles(own);
+                         }) == 1;
+}
+
 // Every cause's size is policy::ESTABLISHED standard errors from 0. Laws that nearly cancel have
 // large errors: together they make up a shape that none of them has.
 bool Verdict::established() const
@@ -204,13 +221,8 @@ bool Verdict::established() const
         const int cause = e - model.effect_count;
         if (cause >= 0 && cause < (int)causes.rounds.size()) {
             const int size = causes.rounds[(size_t)cause].ranked[0].added.size;
-            const auto waves = std::count_if(
-                m.effect + model.effect_count, m.effect + m.effect_count,
-                [&](const mk_effect_use &use) {
-                    return use.joint == m.effect[e].joint && is_wave(*mk_effect(use.index));
-                });
             // A size without an error (not fitted) passes.
-            const double error = error_of_size(first, info, size, is_wave(info) && waves == 1);
+            const double error = error_of_size(first, info, size, is_lone_wave(e));
             if (std::fabs(m.effect[e].value[size]) < policy::ESTABLISHED * error)
                 return false;
         }
@@ -223,7 +235,7 @@ bool Verdict::established() const
 // rows and columns that are kept. Rows left out are parameters held:
 //     those of the effect's own shape, unless the law is linear in them and the size (phase,
 //     centre) ;
-//     base parameters, of a wave that is the only one at its joint (`alone`) .
+//     base parameters, of a wave that none cancels (`alone`) .
 // Which part of a lone wave a base parameter could take, as gravity's of an imbalance, does not
 // matter: something of it is there. NaN where the size was not fitted.
 double Verdict::error_of_size(int first, const mk_effect_info &info, int size, bool alone) const

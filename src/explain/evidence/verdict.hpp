@@ -53,6 +53,7 @@ class Verdict
 
     double distance_of_given() const;
     static std::vector<double> standard_errors(const Hypothesis &h);
+    bool is_lone_wave(int effect) const;
     double error_of_size(int first, const mk_effect_info &info, int size, bool alone) const;
     void set_structure();
     void describe_causes();

@@ -467,6 +467,14 @@ bool is_friction(const mk_effect_info *effect, const double *values)
     });
 }
 
+double cycles_a_turn(const mk_effect_info &effect, const double *values)
+{
+    for (int k = 0; k < effect.parameter_count; k++)
+        if (effect.parameter[k].fit == MK_FIT_INTEGER)
+            return values[k];
+    return 1.0;
+}
+
 bool is_library(const mk_effect_info *effect)
 {
     return strncmp(effect->name, "custom", 6) == 0;

@@ -43,6 +43,10 @@ bool is_library(const mk_effect_info *effect);
 // A law of friction: of a joint's speed, against it. `values`: the effect's.
 bool is_friction(const mk_effect_info *effect, const double *values);
 
+// How often in a turn of its joint a wave repeats: the effect's parameter that is a whole number; 1
+// for an effect that has none. `values`: the effect's.
+double cycles_a_turn(const mk_effect_info &effect, const double *values);
+
 // Two bodies that touch now and then.
 bool is_backlash(const mk_effect_info *effect);
 

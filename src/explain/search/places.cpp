@@ -38,15 +38,6 @@ int phase_of(const mk_effect_info *effect)
     return -1;
 }
 
-// n of a candidate: its parameter that is a whole number; 1 for an effect that has none.
-double cycles_of(const Candidate &c)
-{
-    for (int k = 0; k < c.effect->parameter_count; k++)
-        if (c.effect->parameter[k].fit == MK_FIT_INTEGER)
-            return c.value[k];
-    return 1.0;
-}
-
 // Whether the law does not depend on where the joint is. With x(q, v) the rig's state and e the
 // joint's unit vector, asked is for turns d of 0.4, 1.3 and 2.9 rad (or as much of a joint that
 // slides) whether
@@ -252,12 +243,13 @@ class Finder
         std::vector<Place> places = {{0.0, 0.0}};
         const double count = search.training()[0]->count[joint];
         for (size_t l = 1; l < logs.size(); l++)
-            places.push_back(place_of(logs[l], logs[0], cycles_of(by), count, moved));
+            places.push_back(
+                place_of(logs[l], logs[0], cycles_a_turn(*by.effect, by.value), count, moved));
         if (!moved || !alike(logs) || !says_most(*best))
             return false;
         out.joint = joint + 1;
         out.by = by.effect;
-        out.cycles = cycles_of(by);
+        out.cycles = cycles_a_turn(*by.effect, by.value);
         const auto border = places.begin() + (long)learn.size();
         out.learn.assign(places.begin(), border);
         out.held.assign(border, places.end());
