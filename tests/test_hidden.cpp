@@ -469,6 +469,14 @@ START_TEST(laws_that_all_but_cancel_are_no_causes)
 }
 END_TEST
 
+static bool is_hidden(const truth::Case &c, const mk_cause &cause)
+{
+    return std::any_of(c.rig.effects.begin(), c.rig.effects.end(),
+                       [&](const truth::Effect &hidden) {
+                           return cause.effect->name == hidden.name && cause.joint == hidden.joint;
+                       });
+}
+
 // A hidden case, and that explain names each of its effects and nothing else.
 static void all_are_named(const char *kind, unsigned seed, size_t effects, size_t runs = 0,
                           const char *effect = "")
@@ -519,6 +527,13 @@ START_TEST(five_effects_that_pass_for_noise_in_long_shooting_intervals_are_all_n
 }
 END_TEST
 
+// What they push a light wheel by in a tenth of a second is four times its readings' noise.
+START_TEST(four_effects_that_pass_for_noise_in_shooting_intervals_of_usual_length_are_all_named)
+{
+    all_are_named("several", 6107063, 4);
+}
+END_TEST
+
 START_TEST(a_weak_rocking_base_is_found_though_its_size_and_frequency_make_up_for_each_other)
 {
     all_are_named("single", 9311010, 1);
@@ -541,6 +556,27 @@ END_TEST
 START_TEST(an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it)
 {
     all_are_named("pair", 9922109, 2, 3);
+}
+END_TEST
+
+// A base whose states were free at every shooting node would swing with any period.
+START_TEST(a_rocking_base_does_not_stand_in_for_several_effects_far_from_the_data)
+{
+    truth::Case c = drawn_several(6510090);
+    const mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_str_eq(e.cause[0].effect->name, "base-tilt");
+    ck_assert_int_ge(e.cause_count, 4);
+    for (int i = 0; i < e.cause_count; i++)
+        ck_assert_msg(is_hidden(c, e.cause[i]), "%s is not there", e.cause[i].effect->name);
+}
+END_TEST
+
+// A torque offset that the fit leaves beside the asymmetry that is there, and then a rival of it
+// that is next to nothing.
+START_TEST(a_rival_that_takes_the_place_of_a_cause_that_nothing_needs_is_dropped)
+{
+    all_are_named("several", 6516144, 5);
 }
 END_TEST
 
@@ -577,19 +613,24 @@ START_TEST(a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it)
 }
 END_TEST
 
-START_TEST(causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for)
+START_TEST(four_effects_are_named_one_of_which_is_a_rocking_base)
 {
-    truth::Case c = drawn_several(112217);
-    mk_explanation e = explained(c);
-    ck_assert_str_eq(mk_verdict_name(e.verdict), "partial");
-    ck_assert_int_gt(e.tried, 0);
-    ck_assert_int_ge(e.cause_count - e.piece_count, 2);
+    all_are_named("several", 112217, 4);
+}
+END_TEST
+
+// The third of five gains little, and leaves the model near enough to its data that the others
+// show. A rotor's inertia and a wrong scale of the encoder are the same in these data.
+START_TEST(causes_are_looked_for_until_the_data_are_followed)
+{
+    truth::Case c = drawn_several(6304036);
+    const mk_explanation e = explained(c);
+    ck_assert_str_eq(mk_verdict_name(e.verdict), "effect");
+    ck_assert_int_eq(e.cause_count, 5);
+    ck_assert_double_gt(e.closed, 0.99);
     for (int i = 0; i < e.cause_count; i++)
-        ck_assert_msg(e.cause[i].piece || std::any_of(c.rig.effects.begin(), c.rig.effects.end(),
-                                                      [&](const truth::Effect &hidden) {
-                                                          return e.cause[i].effect->name ==
-                                                                 hidden.name;
-                                                      }),
+        ck_assert_msg(is_hidden(c, e.cause[i]) ||
+                          std::strcmp(e.cause[i].effect->name, "encoder-scale") == 0,
                       "%s is not there", e.cause[i].effect->name);
 }
 END_TEST
@@ -822,16 +863,20 @@ extern "C" Suite *suite_hidden(void)
     tcase_add_test(t, five_effects_none_of_which_predicts_without_the_others_are_all_named);
     tcase_add_test(t, five_effects_that_pass_for_noise_in_long_shooting_intervals_are_all_named);
     tcase_add_test(
+        t, four_effects_that_pass_for_noise_in_shooting_intervals_of_usual_length_are_all_named);
+    tcase_add_test(
         t, a_weak_rocking_base_is_found_though_its_size_and_frequency_make_up_for_each_other);
     tcase_add_test(t,
                    a_first_cause_that_leaves_the_model_far_from_its_data_is_followed_by_a_second);
     tcase_add_test(t, two_frictions_take_the_place_of_a_term_without_a_name_that_stood_for_both);
     tcase_add_test(t, an_imbalance_is_named_beside_friction_though_gravity_could_take_a_part_of_it);
+    tcase_add_test(t, a_rocking_base_does_not_stand_in_for_several_effects_far_from_the_data);
+    tcase_add_test(t, a_rival_that_takes_the_place_of_a_cause_that_nothing_needs_is_dropped);
     tcase_add_test(t, an_imbalance_is_named_beside_cogging_which_repeats_more_often);
     tcase_add_test(t, a_tilted_base_is_all_that_is_named_whatever_the_arm_weighs_and_where);
     tcase_add_test(t, a_cause_of_no_certain_size_goes_though_all_else_was_fitted_around_it);
-    tcase_add_test(
-        t, causes_that_carry_over_are_claimed_beside_a_rest_that_likelihood_has_no_name_for);
+    tcase_add_test(t, four_effects_are_named_one_of_which_is_a_rocking_base);
+    tcase_add_test(t, causes_are_looked_for_until_the_data_are_followed);
     tcase_add_test(t, causes_stay_that_held_out_data_confirm_together_though_none_of_them_alone);
     tcase_add_test(
         t, four_effects_are_named_though_one_shows_little_and_one_looks_like_another_at_first);

@@ -32,10 +32,10 @@ constexpr double BETTER_THAN_CATALOGUE_FAR = 0.1;
 // Share of ACCEPT_FIRST or ACCEPT_FURTHER that a trial of a few iterations must show already.
 constexpr double SHOWN_BY_TRIAL = 0.3;
 // A reading: causes that gain less, of a model that says nothing within a shooting interval, leave
-// the choice to predictions; one that gains next to nothing is not followed by others either. One
-// that gains more leads on. Looked at on made-up rigs (0.07 and more) and on measured ones (0.01
-// to 0.03, where it is no cause).
-constexpr double LIKELIHOOD_SAYS_LITTLE = 0.05, LIKELIHOOD_SAYS_NOTHING = 0.02, LEADS_ON = 0.1;
+// the choice to predictions; one that gains next to nothing is not followed by others either. A
+// cause that gains more leads on to others. Looked at on made-up rigs (0.07 and more) and on
+// measured ones (0.01 to 0.03, where it is no cause).
+constexpr double LIKELIHOOD_SAYS_LITTLE = 0.05, LIKELIHOOD_SAYS_NOTHING = 0.02;
 // A reading: a sharper sign of dry friction that gains less explains nothing by itself; and of a
 // model that says nothing within a shooting interval. Looked at on rigs with such friction (0.02 to
 // 0.5) and on measured ones (0.001 to 0.003, and up to 0.04).
@@ -70,6 +70,8 @@ constexpr double CONTACT_LEAVES = 2.0e-2, CONTACT_SHARE = 0.02;
 constexpr double FAR_FROM_DATA = 0.03;
 // A shooting interval of the usual length (0.1 s) says nothing.
 constexpr double SAYS_NOTHING = 0.3;
+// Times the scatter of the readings: from there the noise of a fit is what the model misses.
+constexpr double PASSES_FOR_NOISE = 3.0;
 
 // --- what carries over to data that were left out ---
 

@@ -41,6 +41,10 @@ namespace
 // How much less the states of a moving base may jump at a shooting node than those of the joints
 // (ratio of standard deviations).
 constexpr double MOUNT = 0.1;
+// And at no more process noise than this, rad/s per sqrt(s): a base that is kicked as hard as a
+// model far from its data needs its joints to be would swing by itself, and explain whatever has
+// its period.
+constexpr double MOUNT_STILL = 0.1;
 // Least standard deviation of the continuity defect of an angle, rad. Not 0: Q_i must have an
 // inverse.
 constexpr double POSITION_STD = 1e-5;
@@ -52,19 +56,27 @@ constexpr double LOOSE = 1e-3;
 
 } // namespace
 
+// f(effect, its joint, where its states begin) for every effect of a model.
+template <class F>
+static void for_effects(const mk_model &model, F f)
+{
+    long at = 2 * mk_model_joints(&model);
+    for (int e = 0; e < model.effect_count; e++) {
+        const mk_effect_info &info = *mk_effect(model.effect[e].index);
+        f(info, model.effect[e].joint, at);
+        at += info.state_count;
+    }
+}
+
 VectorXd state_freedom(const mk_model &model)
 {
     VectorXd freedom = VectorXd::Ones(mk_model_state_count(&model));
-    long at = 2 * mk_model_joints(&model);
-    for (int e = 0; e < model.effect_count; e++) {
-        const mk_effect_info *info = mk_effect(model.effect[e].index);
-        if (info->stages & MK_STAGE_FRAME)
-            freedom.segment(at, info->state_count).setConstant(MOUNT);
-        if (model.effect[e].joint > 0)
-            freedom.segment(at, info->state_count) *=
-                mk_model_joint_scale(&model, model.effect[e].joint - 1);
-        at += info->state_count;
-    }
+    for_effects(model, [&](const mk_effect_info &info, int joint, long at) {
+        if (info.stages & MK_STAGE_FRAME)
+            freedom.segment(at, info.state_count).setConstant(MOUNT);
+        if (joint > 0)
+            freedom.segment(at, info.state_count) *= mk_model_joint_scale(&model, joint - 1);
+    });
     return freedom;
 }
 
@@ -149,16 +161,23 @@ VectorXd Fit::process_variance(const FitPoint &point, size_t l, size_t node) con
     // 0.01 for a joint that slides),
     //     angle           (s max(POSITION_STD, LOOSE D))^2
     //     speed           (s D)^2 (t_(i+1) - t_i) + (RELATIVE v_max)^2 (t_(i+1) - t_i) + doubt
-    //     effect's state  (freedom max(POSITION_STD, LOOSE D))^2 .
+    //     effect's state  (freedom max(POSITION_STD, LOOSE D))^2 ,   min(D, MOUNT_STILL) in place
+    //     of
+    //                     D for a moving base .
     // The speed's is a random walk: white acceleration of intensity D integrates to D^2 times the
     // span.
     const mk_model &m = point.model;
     long joints = mk_model_joints(&m);
     const Segment &s = work[l][node];
     double span = s.end - s.begin;
-    double loose = std::max(POSITION_STD,
-                            LOOSE * std::max(options.process_noise[0], options.process_noise[1]));
-    VectorXd q = (loose * state_freedom(m)).cwiseAbs2();
+    const double most = std::max(options.process_noise[0], options.process_noise[1]);
+    const auto jump = [](double d) { return std::max(POSITION_STD, LOOSE * d); };
+    VectorXd q = (jump(most) * state_freedom(m)).cwiseAbs2();
+    const double base = std::pow(MOUNT * jump(std::min(most, MOUNT_STILL)), 2);
+    for_effects(m, [&](const mk_effect_info &info, int, long at) {
+        if (info.stages & MK_STAGE_FRAME)
+            q.segment(at, info.state_count).setConstant(base);
+    });
     for (long j = 0; j < joints; j++) {
         const double size = mk_model_joint_scale(&m, (int)j);
         q(j) *= size * size;

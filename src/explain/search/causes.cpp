@@ -145,12 +145,12 @@ bool CauseSearch::go_on(const PredictionSearch &found)
     return true;
 }
 
-// Up to `most` causes; and more where the latest one leads on, or likelihood is the right judge of
-// the next.
+// Up to `most` causes; and more where the latest one leads on, or the model is near enough to its
+// data that likelihood is, or will be, the right judge of the next.
 bool CauseSearch::may_add(size_t most) const
 {
     const bool few = rounds.size() < most;
-    const bool leads_on = latest_leads_on() || likelihood_counts(best);
+    const bool leads_on = latest_leads_on() || best.process_noise <= policy::FAR_FROM_DATA;
     return (few || (leads_on && rounds.size() < policy::MOST_FURTHER_CAUSES)) &&
            !search.cancelled && search.work_done() < policy::MOST_WORK;
 }
@@ -214,7 +214,8 @@ bool CauseSearch::leaves_no_backlash(const Hypothesis &leader) const
 bool CauseSearch::latest_leads_on() const
 {
     return rounds.empty() || is_nearer(best, before) ||
-           before.penalised_nlml - best.penalised_nlml > policy::LEADS_ON * search.readings();
+           before.penalised_nlml - best.penalised_nlml >
+               policy::LIKELIHOOD_SAYS_LITTLE * search.readings();
 }
 
 bool CauseSearch::is_nearer(const Hypothesis &h, const Hypothesis &earlier)
@@ -362,8 +363,9 @@ bool CauseSearch::likelihood_counts(const Hypothesis &h)
 
 // The runners-up of a cause in its place, beside all others.
 // Afterwards the round has `best` first and up to policy::RIVALS rivals, each fitted in the place
-// of the cause, with all other causes there, at the process noise of `best`. Library terms, causes
-// that `best` has already, and fits that switch their rival off are left out.
+// of the cause, with all other causes there, at the process noise of `best`, or the one that suits
+// it where it comes as near. Library terms, causes that `best` has already, and fits that switch
+// their rival off are left out.
 void CauseSearch::face_rivals(size_t cause)
 {
     std::vector<Hypothesis> &ranked = rounds[cause].ranked;
@@ -381,6 +383,9 @@ void CauseSearch::face_rivals(size_t cause)
         if (!search.refit_at(m, best, best.process_noise, h) || Search::discredited(h))
             continue;
         h.added = rival;
+        // Of two that do as well at one process noise the right one does with less of it.
+        if (!follows(best) && h.penalised_nlml < best.penalised_nlml + policy::INSEPARABLE)
+            search.polish(h, true);
         faced.push_back(std::move(h));
     }
     ranked = std::move(faced);
@@ -392,7 +397,7 @@ void CauseSearch::face_rivals(size_t cause)
 void CauseSearch::face_rivals_of(size_t count)
 {
     constexpr int PASSES = 2;
-    bool changed = true;
+    bool changed = true, exchanged = false;
     for (int pass = 0; pass < PASSES && changed; pass++) {
         changed = false;
         for (size_t i = 0; i < count && !search.cancelled; i++) {
@@ -407,7 +412,7 @@ void CauseSearch::face_rivals_of(size_t count)
             std::iter_swap(ranked.begin(), likeliest);
             best = ranked[0];
             forget_lacks();
-            changed = true;
+            changed = exchanged = true;
         }
     }
     for (size_t i = 0; i < count; i++) { // what is `best` now leads them all
@@ -415,6 +420,9 @@ void CauseSearch::face_rivals_of(size_t count)
         const Candidate cause = round.ranked[0].added;
         round.ranked = led_by(cause, std::move(round.ranked));
     }
+    // A rival may be likelier than a cause that nothing needs, and be needed no more itself.
+    if (exchanged)
+        drop_idle();
 }
 
 bool CauseSearch::has_cause(const Candidate &c) const

@@ -15,7 +15,7 @@ namespace mk
 
 FirstFit::FirstFit(const mk_model &asked_in, mk_model &model_in, mk_model &start_in,
                    const std::vector<const FitLog *> &training_in,
-                   const mk_explain_options &options_in, const SearchOptions &usual_in)
+                   const mk_explain_options &options_in, SearchOptions &usual_in)
     : asked(asked_in), model(model_in), start(start_in), training(training_in), options(options_in),
       usual(usual_in)
 {
@@ -63,9 +63,15 @@ mk_model FirstFit::start_values(const std::vector<const mk_log *> &logs) const
     return first_values(problem, training, fit, BETTER_PRIOR).front();
 }
 
+std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
+{
+    usual.interval = SearchOptions().interval;
+    return fit_closer(fit(logs));
+}
+
 // An effect alone can leave the given values far from the data and those of a linear method near,
 // and yet make the given ones the better place to search from.
-std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
+std::unique_ptr<Search> FirstFit::fit(const std::vector<const mk_log *> &logs)
 {
     const bool known = !any_unknown();
     const mk_model other = start_values(logs);
@@ -89,6 +95,35 @@ std::unique_ptr<Search> FirstFit::run(const std::vector<const mk_log *> &logs)
         return second;
     }
     start = given_start;
+    return search;
+}
+
+// What the model misses within a shooting interval has no other place to go than the noise of the
+// readings. Where that comes out at policy::PASSES_FOR_NOISE times what the readings scatter by
+// themselves, it hides all but the largest cause, and whatever bends within an interval, as a base
+// that rocks, is a cause of it.
+bool FirstFit::passes_for_noise() const
+{
+    for (int j = 0; j < mk_model_joints(&start); j++)
+        if (refit.point.noise[j] > policy::PASSES_FOR_NOISE * least_scatter(training, j))
+            return true;
+    return false;
+}
+
+// In intervals half as long it is a quarter of that.
+std::unique_ptr<Search> FirstFit::fit_closer(std::unique_ptr<Search> search)
+{
+    if (!fitted || search->cancelled || !passes_for_noise() || mk_model_hides_joint(&start))
+        return search;
+    const double longer = usual.interval;
+    usual.interval = 0.5 * longer;
+    auto closer = std::make_unique<Search>(training, usual);
+    Hypothesis again;
+    if (closer->refit(start, nullptr, again)) {
+        refit = std::move(again);
+        return closer;
+    }
+    usual.interval = longer;
     return search;
 }
 

@@ -17,10 +17,10 @@ class FirstFit
   public:
     // `asked`: as given. `model`: the same; where values of it are unknown it is set to where the
     // fit starts. `start`: set to base parameters right to within a factor of some three; `usual`
-    // refers to it. All must outlive this.
+    // refers to it, and its shooting interval is set here. All must outlive this.
     FirstFit(const mk_model &asked, mk_model &model, mk_model &start,
              const std::vector<const FitLog *> &training, const mk_explain_options &options,
-             const SearchOptions &usual);
+             SearchOptions &usual);
 
     // Of the given values, unless one of others ends clearly nearer to the data. Fits what `logs`
     // are the rows of; the search that made it.
@@ -48,8 +48,11 @@ class FirstFit
     mk_model &model, &start;
     const std::vector<const FitLog *> &training;
     const mk_explain_options &options;
-    const SearchOptions &usual;
+    SearchOptions &usual;
 
+    std::unique_ptr<Search> fit(const std::vector<const mk_log *> &logs);
+    std::unique_ptr<Search> fit_closer(std::unique_ptr<Search> search);
+    bool passes_for_noise() const;
     bool any_unknown() const;
     bool starts_as_given() const;
     mk_model start_values(const std::vector<const mk_log *> &logs) const;

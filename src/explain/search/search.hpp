@@ -30,7 +30,8 @@ struct SearchOptions {
     int full_fits = 8; // candidates that get a full fit
     // s, see FitOptions. What a model misses within an interval passes for noise of the readings,
     // up to ten times their own in a quarter of a second, and then hides small causes behind large
-    // ones; between intervals it is process noise. Most of what is missing shows within a tenth.
+    // ones; between intervals it is process noise. Most of what is missing shows within a tenth;
+    // where it does not the first fit takes half of that (FirstFit).
     double interval = 0.1;
     mk_progress_fn progress = nullptr;
     void *progress_context = nullptr;
