@@ -438,6 +438,10 @@ intervals: $(APP) ## how often 95 % intervals hold the true parameters, on made-
 measured: $(APP) ## fits of rigs that others measured beside their published parameters (takes minutes)
 	@tools/measured.py $< build/measured.json
 
+.PHONY: measured-splits
+measured-splits: $(APP) ## the same rigs, learnt from halves of the logs, other logs, and with the roles exchanged
+	@tools/splits.py $<
+
 .PHONY: install install-strip uninstall
 # Without debug information, which is four fifths of it; INSTALL_DEBUG=1 keeps it (packages split it off).
 install: $(LIB) $(SO) $(APP) ## install under PREFIX (default /usr/local), staged under DESTDIR

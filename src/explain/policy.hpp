@@ -164,6 +164,9 @@ constexpr double STEP_COUNTS = 3.0, STEP_SIGNIFICANT = 7.0, STEP_OUTSTANDING = 2
 // one, and the share of all steps that must. Missed counts of made-up rigs: 3 to 800, of five
 // counts to 75; what looked like steps on measured rigs: half of them below 3.1 at most.
 constexpr double STEP_DISTINCT = 3.0, STEPS_DISTINCT = 0.8;
+// How many there must be: one is of no size that others have, and a rig that is held upright can be
+// pushed once as if by a step.
+constexpr size_t FEWEST_STEPS = 2;
 
 // --- how much is looked for ---
 

@@ -238,12 +238,12 @@ bool CauseSearch::refit_with_sharpness()
 // other laws are asked with it, and k is refined beside those. What that leads to is taken where
 //     L(with k) < L(without) - policy::ACCEPT_FURTHER ,
 // or L(without) with fewer causes, and brings the model near its data; then `refit` has that k as
-// well.
+// well. Not at the end of a search that was long already (policy::MOST_WORK).
 void CauseSearch::find_sharpness()
 {
     constexpr int ROUNDS = 2;
     if (rounds.empty() || best.process_noise >= policy::SAYS_NOTHING ||
-        mk_model_hides_joint(&best.point.model))
+        mk_model_hides_joint(&best.point.model) || search.work_done() > policy::MOST_WORK)
         return;
     Hypothesis sharper;
     size_t law;

@@ -206,7 +206,8 @@ bool surely_steps(const std::vector<MissedCount> &found)
     const auto distinct = std::count_if(found.begin(), found.end(), [](const MissedCount &s) {
         return s.distinct > policy::STEP_DISTINCT;
     });
-    return !found.empty() && (double)distinct >= policy::STEPS_DISTINCT * (double)found.size();
+    return found.size() >= policy::FEWEST_STEPS &&
+           (double)distinct >= policy::STEPS_DISTINCT * (double)found.size();
 }
 
 FitLog with_corrected_counts(const FitLog &log, size_t index, int j,
