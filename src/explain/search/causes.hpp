@@ -101,7 +101,6 @@ class CauseSearch
     void adapt_sharpness();
     bool follow_with_sharpness(const mk_model &model, Hypothesis &out);
     void sharpen_friction();
-    bool may_be_sharper() const;
     void find_sharpness();
     bool refit_with_sharpness();
     void lead_latest();

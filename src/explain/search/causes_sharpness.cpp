@@ -234,14 +234,6 @@ bool CauseSearch::refit_with_sharpness()
     return true;
 }
 
-// Whether a larger k is asked for at all: not where the data are too far to show it, nor at the end
-// of a search that was long already.
-bool CauseSearch::may_be_sharper() const
-{
-    return !rounds.empty() && best.process_noise < policy::SAYS_NOTHING &&
-           !mk_model_hides_joint(&best.point.model) && search.work_done() <= policy::MOST_WORK;
-}
-
 // Where a larger k gains beside the causes, or in the place of a law of friction among them, the
 // other laws are asked with it, and k is refined beside those. What that leads to is taken where
 //     L(with k) < L(without) - policy::ACCEPT_FURTHER ,
@@ -250,9 +242,12 @@ bool CauseSearch::may_be_sharper() const
 void CauseSearch::find_sharpness()
 {
     constexpr int ROUNDS = 2;
+    if (rounds.empty() || best.process_noise >= policy::SAYS_NOTHING ||
+        mk_model_hides_joint(&best.point.model))
+        return;
     Hypothesis sharper;
     size_t law;
-    if (!may_be_sharper() || !sharper_without_law(sharper, law))
+    if (!sharper_without_law(sharper, law))
         return;
     const std::vector<Round> kept = rounds;
     const Hypothesis kept_best = best, kept_refit = refit;
