@@ -53,6 +53,22 @@ RIGS = [
 ]
 
 
+def rigs(wanted):
+    """Each rig, the folder of its logs and that of its model; of these folders only, if any are given."""
+    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    models = os.path.join(here, "models", "measured")
+    for rig in RIGS:
+        source = os.path.join(shared(), "data", rig.folder)
+        if wanted and rig.folder not in wanted:
+            continue
+        if not os.path.isdir(source):
+            print(f"SKIPPED: no logs in {source}")
+        elif not os.path.exists(f"{models}/{rig.model}.ini"):
+            print(f"SKIPPED: {rig.name}: there is no {models}/{rig.model}.ini")
+        else:
+            yield rig, source, models
+
+
 def call(mechkit, *arguments):
     done = subprocess.run([mechkit, *arguments], capture_output=True, text=True)
     if done.returncode:
@@ -176,19 +192,8 @@ def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     mechkit, out, wanted = sys.argv[1], sys.argv[2], sys.argv[3:]
-    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    models = os.path.join(here, "models", "measured")
     results, failed = {}, False
-    for rig in RIGS:
-        source = os.path.join(shared(), "data", rig.folder)
-        if wanted and rig.folder not in wanted:
-            continue
-        if not os.path.isdir(source):
-            print(f"SKIPPED: no logs in {source}")
-            continue
-        if not os.path.exists(f"{models}/{rig.model}.ini"):
-            print(f"SKIPPED: {rig.name}: there is no {models}/{rig.model}.ini")
-            continue
+    for rig, source, models in rigs(wanted):
         with tempfile.TemporaryDirectory() as scratch:
             try:
                 results[rig.name] = study(mechkit, rig, source, models, scratch)

@@ -13,8 +13,7 @@ import random
 import sys
 import tempfile
 
-from cases import shared
-from measured import RIGS, cause_text, explained, imported, parted
+from measured import cause_text, explained, imported, parted, rigs
 
 SPLITS = 3
 
@@ -53,15 +52,7 @@ def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
     mechkit, wanted = sys.argv[1], sys.argv[2:]
-    models = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
-                          "models", "measured")
-    for rig in RIGS:
-        source = os.path.join(shared(), "data", rig.folder)
-        if wanted and rig.folder not in wanted:
-            continue
-        if not os.path.isdir(source):
-            print(f"SKIPPED: no logs in {source}")
-            continue
+    for rig, source, models in rigs(wanted):
         print(f"\n{rig.name} ({rig.folder})")
         with tempfile.TemporaryDirectory() as scratch:
             train, held = imported(mechkit, rig, source, models, scratch)
