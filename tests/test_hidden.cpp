@@ -469,12 +469,15 @@ START_TEST(laws_that_all_but_cancel_are_no_causes)
 }
 END_TEST
 
+static bool is_cause(const truth::Effect &hidden, const mk_cause &cause)
+{
+    return cause.effect->name == hidden.name && cause.joint == hidden.joint;
+}
+
 static bool is_hidden(const truth::Case &c, const mk_cause &cause)
 {
     return std::any_of(c.rig.effects.begin(), c.rig.effects.end(),
-                       [&](const truth::Effect &hidden) {
-                           return cause.effect->name == hidden.name && cause.joint == hidden.joint;
-                       });
+                       [&](const truth::Effect &hidden) { return is_cause(hidden, cause); });
 }
 
 // A hidden case, and that explain names each of its effects and nothing else.
@@ -490,10 +493,7 @@ static void all_are_named(const char *kind, unsigned seed, size_t effects, size_
     ck_assert_int_eq(e.cause_count, (int)effects);
     for (const truth::Effect &hidden : c.rig.effects)
         ck_assert_msg(std::any_of(e.cause, e.cause + e.cause_count,
-                                  [&](const mk_cause &cause) {
-                                      return cause.effect->name == hidden.name &&
-                                             cause.joint == hidden.joint;
-                                  }),
+                                  [&](const mk_cause &cause) { return is_cause(hidden, cause); }),
                       "%s is not named", hidden.name.c_str());
 }
 
